@@ -22,6 +22,8 @@ from .node_kinds import Kinds, without_side
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
+# functions of which what they give is kept together
+OF_NODES = "node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar"
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 
 
@@ -130,44 +132,12 @@ class AdjointProgram(NativeProgram):
             traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves]
         )
         functions["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
-        if self.order == 2:
-            inner = {
-                "own.D": (w, w),
-                "right": (w,),
-                **{f"element.{name}": whole.outputs[name].shape for name in blocks},
-            }
-            condense = {"condense": traced(partial(local.transposed_condense, False), inner)}
-            if self.held:
-                held = inner | {"free": (w,), "push": (w,)}
-                condense["held condense"] = traced(partial(local.transposed_condense, True), held)
-            restore = traced(
-                local.transposed_restore,
-                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
-            )
-            more, between, _ = midsides.eliminating(condense, restore, own, between)
-            functions |= more
-        row = {
-            "own.D": (w, w),
-            "left.D": (w, w),
-            "right.D": (w, w),
-            "left.U": (w, w),
-            "right.L": (w, w),
-            "right": (w,),
-        }
-        near = {
-            f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")
-        }
-        sides = {"left.D": "j.D", "left.U": "U", "right.D": "i.D", "right.L": "L"}
-
-        def packed(function: Function) -> Function:
-            return between.taken(own.taken(function, {"own.D": "D"}), sides)
-
+        shapes |= {"own.D": (w, w)}
+        functions |= rows.of_rows(
+            local, traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
+        )
         if self.held:
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        around = near if self.held else None
-        functions |= rows.of_rows(
-            local, traced, packed, row, around, self.kinds.runs, transposed=True
-        )
         for one in INTERACTIONS:
             by = [f"{side}.{name}" for side in one.sides for name in start]
             by += [*wanted, "joints", "last_force", "tension"]
@@ -227,29 +197,18 @@ class AdjointProgram(NativeProgram):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
         layout.record("at_node", NODE_PLACES, self.outputs("block 0", OWN))
-        layout.record("at_end", NODE_PLACES, self.largest("block", len(self.kinds.nodes), END))
+        layout.record("at_end", NODE_PLACES, self.largest("block", END))
         midsides.record(layout, self.functions, "blocks 0")
         for kind in self.touching:
             layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
         rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
-        change = layout.record("change", ONE, [("gap_bar", k)])
+        layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
-            if name.startswith(
-                ("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")
-            ):
-                for out in self.outputs(name):
-                    change.add(*out)
-        of_element = layout.record("of_element", ONE)
-        for kind in range(len(self.kinds.elements)):
-            for name in (
-                f"element bar {kind}",
-                f"finish element bar {kind}",
-                f"element load bar {kind}",
-                f"finish element load bar {kind}",
-            ):
-                for out in self.outputs(name) if name in self.functions else ():
-                    of_element.add(*out)
+            if name.startswith(OF_NODES):
+                layout.record("change", ONE, self.outputs(name))
+        for word in ("element", "finish element", "element load", "finish element load"):
+            layout.record("of_element", ONE, self.largest(f"{word} bar"))
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("free", NODES, [("free", w)])
         if self.held:

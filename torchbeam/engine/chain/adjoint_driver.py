@@ -98,7 +98,7 @@ class AdjointDriver(TendonAdjoint, Elimination):
         with code.loop(0, nodes) as j:
             places = {bar("balance"): ("found", self._move_of(j))}
             spread = partial(self._spread, j=j)
-            self._at_node("node bar", j, ("change", 0), places, spread)
+            self._at_node("node bar", j, ("change", 0), places, then=spread)
         self._tie_bars()
         self._interaction_bars()
         self._take_start(self.at("sample", 0, "good"))
@@ -172,7 +172,7 @@ class AdjointDriver(TendonAdjoint, Elimination):
     def _element_bars(self, word: str, e: str, places: Places) -> None:
         """Derivatives of element e, and of the loads between its nodes, see `_spread`."""
         to, spread = ("of_element", 0), partial(self._spread, j=e)
-        self._at_element(f"{word} bar", e, to, places, spread)
+        self._at_element(f"{word} bar", e, to, places, then=spread)
         for k in self._loaded(e):
             self._call(name := f"{word} load bar {k}", partial(self._of_element, e=e), to, places)
             spread(name)
@@ -220,12 +220,12 @@ class AdjointDriver(TendonAdjoint, Elimination):
         places: Places = {bar(f): ("state_bar", j, f) for f in self.layout.fields("state_bar")}
         places |= {bar("work"): ("sample", 0, bar("work"))}
         places |= {bar(name): ("energy", 0, bar(name)) for name in ENERGIES}
-        self._at_node("finish bar", j, ("change", 0), places, partial(self._spread, j=j))
+        self._at_node("finish bar", j, ("change", 0), places, then=partial(self._spread, j=j))
         for field in self.layout.fields("unknown_bar"):
             self._add(("change", 0, field), ("unknown_bar", j, field))
         places = {bar(name): ("change", 0, bar(name)) for name in self.layout.fields("unknown")}
         places[f"> {bar('move')}"] = ("asked", self._move_of(j))
-        self._at_node("update bar", j, places=places)
+        self._at_node("update bar", j, None, places)
 
     def _element(self, e: str) -> None:
         """Of an element: what it and its midside node add to the matrix, and what its stress's

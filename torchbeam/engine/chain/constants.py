@@ -1,4 +1,4 @@
-"""Constants of a model's steps: where the values of a chain's trees come from."""
+"""Constants of a model's steps: where the values of its trees come from."""
 
 from __future__ import annotations
 

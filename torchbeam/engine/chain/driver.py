@@ -16,13 +16,12 @@ from .elimination_driver import Elimination
 from .interaction import COUPLING, JOINT, PAIR
 from .layout import BETWEEN, FLAGS, INNER, LAW, MIDDLE, OWN
 from .node_kinds import SIDES
-from .tendon_driver import TendonPasses
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 SQUARES = ("square_force", "square_moment")
 
 
-class Driver(TendonPasses, Elimination):
+class Driver(Elimination):
     """Steps of Newton's method."""
 
     ARGS = (*ALL, "limit")

@@ -4,9 +4,8 @@ tables, calls of functions, masks, transfers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 from ..compiler.block_elimination import BlockElimination
@@ -59,7 +58,7 @@ class DriverCode:
         )
         self.lanes, self.order = module.lanes, len(kinds.elements[0].ends) - 1
         self.bytes = self.lanes.count * self.lanes.bytes  # of a component
-        self.code = Code("chain", ["ptr %args"])
+        self.code = Code("driver", ["ptr %args"])
         self.args: dict[str, str] = {}
         self.base: dict[str, str] = {}
 
@@ -77,14 +76,14 @@ class DriverCode:
             self.base[name] = code.at(pointer["memory"], begin, "i8")
         with code.loop(self.args["first_group"], self.args["end_group"]) as group:
             self._group(code.mul(group, self.lanes.count // self.cells))
-        chain = code.text().replace(") nounwind", ") noinline nounwind", 1)
+        driver = code.text().replace(") nounwind", ") noinline nounwind", 1)
         loops = lane_loops(self.lanes) + Transfers(self.lanes, self.cells).functions()
         if self.cells > 1:
             loops += CellSums(self.lanes, self.cells).functions()
         if self.has_interface:
             w = self.layout.records["move"].size
             loops += BlockElimination(self.lanes, w, self._part(), self.signed).functions()
-        return "\n\n".join((*loops, chain, flushing("run", "chain")))
+        return "\n\n".join((*loops, driver, flushing("run", "driver")))
 
     @property
     def has_interface(self) -> bool:
@@ -140,51 +139,34 @@ class DriverCode:
         self.code.call(name, *map(where, given))
 
     def _at_node(
-        self,
-        word: str,
-        j: str,
-        to: Place | None = None,
-        places: Places | None = None,
-        then: Callable[[str], None] = lambda name: None,
+        self, word: str, j: str, *call: Any, then: Callable[[str], None] = lambda name: None
     ) -> None:
-        """The function of this word of the kind of node j, if that has one, see `_call`; then(its
-        name).
+        """The function of this word of the kind of node j, if that has one, with what `_call` takes
+        behind what says where fields of nodes lie; then(its name).
         """
-        self._call_of_kind(
-            "kinds", self.kinds.nodes, word, j, (partial(self._of_node, j=j), to, places), then
-        )
+        self._of_its_kind(word, "kinds", len(self.kinds.nodes), j, self._of_node, call, then)
 
     def _at_element(
-        self,
-        word: str,
-        e: str,
-        to: Place | None = None,
-        places: Places | None = None,
-        then: Callable[[str], None] = lambda name: None,
+        self, word: str, e: str, *call: Any, then: Callable[[str], None] = lambda name: None
     ) -> None:
         """The same of element e."""
-        self._call_of_kind(
-            "element_kinds",
-            self.kinds.elements,
-            word,
-            e,
-            (partial(self._of_element, e=e), to, places),
-            then,
-        )
+        count = len(self.kinds.elements)
+        self._of_its_kind(word, "element_kinds", count, e, self._of_element, call, then)
 
-    def _call_of_kind(
+    def _of_its_kind(
         self,
-        kinds: str,
-        there: Sequence[Any],
         word: str,
+        kinds: str,
+        count: int,
         row: str,
+        of: Callable[[str, str], str],
         call: tuple[Any, ...],
         then: Callable[[str], None],
     ) -> None:
-        with self._each(kinds, len(there), row) as numbers:
+        with self._each(kinds, count, row) as numbers:
             for k in numbers:
                 if (name := f"{word} {k}") in self.functions:
-                    self._call(name, *call)
+                    self._call(name, lambda field: of(field, row), *call)
                     then(name)
 
     def _node_bar(self, field: str, node: str) -> Place | None:
@@ -195,6 +177,13 @@ class DriverCode:
         if field not in self.layout.fields(record):
             return None
         return record, self._support_of(node) if record == "support_bar" else node, field
+
+    def _own_bar(self, field: str, row: str) -> Place | None:
+        """The same of a constant: of a row of its record, or of all."""
+        record = f"{field.partition('.')[0]}_bar"
+        if field not in self.layout.fields(record):
+            return None
+        return record, 0 if record == "common_bar" else row, field
 
     def _pointer(self, place: str | Place) -> str:
         return place if isinstance(place, str) else self.at(*place)
@@ -281,7 +270,7 @@ class DriverCode:
 
     def _move_of(self, node: str, ahead: int = 0) -> str:
         """Which of the nodes' moves is that of a node, or of one so far ahead; on either side of
-        the chain some do not move.
+        them some do not move.
         """
         return self.code.add(node, self.order + ahead)
 

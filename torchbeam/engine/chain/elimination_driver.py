@@ -12,10 +12,10 @@ from collections.abc import Callable
 
 from .driver_code import Place, Places
 from .interaction import COUPLING, JOINT, PAIR, TIE
-from .interaction_driver import InteractionCode
+from .tendon_driver import TendonCode
 
 
-class Elimination(InteractionCode):
+class Elimination(TendonCode):
     """Elimination, and moves: of what `_node` and `_element`, and what connects nodes, give."""
 
     def _eliminate(self) -> None:

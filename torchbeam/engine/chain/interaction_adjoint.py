@@ -124,5 +124,4 @@ class InteractionAdjoint(InteractionCode):
         if field in OF_JOINT:
             record, field = OF_JOINT[field]
             return record, entry.number, field
-        record, row = f"{side}_bar", 0 if side == "common" else entry.number
-        return (record, row, field) if field in self.layout.fields(record) else None
+        return self._own_bar(field, entry.number)

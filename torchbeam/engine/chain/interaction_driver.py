@@ -41,7 +41,9 @@ Then = Callable[[Entry], None]
 
 
 class InteractionCode(DriverCode):
-    """Where the fields of interactions lie, loops over them, and their blocks."""
+    """Where the fields of interactions lie, loops over them; their balance, their blocks, and what
+    becomes of them in a step.
+    """
 
     @property
     def interactions(self) -> list[Interaction]:
@@ -179,9 +181,7 @@ class InteractionCode(DriverCode):
         at = self.code.at(self._entry(one.constants, number), one.width - 1)
         return self._matrix(self.code.load(at))
 
-
-class InteractionPasses(InteractionCode):
-    """Balance, and what becomes of interactions in a step."""
+    # Balance, and what becomes of them in a step
 
     def _push(self, entry: Entry) -> None:
         """Its balance and blocks, and its push on the nodes."""

@@ -1,9 +1,10 @@
 """Local functions of an implicit step, the midpoint's as they are: what one node and one element
 do, by named fields.
 
-They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks
-are the sums of both. The midside node of an element of three nodes is eliminated (`condense`) with
-what the node itself adds: to its row of the chain an element of any order is one between two nodes.
+They are those of `local_problem`; an element condenses its stress. The balance of all and its
+blocks are the sums of both. The midside node of an element of three nodes is eliminated
+(`condense`) with what the node itself adds: to its row an element of any order is one between two
+nodes.
 
 Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of
 `NodeConstants`, `Common` and `SupportConstants`, in order), position, rotation, velocity, spin and
@@ -40,7 +41,7 @@ from .tendon_functions import TendonFunctions
 
 
 class WholeRow(NamedTuple):
-    """A row of the chain's matrix, however it is eliminated: D, L, U (w, w); what is asked of it
+    """A row of the matrix, however it is eliminated: D, L, U (w, w); what is asked of it
     and left of its balance (w); where supports hold nodes, the whole row and balance by name.
     """
 
@@ -304,7 +305,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         return self.element_assembly.topology
 
     def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
-        """(D, U, L, far upper, far lower) of a chain of one element, with D of its midside node's
+        """(D, U, L, far upper, far lower) of one element, with D of its midside node's
         own.
         """
         D = torch.stack(
@@ -324,7 +325,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         """The move (w) of a midside node from those of its element's ends."""
         return {"move": following(own, by_i, by_j, before, after)}
 
-    # Functions of the chain's rows
+    # Functions of rows
 
     def row(self, held: bool, backward: bool = False, **fields: Tensor) -> Fields:
         """A row of the elimination, from the fields of `node` (own.) and of the elements on either
@@ -681,7 +682,7 @@ def _between_free(free: Tensor) -> Tensor:
 
 
 def _masked_row(D: Tensor, L: Tensor, U: Tensor, fields: Fields) -> tuple[Tensor, Tensor, Tensor]:
-    """A row of the chain's matrix, see `masked`."""
+    """A row of the matrix, see `masked`."""
     before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
     return (
         D * free[:, None] * free + torch.diag_embed(1 - free),

@@ -18,7 +18,7 @@ from ..compiler.function import Function
 from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from ..compiler.split import HOISTED, split
+from ..compiler.split import split
 from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
@@ -117,37 +117,8 @@ class NewtonProgram(NativeProgram):
             local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves}
         )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
-        given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
-        if self.order == 2:
-            inner = given | {f"element.{name}": shapes[name] for name in between.fields}
-            condense = {"condense": traced(partial(local.condense, False), inner)}
-            if self.held:
-                condense["held condense"] = traced(
-                    partial(local.condense, True), inner | {"free": (w,)}
-                )
-            restore = traced(
-                local.restore,
-                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
-            )
-            more, between, shapes = midsides.eliminating(condense, restore, own, between)
-            functions |= more
-        row = dict(given)
-        sides = {
-            f"{side}.{name.removeprefix(f'{end}.')}": name
-            for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
-            for name in between.fields
-            if name.startswith(f"{end}.") or name == block
-        }
-        row |= {called: shapes[name] for called, name in sides.items()}
-
-        def packed(function: Function) -> Function:
-            return between.taken(
-                own.taken(function, {f"own.{name}": name for name in own.fields}), sides
-            )
-
-        free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
-        around = free if self.held else None
-        functions |= rows.of_rows(local, traced, packed, row, around, self.kinds.runs)
+        shapes |= {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        functions |= rows.of_rows(local, traced, own, between, shapes, self.held, self.kinds.runs)
         functions |= self._interactions(traced, local)
         if self.held:
             functions["reaction"] = traced(
@@ -251,12 +222,10 @@ class NewtonProgram(NativeProgram):
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
-        for name, sort, kinds in zip(
-            ("before node", "before element"), (NODES, ELEMENTS), self.kinds[:2], strict=True
-        ):
-            layout.record(name, sort, self.largest(name, len(kinds), HOISTED))
+        for name, sort in (("before node", NODES), ("before element", ELEMENTS)):
+            layout.record(name, sort, self.largest(name))
         layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
-        layout.record("at_end", NODE_PLACES, self.largest("node", len(self.kinds.nodes), END))
+        layout.record("at_end", NODE_PLACES, self.largest("node", END))
         layout.record(
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .interaction import TIE
-from .interaction_driver import Entry, InteractionCode, InteractionPasses
+from .interaction_driver import Entry, InteractionCode
 from .node_kinds import SIDES, alike
 from .tendon_functions import SUMMED
 
@@ -17,7 +17,9 @@ FIRST, LAST, TENDON = 2, 3, 4  # in an entry of the table
 
 
 class TendonCode(InteractionCode):
-    """Where the fields of stretches lie, and loops over them."""
+    """Where the fields of stretches lie, and loops over them; tensions, and what a state has of
+    tendons.
+    """
 
     def _each_stretch(self, word: str, then: Callable[[str, list[str], int], None]) -> None:
         """then(stretch, its entry of the table, the number of its functions of this word) of
@@ -56,10 +58,7 @@ class TendonCode(InteractionCode):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
             return self.at("beyond", s, name)
-        for record in (*TIE.state, TIE.constants, "tie blocks"):
-            if field in self.layout.fields(record):
-                return self.at(record, s, field)
-        return self.at("common", 0, field)
+        return self._first_of((*TIE.state, TIE.constants, "tie blocks"), field, s)
 
     def _of_pull(self, name: str, s: str) -> str:
         named = (x for x in ("pull", "told") if name in self.layout.fields(x))
@@ -74,25 +73,15 @@ class TendonCode(InteractionCode):
 
     def _work(self, name: str, record: str, s: str, entry: list[str]) -> None:
         """Of a stretch, and what that adds to the energies."""
-        start = self.at("tendon_state", entry[TENDON], "tendons")
-        self._call(
-            name,
-            lambda f: (
-                self.at(record, 0, f[2:])
-                if f[0] == ">"
-                else start
-                if f == "start"
-                else self._of_stretch(f, s)
-            ),
-        )
+        places = {"start": ("tendon_state", entry[TENDON], "tendons")}
+        self._call(name, lambda f: self._of_stretch(f, s), (record, 0), places)
         if "energy" in self.layout.records:
-            self._add(self.at("energy", 0, "rise"), self.at(record, 0, "rise"), 1)
+            self._add(("energy", 0, "rise"), (record, 0, "rise"))
 
     def _start_tendons(self) -> None:
         """Nothing is told to the first iteration."""
         if "told" in self.layout.records:
-            size = self.layout.records["told"].size
-            self._stretches(lambda s, _: self._fill(self.at("told", s), size))
+            self._stretches(lambda s, _: self._fill(("told", s)))
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""
@@ -104,7 +93,7 @@ class TendonCode(InteractionCode):
             self._of_kind(
                 s, "stretch", lambda k: self._call(f"stretch {k}", lambda f: self._put(f, s))
             )
-            self._fill(self.at("pull", s), self.layout.records["pull"].size)
+            self._fill(("pull", s))
             self._copy_to(self.at("beyond", s), self.at("at_stretch", s), size)
             with code.when(code.compare("eq", entry[LAST], 0)):
                 self._add(self.at("beyond", s), self.at("beyond", code.add(s, 1)), size)
@@ -124,10 +113,6 @@ class TendonCode(InteractionCode):
     def _put(self, field: str, s: str) -> str:
         return self._of_pull(field[2:], s) if field[0] == ">" else self._of_stretch(field, s)
 
-
-class TendonPasses(TendonCode, InteractionPasses):
-    """The state of tendons after a step."""
-
     def _finish_tendons(self, good: str) -> None:
         """Work and readings."""
         if not self.kinds.stretches:
@@ -137,7 +122,7 @@ class TendonPasses(TendonCode, InteractionPasses):
 
         def work(s: str, entry: list[str]) -> None:
             self._work("tendon work", "tendon_change", s, entry)
-            self._sum(self.at("sample", 0, "work"), self.at("tendon_change", 0, "work"), good, 1)
+            self._sum(("sample", 0, "work"), ("tendon_change", 0, "work"), good)
 
         def read(s: str, entry: list[str]) -> None:
             to = self.at("tendon_state", entry[TENDON], "tendons")
