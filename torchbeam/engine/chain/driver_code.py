@@ -22,7 +22,7 @@ from .node_kinds import SIDES, Kinds
 from .tables import COUNTS, LISTS, WIDTH
 from .transfers import Transfers
 
-Place = tuple  # a record, which of its rows, and a field of that, or all of it
+Place = tuple[Any, ...]  # a record, which of its rows, and a field of that, or all of it
 Places = dict[str, "str | Place"]
 # arguments of all programs
 ALL = (

@@ -83,7 +83,7 @@ def climb(
         return None
 
     def make(around: Surroundings | None) -> Climbed:
-        return _called(model, t, inputs, x, tolerance, judged, lanes, around)
+        return _climbed(model, t, inputs, x, tolerance, judged, lanes, around)
 
     return natively("equilibria are found", model, refusal(model), make, required)
 
@@ -128,7 +128,7 @@ class LoadStructure(NamedTuple):
 
 
 @torch.no_grad()
-def _called(
+def _climbed(
     model: Model,
     t: Tensor,
     inputs: Inputs,
