@@ -59,8 +59,8 @@ def length_of(nodes: Tensor) -> Tensor:
 
 def free_pieces(model: Model) -> list[list[Base]]:
     """What joints, tendons and contacts with each other make of the parts, but for pieces whose
-    momentum not dead loads alone change: by a support, joint or eyelet of the ground, a load by how it
-    stands or moves, or an interaction. Rotations are about the first node of a piece.
+    momentum not dead loads alone change: by a support, joint or eyelet of the ground, a load by how
+    it stands or moves, or an interaction. Rotations are about the first node of a piece.
     """
     scene, bases = model.scene, bases_of(model)
     links = [joint.ends for joint in scene.joints]
