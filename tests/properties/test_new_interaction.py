@@ -259,3 +259,19 @@ def test_an_acceleration_is_refused():
         @dataclass(frozen=True)
         class Heavy(Interaction):
             depends = frozenset({ACCELERATION})
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_what_mixes_samples_is_refused(engine):
+    @dataclass(frozen=True)
+    class Mixed(Interaction):
+        depends = frozenset({POSITION})
+
+        def wrench(self, point, t, inputs):
+            pull = point.position.diff(dim=-2) - point.position.mean()
+            return torch.cat((pull, -pull), -2), None
+
+    load = tb.TipLoad(force=torch.rand(4, 3))
+    scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), [load, Mixed((-1, 1))])
+    with pytest.raises(ValueError, match="mixes the samples"):
+        moved(scene, engine)

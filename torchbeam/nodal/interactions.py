@@ -14,6 +14,7 @@ from .acting import ActingLoad
 from .conditions import Conditions
 from .loads import MotionJacobian, Nodes, _block, _moved, chained, load_point, wrench
 from .rows import Rows
+from .sample_check import check_samples, tried
 
 
 def points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingLoad, LoadPoint]]:
@@ -24,6 +25,8 @@ def points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingLo
             place["axes"] = axes_of(rows.space.public_frame(nodes.frame)).mT
         of_nodes = nodes.of(at, acting.reads)
         point = load_point(rows.space.of_nodes(at), acting.load, acting.reads, of_nodes, **place)
+        if acting.functions and not tried(acting.functions):
+            check_samples(acting.load, point, now.t, now.inputs)
         yield acting, point
 
 

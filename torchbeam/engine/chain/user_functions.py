@@ -13,6 +13,7 @@ from torch import Tensor
 from ...core.leaves import AXES, own_leaves, with_values
 from ...core.python_values import Read, of_class
 from ...core.surroundings import Surroundings, Unsteady
+from ...nodal import interactions
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
@@ -49,7 +50,8 @@ def check_batch(model: Model, batch: tuple[int, ...]) -> None:
         still = Constants(model).still
         nodes, t, inputs = _moving(model, still, torch.zeros_like(still.position))
         now = conditions(model, t, inputs, loads=tuple(own))
-        for acting, point in load_points(model, nodes, now, now.loads):
+        several = interactions.points(model, nodes, now)
+        for acting, point in (*load_points(model, nodes, now, now.loads), *several):
             check_samples(acting.load, point, t, inputs, batch)
 
 
