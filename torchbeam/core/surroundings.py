@@ -5,6 +5,9 @@ from __future__ import annotations
 import builtins
 import dis
 import functools
+import hashlib
+import re
+import sys
 import types
 from collections.abc import Callable, Hashable, Iterable
 from copy import copy
@@ -27,12 +30,16 @@ from .python_values import (
     followed,
     frozen,
     generated,
+    installed,
+    lasting,
+    lazy,
     number_of,
     of_class,
     of_numpy,
     of_package,
     put_on,
     steady,
+    top,
     version_of,
     word_of,
 )
@@ -63,6 +70,9 @@ STATES = {
     "are_deterministic_algorithms_enabled",
 }
 MAKES = ("__new__", "__init__", "__post_init__")  # an object
+PLAIN = {"torch", "types"}  # whose objects are what they hold: distributions, namespaces
+WHOLE = re.compile(r"(?:.* of )?([^\[]*).*", re.S)  # what a member's name begins with
+NAMED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType)
 
 
 class Unsteady(ValueError):
@@ -72,6 +82,7 @@ class Unsteady(ValueError):
 class Variable(NamedTuple):
     """What `read` gave, and of a tensor its `version_of`."""
 
+    name: str
     read: Callable[[], Any]
     value: Any
     version: Hashable | None
@@ -96,8 +107,12 @@ class Surroundings:
              batch's
     """
 
-    def __init__(self, reads: Iterable[Read] = ()) -> None:
-        """reads: names, and what gives a function, or what it uses."""
+    def __init__(self, reads: Iterable[Read] = (), strict: bool = True) -> None:
+        """reads: names, and what gives a function, or what it uses. Where this is not `strict`,
+        what would raise Unsteady is put down in `unseen`, but for what functions write to, and
+        what is installed counts by its name.
+        """
+        self.strict, self.unseen = strict, []
         self.variables: list[Variable] = []
         self.inputs: list[Tensor] = []
         self.batched: dict[int, int] = {}
@@ -147,6 +162,21 @@ class Surroundings:
         """
         return tuple(map(self._word, self.variables))
 
+    def digests(self) -> dict[str, str]:
+        """Of each variable with its members, by name, a digest that is the same in another
+        process: of numbers and tensors by themselves, of functions by their code, of all else by
+        its kind, as what it holds is a variable too.
+        """
+        sums: dict[str, Any] = {}
+        first: dict[int, str] = {}  # by id: the name that stood for it first
+        for name, _, value, _ in self.variables:
+            known = "" if steady(value) else first.setdefault(id(value), name)
+            words = known, lasting(value)
+            if name != DTYPE[0]:
+                whole = WHOLE.fullmatch(name)[1]
+                sums.setdefault(whole, hashlib.sha256()).update(repr(words).encode())
+        return {name: sum_.hexdigest() for name, sum_ in sums.items()}
+
     def _word(self, variable: Variable) -> Hashable:
         value = variable.value
         if steady(value):
@@ -177,20 +207,32 @@ class Surroundings:
 
     def _hold(self, name: str, read: Callable[[], Any]) -> None:
         value = read()
-        self.variables.append(Variable(read, value, self._take(name, value)))
+        self.variables.append(Variable(name, read, value, self._take(name, value)))
+
+    def _refuse(self, what: str) -> None:
+        if self.strict:
+            raise Unsteady(what)
+        if what not in self.unseen:
+            self.unseen.append(what)
 
     def _take(self, name: str, value: Any) -> Hashable | None:
         """Look at what a name stands for, and at what that reads; the version of a tensor."""
         if isinstance(value, Tensor):
             return self._tensor(name, value)
-        if steady(value) or id(value) in self._met:
+        if (
+            steady(value)
+            or id(value) in self._met
+            or isinstance(value, types.MemberDescriptorType)  # of a slot
+        ):
             return None
         self._met[id(value)] = len(self._met), value
         if isinstance(value, HOLDING):
             self._object(name, value)
         if isinstance(value, (tuple, frozenset)):
-            for part in value:
-                self._part(name, part)
+            for k, part in enumerate(
+                value if isinstance(value, tuple) else sorted(value, key=repr)
+            ):
+                self._part(f"{name}[{k}]", part)
         elif isinstance(value, (list, dict)):
             self._contents(name, value)
         elif isinstance(value, set):
@@ -208,7 +250,9 @@ class Surroundings:
         elif isinstance(value, types.MethodType):
             self._part(name, value.__self__)
             self._part(name, value.__func__)
-        elif followed(value):
+        elif not self.strict and isinstance(value, NAMED) and installed(value):
+            return None
+        elif followed(value) and (self.strict or not installed(type(value))):
             self._object(name, value)
             if isinstance(value, torch.nn.Module):
                 self._buffers |= {id(x) for x in value.buffers()}
@@ -224,9 +268,11 @@ class Surroundings:
                     self._hold(f"{name}.{one}", read)
         elif isinstance(value, types.ModuleType) and of_package(value):
             self._holders.append((name, value, set()))
+        elif not self.strict and hasattr(value, "__dict__") and top(type(value)) in PLAIN:
+            self._holders.append((name, value, set()))
         elif not (of_package(value) or of_numpy(value)):
             kind = "a module" if isinstance(value, types.ModuleType) else type(value).__name__
-            raise Unsteady(f"{name!r} ({kind})")
+            self._refuse(f"{name!r} ({kind})")
         return None
 
     def _object(self, name: str, value: Any) -> None:
@@ -236,7 +282,7 @@ class Surroundings:
             self._class(type(value))
 
     def _tensor(self, name: str, value: Tensor) -> Hashable | None:
-        if value.is_inference():
+        if value.is_inference() and self.strict:
             raise Unsteady(
                 f"{name!r}, a tensor of inference mode, which does not tell whether it was "
                 "written to"
@@ -269,8 +315,8 @@ class Surroundings:
             self._hold(f"{name}[{key!r}]", lambda key=key: value.get(key, ABSENT))
 
     def _array(self, name: str, value: np.ndarray) -> None:
-        if value.size > LARGE or value.dtype.hasobject:
-            raise Unsteady(f"{name!r}, an array of more than {LARGE} numbers")
+        if value.dtype.hasobject or (value.size > LARGE and self.strict):
+            self._refuse(f"{name!r}, an array of more than {LARGE} numbers")
         self._hold(f"numbers of {name}", lambda: (value.dtype.str, value.shape, value.tobytes()))
 
     def _class(self, kind: type) -> None:
@@ -288,24 +334,30 @@ class Surroundings:
         for name, value, seen in self._holders:
             if isinstance(value, type):
                 own = {one: read for one, read in of_class(value)}
-                wanted = {one for one in own if one in self._named or one.startswith("__")}
-            else:
-                own = {
-                    one: lambda value=value, one=one: attribute(value, one)
-                    for one in (
-                        put_on(value, self._named)
-                        if isinstance(value, types.ModuleType) and of_package(value)
-                        else attributes(value)
-                    )
+                wanted = {
+                    one
+                    for one in own
+                    if not self.strict or one in self._named or one.startswith("__")
                 }
-                whole = not isinstance(value, types.ModuleType) and (
-                    BY_WORDS & self._named
+            else:
+                module = isinstance(value, types.ModuleType)
+                torchs = module and of_package(value)
+                names = put_on(value, self._named) if torchs else attributes(value)
+                own = {one: lambda value=value, one=one: attribute(value, one) for one in names}
+                users = module and not torchs and top(value) != "numpy"
+                if users and not self.strict and BY_WORDS & self._named:
+                    self._refuse(f"{name!r} by getattr or the like")
+                whole = not module and (
+                    not (self.strict or isinstance(value, Tensor))
+                    or BY_WORDS & self._named
                     or (of_package(type(value)) and not isinstance(value, (Tensor, *HOLDING)))
                     or frozen(value)
                 )
                 wanted = {one for one in own if whole or one in self._named} | (
                     OF_MODULES & own.keys()
                 )
+                if not self.strict:
+                    wanted -= {one for one in own if lazy(type(value), one)}
             for one in sorted(wanted - seen):
                 seen.add(one)
                 self._hold(f"{name}.{one}", own[one])
@@ -331,12 +383,16 @@ class Surroundings:
     def _step(self, name: str, function: types.FunctionType, step: dis.Instruction) -> None:
         """One of a function's code."""
         said = step.argval
-        if step.opname in WRITTEN or (
-            step.opname == "STORE_DEREF" and said in function.__code__.co_freevars
+        if self.strict and (
+            step.opname in WRITTEN
+            or (step.opname == "STORE_DEREF" and said in function.__code__.co_freevars)
         ):
             raise Unsteady(f"{said!r}, which {name} writes to")
         if step.opname == "IMPORT_NAME":
-            raise Unsteady(f"{said!r}, which {name} imports")
+            if self.strict or said not in sys.modules:
+                self._refuse(f"{said!r}, which {name} imports")
+            else:
+                self._hold(said, lambda: sys.modules[said])
         if step.opname in READ:
             self._named.add(said)
         if said in STATES and step.opname in {*READ, "LOAD_GLOBAL", "LOAD_NAME"}:
@@ -349,4 +405,4 @@ class Surroundings:
         if name in known:
             self._hold(name, lambda: known.get(name, ABSENT))
         elif name not in PURE and not isinstance(getattr(builtins, name, None), type):
-            raise Unsteady(f"{name!r}")
+            self._refuse(f"{name!r}")

@@ -7,7 +7,6 @@ import io
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,10 +14,12 @@ import torch
 from torch import Tensor
 
 from ..core.files import folder, save, write
-from ..core.fingerprint import NoFingerprint, fingerprint
+from ..core.results import versions
+from ..core.surroundings import Surroundings
 from ..core.warning import warn
 
-FORMAT = 2  # of run.json and the chunks
+FORMAT = 3  # of run.json and the chunks
+PACKAGES = ("torchbeam", "torch", "numpy")  # a function's answers depend on them
 NAMES = dict(
     format="files of another release",
     laws="other laws",
@@ -59,8 +60,8 @@ class ChunkFolder:
         says what differs.
 
         The run is known by the laws, in their order, by the settings (seed, chunk, dtype ...), by
-        the version of this library, and by the function: its fingerprint and the versions of what
-        it uses, or `version` where that is given.
+        the version of this library, and by the function: `version`, or where that is None what
+        `Surroundings` sees of it, with a FutureWarning where that is not all.
         """
         path = Path(path)
         label = _label(function, laws, version, settings)
@@ -127,9 +128,7 @@ class ChunkFolder:
         part of the function.
         """
         known, (now, _) = self.label["parts"], _parts(function, laws, self.label["version"])
-        parts = {
-            name: value if now.get(name, value) == value else None for name, value in known.items()
-        }
+        parts = {name: value if now.get(name) == value else None for name, value in known.items()}
         if parts != known:
             _write_label(self.path, {**self.label, "parts": parts})
 
@@ -160,53 +159,49 @@ def loaded(path: Path, content: Callable[[dict[str, Any]], T]) -> T | None:
 
 
 def _label(
-    function: Callable, laws: dict[str, Any], version_: str | None, settings: dict[str, Any]
+    function: Callable, laws: dict[str, Any], version: str | None, settings: dict[str, Any]
 ) -> dict[str, Any]:
-    parts, versions = _parts(function, laws, version_)
-    try:
-        own = version("torchbeam")
-    except PackageNotFoundError:  # runs without being installed
-        own = "unknown"
+    parts, unseen = _parts(function, laws, version)
+    if unseen:
+        warn(
+            f"a function or law that reads {unseen[0]}, which may change unseen, was given with a "
+            "folder and no version=; version= is wanted, another one for each change: a later "
+            "release goes on without it only where everything is seen",
+            FutureWarning,
+        )
     return dict(
         format=FORMAT,
         function=getattr(function, "__qualname__", type(function).__name__),
-        version=version_,
+        version=version,
         laws=[[name, _shown(law)] for name, law in laws.items()],
         **settings,
-        versions={**(versions if version_ is None else {}), "torchbeam": own},
+        versions=versions(*(("torchbeam",) if version is not None else PACKAGES)),
         parts=parts,
     )
 
 
 def _parts(
-    function: Callable, laws: dict[str, Any], version_: str | None
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Digests of the laws, and of the function unless a version stands for it, part by part;
-    versions of what they use.
+    function: Callable, laws: dict[str, Any], version: str | None
+) -> tuple[dict[str, str], list[str]]:
+    """Digests of the laws, and of the function unless a version stands for it, by what they read;
+    and what of it cannot be seen.
     """
-    parts, versions = {}, {}
-    given = [(f"the law of {name!r}", law) for name, law in laws.items()]
-    for what, value in given if version_ is not None else [("", function), *given]:
-        try:
-            fingerprint_of, used = fingerprint(value)
-        except NoFingerprint as error:
-            if version_ is not None:
-                continue
-            raise ValueError(
-                f"{what or 'a function'} that holds {error}, which may change unseen, was given "
-                "with a folder; version= is wanted, another one for each change"
-            ) from None
-        parts |= {
-            " ".join(filter(None, (what, name))): digest for name, digest in fingerprint_of.items()
-        }
-        versions |= used
-    return parts, versions
+    parts, unseen = {}, []
+    values = {"its code": function} if version is None else {}
+    for whole, value in {**values, **{f"the law of {n!r}": law for n, law in laws.items()}}.items():
+        around = Surroundings([("it", lambda value=value: value)], strict=False)
+        digests = around.digests()
+        parts[whole] = digests.pop("it")
+        parts |= {k if whole in values else f"{whole}, {k}": x for k, x in digests.items()}
+        unseen += around.unseen if version is None else []
+    return parts, unseen
 
 
 def _shown(law: Any) -> Any:
     if isinstance(law, (tuple, list)):
         return [float(v) for v in law]
-    return repr(law) if hasattr(law, "icdf") else getattr(law, "__qualname__", type(law).__name__)
+    said = hasattr(law, "icdf") and type(law).__repr__ is not object.__repr__
+    return repr(law) if said else getattr(law, "__qualname__", type(law).__name__)
 
 
 def _there(path: Path) -> dict[str, Any] | None:
@@ -242,11 +237,8 @@ def _difference(there: dict[str, Any], label: dict[str, Any]) -> tuple[str, str]
         if there.get(key) != label.get(key):
             return NAMES.get(key, f"another {key}"), _both(there.get(key), label.get(key))
     old, new = there["parts"], label["parts"]
-    pairs = {name: {old.get(name, ""), new.get(name, "")} for name in (*old, *new)}
-    # None: by itself
-    changed = [
-        name or "its code" for name, pair in pairs.items() if len(pair) > 1 and None not in pair
-    ]
+    names = old if None in old.values() else {**old, **new}  # None: the run itself changes it
+    changed = [name for name in names if old.get(name, "") not in (None, new.get(name, ""))]
     laws = [name for name in changed if name.startswith("the law of ")]
     return (
         (

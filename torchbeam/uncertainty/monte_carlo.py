@@ -91,10 +91,10 @@ def monte_carlo(
             another order of them, correlation, design, seed, chunk, dtype, release of this library,
             or function
         dtype: of theta; None = torch.float64
-        version: of the function, a text or number of your own that changes with it. None: the
-            function is known by its code, by what it closes over and by the globals and functions
-            that it uses, and by the versions of packages. What it changes itself while it runs does
-            not count
+        version: of the function, a text or number of your own that changes with it; asked for with
+            `out`. None: the function is known by its code and by what it finds around it, with a
+            FutureWarning where some of that cannot be seen. What it changes itself while it runs
+            does not count
         by_name: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as (N,
             places)
         sentences: what a status of the function means, {3: "buckled"}: reasons of samples that
