@@ -94,7 +94,7 @@ class ChunkFolder:
             chunk = stored["theta"], stored["y"], stored["status"]
             if stored["run"] != self.label["run"] or stored["first"] != first:
                 raise ValueError("it is another run's, or stood in another place")
-            if stored["checksum"] != self._checksum(first, chunk):
+            if stored["checksum"] != self.checksum(first, chunk):
                 raise ValueError("its checksum is wrong")
             return chunk
 
@@ -110,7 +110,7 @@ class ChunkFolder:
                 zip(("theta", "y", "status"), chunk, strict=True),
                 run=self.label["run"],
                 first=first,
-                checksum=self._checksum(first, chunk),
+                checksum=self.checksum(first, chunk),
             ),
         )
 
@@ -135,11 +135,27 @@ class ChunkFolder:
     def _file(self, first: int) -> Path:
         return self.path / f"chunk-{first:09d}.pt"
 
-    def _checksum(self, first: int, chunk: Chunk) -> str:
-        sum_ = hashlib.sha256(f"{self.label['run']} {first}".encode())
-        for x in chunk:
-            sum_.update(f"{x.dtype} {tuple(x.shape)}".encode())
-            sum_.update(x.detach().contiguous().flatten().view(torch.uint8).numpy().tobytes())
+    def checksum(self, *content: Any) -> str:
+        """Digest of this run's content: of tensors and plain values in sequences, dictionaries and
+        objects.
+        """
+        sum_ = hashlib.sha256(self.label["run"].encode())
+
+        def add(value: Any) -> None:
+            if isinstance(value, Tensor):
+                sum_.update(f"{value.dtype} {tuple(value.shape)}".encode())
+                plain = value.detach().contiguous().flatten()
+                sum_.update(plain.view(torch.uint8).numpy().tobytes())
+            elif isinstance(value, (list, tuple)):
+                sum_.update(f"[{len(value)}".encode())
+                for part in value:
+                    add(part)
+            elif isinstance(value, dict) or hasattr(value, "__dict__"):
+                add(sorted((value if isinstance(value, dict) else vars(value)).items()))
+            else:
+                sum_.update(repr(value).encode())
+
+        add(content)
         return sum_.hexdigest()
 
 
