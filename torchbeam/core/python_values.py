@@ -303,6 +303,14 @@ def _of_code(code: Any) -> Hashable:
     return word_of(code)
 
 
+def contents(cell: Any) -> Any:
+    """Of a variable that a function closes over; ABSENT before it is set."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return ABSENT
+
+
 def codes(code: types.CodeType) -> Iterator[types.CodeType]:
     """Code, and the code of functions within it."""
     yield code

@@ -27,6 +27,7 @@ from .python_values import (
     bytes_of,
     class_attribute,
     codes,
+    contents,
     followed,
     frozen,
     generated,
@@ -191,29 +192,29 @@ class Surroundings:
             and not value.requires_grad
         ):
             return value.dtype, value.shape, bytes_of(value)
-        what = None
+        kind = None
         if isinstance(value, types.FunctionType) and not of_package(value):
-            what = value.__code__
+            kind = value.__code__
         elif isinstance(value, (tuple, list, dict, set)):
-            what = type(value), len(value)
+            kind = type(value), len(value)
         elif isinstance(value, (np.ndarray, functools.partial, types.MethodType)) or (
             followed(value) and not isinstance(value, types.ModuleType)
         ):
-            what = type(value)
-        if what is None:
+            kind = type(value)
+        if kind is None:
             return id(value), variable.version, self._many.get(id(value))
         # by which it is of those that were met, as the same one may stand in two places
-        return what, self._met[id(value)][0]
+        return kind, self._met[id(value)][0]
 
     def _hold(self, name: str, read: Callable[[], Any]) -> None:
         value = read()
         self.variables.append(Variable(name, read, value, self._take(name, value)))
 
-    def _refuse(self, what: str) -> None:
+    def _refuse(self, reason: str) -> None:
         if self.strict:
-            raise Unsteady(what)
-        if what not in self.unseen:
-            self.unseen.append(what)
+            raise Unsteady(reason)
+        if reason not in self.unseen:
+            self.unseen.append(reason)
 
     def _take(self, name: str, value: Any) -> Hashable | None:
         """Look at what a name stands for, and at what that reads; the version of a tensor."""
@@ -262,13 +263,13 @@ class Surroundings:
         elif isinstance(value, type) and not (of_package(value) or of_numpy(value)):
             self._class(value)
             self._class(type(value))
-            for one in (*getattr(value, "__dataclass_fields__", ()), *MAKES):
-                read = functools.partial(class_attribute, value, one)
+            for member in (*getattr(value, "__dataclass_fields__", ()), *MAKES):
+                read = functools.partial(class_attribute, value, member)
                 if read() is not ABSENT and not generated(read()):
-                    self._hold(f"{name}.{one}", read)
-        elif isinstance(value, types.ModuleType) and of_package(value):
-            self._holders.append((name, value, set()))
-        elif not self.strict and hasattr(value, "__dict__") and top(type(value)) in PLAIN:
+                    self._hold(f"{name}.{member}", read)
+        elif (isinstance(value, types.ModuleType) and of_package(value)) or (
+            not self.strict and hasattr(value, "__dict__") and top(type(value)) in PLAIN
+        ):
             self._holders.append((name, value, set()))
         elif not (of_package(value) or of_numpy(value)):
             kind = "a module" if isinstance(value, types.ModuleType) else type(value).__name__
@@ -290,12 +291,9 @@ class Surroundings:
         if id(value) not in self._met:
             self._met[id(value)] = len(self._met), value
             self._object(name, value)
-            own = (
-                value.requires_grad
-                or isinstance(value, torch.nn.Parameter)
-                or id(value) in self._buffers
-            )
-            if own and value.is_floating_point() and value.device.type == "cpu":
+            parameter = isinstance(value, torch.nn.Parameter) or id(value) in self._buffers
+            varies = value.requires_grad or parameter
+            if varies and value.is_floating_point() and value.device.type == "cpu":
                 self.inputs.append(value)
         if any(value is x for x in self.inputs):
             return None
@@ -333,35 +331,39 @@ class Surroundings:
         before = len(self.variables)
         for name, value, seen in self._holders:
             if isinstance(value, type):
-                own = {one: read for one, read in of_class(value)}
+                reads = dict(of_class(value))
                 wanted = {
-                    one
-                    for one in own
-                    if not self.strict or one in self._named or one.startswith("__")
+                    key
+                    for key in reads
+                    if not self.strict or key in self._named or key.startswith("__")
                 }
             else:
-                module = isinstance(value, types.ModuleType)
-                torchs = module and of_package(value)
-                names = put_on(value, self._named) if torchs else attributes(value)
-                own = {one: lambda value=value, one=one: attribute(value, one) for one in names}
-                users = module and not torchs and top(value) != "numpy"
-                if users and not self.strict and BY_WORDS & self._named:
-                    self._refuse(f"{name!r} by getattr or the like")
-                whole = not module and (
-                    not (self.strict or isinstance(value, Tensor))
-                    or BY_WORDS & self._named
-                    or (of_package(type(value)) and not isinstance(value, (Tensor, *HOLDING)))
-                    or frozen(value)
-                )
-                wanted = {one for one in own if whole or one in self._named} | (
-                    OF_MODULES & own.keys()
-                )
+                reads, whole = self._attributes(name, value)
+                wanted = {key for key in reads if whole or key in self._named}
+                wanted |= OF_MODULES & reads.keys()
                 if not self.strict:
-                    wanted -= {one for one in own if lazy(type(value), one)}
-            for one in sorted(wanted - seen):
-                seen.add(one)
-                self._hold(f"{name}.{one}", own[one])
+                    wanted -= {key for key in reads if lazy(type(value), key)}
+            for key in sorted(wanted - seen):
+                seen.add(key)
+                self._hold(f"{name}.{key}", reads[key])
         return len(self.variables) > before
+
+    def _attributes(self, name: str, value: Any) -> tuple[dict[str, Callable[[], Any]], bool]:
+        """What an object or a module holds, and whether all of it counts, named or not."""
+        module = isinstance(value, types.ModuleType)
+        packaged = module and of_package(value)
+        names = put_on(value, self._named) if packaged else attributes(value)
+        reads = {key: functools.partial(attribute, value, key) for key in names}
+        if module:
+            users = not packaged and top(value) != "numpy"
+            if users and not self.strict and BY_WORDS & self._named:
+                self._refuse(f"{name!r} by getattr or the like")
+            return reads, False
+        whole = BY_WORDS & self._named or frozen(value)
+        if not isinstance(value, Tensor):
+            packaged = of_package(type(value)) and not isinstance(value, HOLDING)
+            whole = whole or packaged or not self.strict
+        return reads, bool(whole)
 
     def _part(self, name: str, value: Any) -> None:
         """Of what cannot be made to hold another."""
@@ -370,12 +372,12 @@ class Surroundings:
     def _function(self, name: str, function: types.FunctionType) -> None:
         for part in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()):
             self._part(f"a default of {name}", part)
-        for own in vars(function):
-            self._hold(f"{name}.{own}", lambda own=own: vars(function).get(own, ABSENT))
+        for key in vars(function):
+            self._hold(f"{name}.{key}", lambda key=key: vars(function).get(key, ABSENT))
         for variable, cell in zip(
             function.__code__.co_freevars, function.__closure__ or (), strict=True
         ):
-            self._hold(variable, lambda cell=cell: cell.cell_contents)
+            self._hold(variable, functools.partial(contents, cell))
         for code in codes(function.__code__):
             for step in dis.get_instructions(code):
                 self._step(name, function, step)

@@ -161,3 +161,13 @@ def test_what_is_installed_counts_by_its_name():
     """No walk through its code."""
     f = function("def f(x):\n    return pytest.approx(x)", pytest=pytest)
     assert digests(f).keys() == {"", "pytest"}
+
+
+def test_a_variable_that_is_not_set_yet_is_named():
+    def f(x):
+        return later * x
+
+    (unseen,) = Surroundings([("f", lambda: f)], strict=False).unseen
+    assert unseen.startswith("'later'")
+    later = 1.0
+    assert not Surroundings([("f", lambda: f)], strict=False).unseen and f(later) == 1.0
