@@ -74,10 +74,10 @@ def of_class(kind: type) -> Iterator[Read]:
     """What the classes that a user wrote give their objects beside fields: methods, functions of
     properties, values.
     """
-    own = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
+    field_names = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
     for parent in kind.__mro__:
         for name, value in () if of_package(parent) else vars(parent).items():
-            if name not in own and (
+            if name not in field_names and (
                 not name.startswith("__") or isinstance(value, types.FunctionType)
             ):
                 yield (
@@ -171,18 +171,20 @@ def followed(value: Any) -> bool:
         return False
     if isinstance(value, torch.nn.Module) or frozen(value):
         return True
-    own = type(value).__module__.split(".")[0]
-    return own == "__main__" or not (own in PACKAGES | {"numpy"} or own in sys.stdlib_module_names)
+    package = type(value).__module__.split(".")[0]
+    return package == "__main__" or not (
+        package in PACKAGES | {"numpy"} or package in sys.stdlib_module_names
+    )
 
 
 def put_on(module: types.ModuleType, names: set[str]) -> list[str]:
     """Of what code names in a module of `PACKAGES` numbers, tensors and users' functions, which may
     be put there by anyone; and modules in it, where the same may be so.
     """
-    held = {one: vars(module)[one] for one in names & vars(module).keys()}
+    held = {name: vars(module)[name] for name in names & vars(module).keys()}
     return [
-        one
-        for one, value in held.items()
+        name
+        for name, value in held.items()
         if isinstance(value, PUT)
         or (
             isinstance(value, (types.FunctionType, types.ModuleType))

@@ -40,8 +40,8 @@ LINEAR = (
 def step(solver: StepSolver, model: Model, span: Span) -> Made:
     """A step of the model, or of a part of its batch."""
     result_of_all = None
-    for scheme, own in solver.method.schemes(model, span.dt):
-        who = span.moving if own is None else span.moving & own
+    for scheme, samples in solver.method.schemes(model, span.dt):
+        who = span.moving if samples is None else span.moving & samples
         result = _mean(scheme, solver, model, span._replace(moving=who))
         result_of_all = (
             result
@@ -59,13 +59,13 @@ def _mean(scheme: Scheme, solver: StepSolver, model: Model, span: Span) -> Made:
     """The mean of compositions; a sample has failed where one of them has."""
     state, dt, _, inputs, moving, _ = span
     if scheme.solves > 1 and solver.compiled is not None and model is solver.model:
-        given = inputs(solver.method.INSTANT)
+        values = inputs(solver.method.INSTANT)
         shape = broadcast_shapes(
-            solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values())
+            solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in values.values())
         )
         moved = moving.expand(shape)
-        given = together([inputs], scheme.instants(solver.method.INSTANT), shape)
-        result = natively(scheme, solver, span._replace(inputs=given, moving=moved))
+        values = together([inputs], scheme.instants(solver.method.INSTANT), shape)
+        result = natively(scheme, solver, span._replace(inputs=values, moving=moved))
         if result is not None:
             good = moved & (result.status == SUCCESS)
             after = replace(state, **result.fields, t=torch.where(good, state.t + dt, state.t))
@@ -153,8 +153,8 @@ def natively(
     steps: list[Steps] = []
     for k in range(K):
         rows = slice(k * scheme.solves, (k + 1) * scheme.solves)
-        given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
-        result = _extrapolated(scheme, solver, Span(state, dt[k], t[k], given, moving, span.last))
+        values = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
+        result = _extrapolated(scheme, solver, Span(state, dt[k], t[k], values, moving, span.last))
         if result is None:
             return None
         state = with_values(state, **result.fields)
@@ -179,11 +179,11 @@ def _extrapolated(scheme: Scheme, solver: StepSolver, span: Span) -> Steps | Non
     """One step by the mean of compositions, by a call of native code each."""
     state, inputs, moving = span.state, span.inputs, span.moving
     ends, status, iterations, good, done, begin = [], None, 0, moving, 0, state
-    for one in scheme.compositions:
-        rows = slice(done, done := done + len(one.fractions))
-        given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
-        part = span._replace(state=begin, inputs=given, moving=good)
-        result = _in_a_row(Scheme((one,)), solver, part, None)
+    for composition in scheme.compositions:
+        rows = slice(done, done := done + len(composition.fractions))
+        values = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
+        part = span._replace(state=begin, inputs=values, moving=good)
+        result = _in_a_row(Scheme((composition,)), solver, part, None)
         if result is None:
             return None
         ends.append(result)
@@ -278,7 +278,7 @@ def in_parts(
         try:
             part, start = few.gather((model, state))
             held = inputs.map(
-                lambda given: {name: few.take(value, 1) for name, value in given.items()}
+                lambda values: {name: few.take(value, 1) for name, value in values.items()}
             )
             dt, t = few.take(dt, 0), few.take(t, 0)
             few_of = Span(start, dt, t, held, few.take(failed, 0), last)

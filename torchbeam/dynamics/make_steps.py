@@ -162,9 +162,9 @@ def _natively(
     every, count = (every, count - count % every) if count >= every else (1, count)
     moving = start.status == SUCCESS
     moving = (moving if plan.active is None else moving & plan.active).expand(shape)
-    given = inputs.of_solves(scheme, method.INSTANT, count, shape)
+    values = inputs.of_solves(scheme, method.INSTANT, count, shape)
 
-    span = Span(start, dt[:count], t[:count].to(dt), given, moving, last=not stepper.halvings)
+    span = Span(start, dt[:count], t[:count].to(dt), values, moving, last=not stepper.halvings)
     lasting = not stepper.halvings and stepper.failures is None
     result = natively(scheme, solver, span, count, every)
     if result is not None and result.every > 1 and not result.well:

@@ -145,12 +145,14 @@ def simulate(
         boolean(name, asked[name])
     asked["begin"] = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
     names = [name for name in keywords(simulate) if name not in OF_ALL]
-    given = chosen(simulate, {name: asked[name] for name in names})
+    selected = chosen(simulate, {name: asked[name] for name in names})
     t, digits = instants_of(t, scene)
-    run = _run_of(form, method, given)
+    run = _run_of(form, method, selected)
     inputs = merge_inputs(inputs, {})
     if run in (adaptive_run, implicit_run):
-        return _judged(run(scene, t, digits, initial, method, inputs, **given), throw, warned=True)
+        return _judged(
+            run(scene, t, digits, initial, method, inputs, **selected), throw, warned=True
+        )
     if any(isinstance(value, PerInterval) for value in inputs.values()):
         raise ValueError(
             f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of "
@@ -158,19 +160,19 @@ def simulate(
         )
     t = explicit_instants(scene, t, digits, asked["begin"], options)
     if run is explicit_run:
-        return _judged(run(scene, t, initial, method, inputs, **given), throw)
-    return _judged(run(scene, t, form, initial, method, inputs=inputs, **given), throw)
+        return _judged(run(scene, t, initial, method, inputs, **selected), throw)
+    return _judged(run(scene, t, form, initial, method, inputs=inputs, **selected), throw)
 
 
-def _run_of(form: str, method: str, given: dict[str, Any]) -> Callable[..., Solution]:
+def _run_of(form: str, method: str, selected: dict[str, Any]) -> Callable[..., Solution]:
     """What makes the run; ValueError for options that it does not have."""
     mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
-    controlled = not mixed and implicit and any(name in given for name in TOLERANCES)
-    if controlled and (fixed := [name for name in FIXED if name in given]):
+    controlled = not mixed and implicit and any(name in selected for name in TOLERANCES)
+    if controlled and (fixed := [name for name in FIXED if name in selected]):
         raise ValueError(
             f"{fixed[0]} was given with rtol or atol, which choose the steps; one of them is wanted"
         )
-    if not controlled and "events" in given:
+    if not controlled and "events" in selected:
         raise ValueError(
             "events were given without rtol or atol; the adaptive steps of an implicit method "
             "take them"
@@ -180,7 +182,7 @@ def _run_of(form: str, method: str, given: dict[str, Any]) -> Callable[..., Solu
     else:
         run = adaptive_run if controlled else implicit_run if implicit else explicit_run
     takers = (run,) if mixed or not implicit else (run, Stepper)
-    check_options(f"form {form!r}" if mixed else f"method {method!r}", given, keywords(*takers))
+    check_options(f"form {form!r}" if mixed else f"method {method!r}", selected, keywords(*takers))
     return run
 
 

@@ -312,7 +312,7 @@ class Stepper:
                     strict=True,
                 )
             )
-        given, alone = self.scene.tensors(u), copy(self)
+        values, alone = self.scene.tensors(u), copy(self)
         alone._last, alone.failures = None, Failures()
         state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam, "a state")))
         return step_jacobian(
@@ -320,7 +320,7 @@ class Stepper:
             self.model.space,
             model,
             state,
-            {name: given[name] for name in sizes},
+            {name: values[name] for name in sizes},
         )
 
     def repeat(

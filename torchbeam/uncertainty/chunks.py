@@ -70,10 +70,10 @@ class ChunkFolder:
             folder(path)
             there = {**label, "run": hashlib.sha256(json.dumps(label).encode()).hexdigest()}
             _write_label(path, there)
-        elif what := _difference(there, label):
+        elif difference := _difference(there, label):
             raise ValueError(
-                f"the folder {str(path)!r} of a run with {what[0]} was given ({what[1]}); another "
-                "folder is wanted"
+                f"the folder {str(path)!r} of a run with {difference[0]} was given "
+                f"({difference[1]}); another folder is wanted"
             )
         return cls(path, there)
 

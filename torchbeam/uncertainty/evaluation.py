@@ -162,11 +162,11 @@ def called(
     """
     n, named = len(theta), joint.named(theta) if by_name else {}
     checked_function("function", function, *(() if by_name else ("theta",)), named=named)
-    given = function(**named) if by_name else function(theta)
+    result = function(**named) if by_name else function(theta)
     y, status = (
-        given
-        if isinstance(given, tuple) and len(given) == 2
-        else (given, torch.zeros(n, dtype=torch.long))
+        result
+        if isinstance(result, tuple) and len(result) == 2
+        else (result, torch.zeros(n, dtype=torch.long))
     )
     for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
         if not isinstance(value, Tensor):

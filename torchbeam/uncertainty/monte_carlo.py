@@ -124,8 +124,8 @@ def monte_carlo(
     out = None if out is None else path_of("out", out)
     boolean("by_name", by_name)
     reasons = checked_sentences(sentences)
-    auto, own = isinstance(chunk, str) and chunk == "auto", chunk is None
-    chunk = 1 if auto or own else chunk
+    auto, usual = isinstance(chunk, str) and chunk == "auto", chunk is None
+    chunk = 1 if auto or usual else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
     plan = (
@@ -133,7 +133,7 @@ def monte_carlo(
         if theta is not None
         else DESIGNS[design](joint.dimension, seed, points)
     )
-    if own:
+    if usual:
         chunk = chunk_of(out) or usual_chunk(n)
     elif auto:
         chunk = chunk_of(out) or chunk_size(
@@ -292,7 +292,7 @@ def _reached(samples: Samples, until: Until) -> bool:
     error, statistic = (
         until
         if isinstance(until, (tuple, list))
-        else (until, lambda given: given.mean_interval(LEVEL))
+        else (until, lambda drawn: drawn.mean_interval(LEVEL))
     )
     estimate = statistic(samples)
     if not isinstance(estimate, Estimate):
