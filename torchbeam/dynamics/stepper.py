@@ -258,9 +258,8 @@ class Stepper:
             after, status = again.where(well, after), torch.where(well, SUCCESS, status)
             self.iterations = self.iterations + more
         if failed is not lost and self.failures is not None:
-            self.failures.remember(
-                self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS)
-            )
+            remembered = torch.where(moving, status, SUCCESS)
+            self.failures.remember(self.method, self.model, span, remembered)
         now = exact(state.t, self.latest)
         good = moving & (status == SUCCESS)
         after = replace(

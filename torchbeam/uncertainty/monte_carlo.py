@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -133,25 +134,14 @@ def monte_carlo(
         if theta is not None
         else DESIGNS[design](joint.dimension, seed, points)
     )
+    work = Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n)
     if usual:
         chunk = chunk_of(out) or usual_chunk(n)
     elif auto:
-        chunk = chunk_of(out) or chunk_size(
-            Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n)
-        )
-    work = Evaluation(
-        function,
-        joint,
-        plan,
-        dtype,
-        chunk,
-        by_name,
-        executor,
-        folder_of(
-            out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label
-        ),
-        n,
-    )
+        chunk = chunk_of(out) or chunk_size(work)
+    label = dict(seed=seed, chunk=chunk, dtype=str(dtype), **plan.label)
+    folder = folder_of(out, function, joint, version, **label)
+    work = replace(work, chunk=chunk, folder=folder)
     done, chunks, at = 0, [], progress_of(progress, n)
     for end in _stages(n, points, until):
         for part in work.chunks(done, end, at):

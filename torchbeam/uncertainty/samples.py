@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, overload
 
 import torch
@@ -99,16 +99,7 @@ class Samples(output.Summary):
         quantiles = estimate.quantile(
             self._groups(), several, level_of("interval", interval), self.reasons
         )
-        return (
-            quantiles
-            if wanted.ndim
-            else replace(
-                quantiles,
-                estimate=quantiles.estimate[0],
-                low=quantiles.low[0],
-                high=quantiles.high[0],
-            )
-        )
+        return quantiles if wanted.ndim else quantiles[0]
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
         """Mean (...), with Student's interval: of the means of replicates, or of the samples. Of a
