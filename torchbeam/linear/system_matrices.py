@@ -71,8 +71,8 @@ def in_basis(
     moves, see `free_moves`.
     """
     basis = free_moves(model, K, near)
-    own = (None if one is None else dense(model, one, basis) for one in (M, D, K))
-    return augmented(model, *own, lagging, basis), basis
+    matrices = (None if matrix is None else dense(model, matrix, basis) for matrix in (M, D, K))
+    return augmented(model, *matrices, lagging, basis), basis
 
 
 def of_chain(
@@ -214,8 +214,8 @@ def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:
 def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
     """(..., n, n) of the free moves, in their `basis`, from a matrix of all nodes."""
     free = model.constraints.moving.flatten().nonzero()[:, 0]
-    own = matrix.dense().index_select(-1, free).index_select(-2, free)
-    return own if basis is None else basis.mT @ own @ basis
+    free_part = matrix.dense().index_select(-1, free).index_select(-2, free)
+    return free_part if basis is None else basis.mT @ free_part @ basis
 
 
 def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:

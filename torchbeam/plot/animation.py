@@ -87,16 +87,16 @@ def animate(
     return path
 
 
-def _motion(what: Any) -> tuple[Any, Tensor | None]:
+def _motion(motion: Any) -> tuple[Any, Tensor | None]:
     """States, and the times (s) of their first axis; None = that is no time."""
-    if isinstance(what, Solution):
-        return what.state, what.t.detach().double().cpu()
-    if not isinstance(what, State) or not what.batch_shape:
-        given = "a State of one sample" if isinstance(what, State) else type(what).__name__
+    if isinstance(motion, Solution):
+        return motion.state, motion.t.detach().double().cpu()
+    if not isinstance(motion, State) or not motion.batch_shape:
+        kind = "a State of one sample" if isinstance(motion, State) else type(motion).__name__
         raise ValueError(
-            f"{given} was given to animate; a Solution, or a State with a batch, is wanted"
+            f"{kind} was given to animate; a Solution, or a State with a batch, is wanted"
         )
-    return what.broadcast(), None
+    return motion.broadcast(), None
 
 
 def _instants(t: Tensor, step: float) -> Tensor:

@@ -94,21 +94,21 @@ def where_installed() -> Iterator[None]:
         print(f"no picture: {error}", file=sys.stderr)
 
 
-def line_style(given: dict[str, Any], **usual: Any) -> dict[str, Any]:
+def line_style(options: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """Keywords of a line: those that a user gave, and what is usual of the others, whichever of
     matplotlib's names for the same both use (lw, linewidth). Raises ValueError for another keyword.
     """
     from matplotlib.cbook import normalize_kwargs
     from matplotlib.lines import Line2D
 
-    own = normalize_kwargs(given, Line2D)
-    for name in own:
+    style = normalize_kwargs(options, Line2D)
+    for name in style:
         if not hasattr(Line2D, f"set_{name}"):
             raise ValueError(
                 f"the keyword {name!r} was given to a picture; one of its own, or of matplotlib's "
                 "lines, is wanted"
             )
-    return normalize_kwargs(usual, Line2D) | own
+    return normalize_kwargs(usual, Line2D) | style
 
 
 def is_3d(ax: Axes) -> bool:

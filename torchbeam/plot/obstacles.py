@@ -50,9 +50,9 @@ def obstacles(
     """
     instance("a scene", scene, Scene)
     if plane not in PLANES or is_3d(ax):
-        given = f"plane = {plane!r}" if plane not in PLANES else "a three-dimensional picture"
+        kind = f"plane = {plane!r}" if plane not in PLANES else "a three-dimensional picture"
         raise ValueError(
-            f"{given} was given to obstacles; flat axes and one of "
+            f"{kind} was given to obstacles; flat axes and one of "
             f"{', '.join(map(repr, PLANES))} are wanted"
         )
     middle = scene.beam.nodes.detach().flatten(0, -2).mean(0)
@@ -91,8 +91,8 @@ def standing(scene: Scene, t: float) -> Iterator[Obstacle]:
     beam = scene.beam
     now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
     contacts = [load for load in scene.loads if isinstance(load, Contact)]
-    own = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
-    for load in own.values():
+    loads = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
+    for load in loads.values():
         yield map_leaves(
             lambda x, axes: _sample(x, axes, (), 0),
             load.resolved(s, now, {}, beam.element_count).obstacle,
@@ -146,7 +146,7 @@ def _sample(x: Any, axes: int | None, batch: Sequence[int], sample: int) -> Any:
     """
     if not isinstance(x, Tensor) or axes is None:
         return x
-    lead, own = x.shape[: x.ndim - axes], x.shape[x.ndim - axes :]
+    lead, last_axes = x.shape[: x.ndim - axes], x.shape[x.ndim - axes :]
     if batch:
         lead = broadcast("a scene and a state", lead, torch.Size(batch))
-    return x.detach().expand((*lead, *own)).reshape(-1, *own)[sample]
+    return x.detach().expand((*lead, *last_axes)).reshape(-1, *last_axes)[sample]

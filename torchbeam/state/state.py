@@ -178,7 +178,8 @@ class State(Instant):
     def joint(self) -> tuple[JointReading, ...]:
         """The joints of a structure, as an equilibrium or a step has left them."""
         return tuple(
-            JointReading.of(self.joints[..., k, :], own) for k, own in enumerate(self.coordinates)
+            JointReading.of(self.joints[..., k, :], names)
+            for k, names in enumerate(self.coordinates)
         )
 
     def part(self, name: str) -> State:
