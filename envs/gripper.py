@@ -13,6 +13,7 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.extend import quaternions as quat
+from torchbeam.extend import shown
 
 from .actuators import Actuator
 from .config import BeamEnvConfig
@@ -67,14 +68,14 @@ class GripperConfig(BeamEnvConfig):
         self.check_numbers("offset", least=0.0, most=GAP)
         if self.length < 2.5 * self.ball:
             raise ValueError(
-                f"length = {self.length!r} was given for a ball of {self.ball!r} m radius; fingers "
-                f"that reach around it, at least {2.5 * self.ball:g} m, are wanted"
+                f"length = {shown(self.length)} was given for a ball of {shown(self.ball)} m "
+                f"radius; fingers that reach around it, at least {2.5 * self.ball:g} m, are wanted"
             )
         for name in OWN:
-            if getattr(self, name) != type(self).__dataclass_fields__[name].default:
+            if self.is_given(name):
                 raise ValueError(f"{name} was given; Gripper has its own, and none is wanted")
         if self.form != "nodal":
-            raise ValueError(f"form = {self.form!r} was given; 'nodal' is wanted")
+            raise ValueError(f"form = {shown(self.form)} was given; 'nodal' is wanted")
         if self.randomize is None:
             drawn = {name: _range(getattr(self, name)) for name in ("mass", "friction")}
             renamed = {"ball": drawn["mass"], "friction": drawn["friction"]}

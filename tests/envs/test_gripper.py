@@ -74,8 +74,8 @@ def test_nothing_moves_by_itself():
 
 def test_one_action_has_one_reward():
     """In space three fingers close on a ball that lies aside. Actions that differ by 1e-8 give
-    rewards that do, with the eight steps an interval of v1; with four Newton's method ends in the whole step
-    or, as often, in none, so that the step is made in parts, and rewards are 0.01 apart.
+    rewards that do, with v1's eight steps an interval; with four Newton's method ends in the whole
+    step or, as often, in none, so that the step is made in parts, and rewards are 0.01 apart.
     """
     env = GripperVectorEnv(32)
     place = [-0.0006795857531744287, 0.0014811480982497743]
