@@ -29,7 +29,7 @@ from torch import Tensor
 
 from .declared import CHECK, Check, check_fields, declaration
 from .derivatives import cache_of, cached, caches_of
-from .validation import as_tensor
+from .validation import as_tensor, shown
 
 if TYPE_CHECKING:
     from typing_extensions import dataclass_transform
@@ -466,8 +466,15 @@ def detached(tree: Any) -> Any:
 
 def sent(tree: Any, *args: Any, **kwargs: Any) -> Any:
     """The tree with all tensors on another device, or the floating ones in another dtype: arguments
-    of `Tensor.to`.
+    of `Tensor.to`. Raises ValueError for others.
     """
+    try:
+        torch.empty(0).to(*args, **kwargs)
+    except (TypeError, ValueError, RuntimeError, OverflowError):
+        given = ", ".join((*map(shown, args), *(f"{k} = {shown(v)}" for k, v in kwargs.items())))
+        raise ValueError(
+            f"{given} was given; a device or a floating dtype, as `Tensor.to` takes them, is wanted"
+        ) from None
 
     def to(value: Any, axes: int | None) -> Any:
         if not isinstance(value, Tensor):

@@ -109,11 +109,12 @@ def real(value: Tensor) -> Tensor:
 
 
 def dense(value: Tensor) -> Tensor:
-    """`value` if it has a number in each place; ValueError for a sparse tensor, and for one of the
-    device meta.
+    """`value` if it has a number in each place; ValueError for a sparse or quantized tensor, and
+    for one of the device meta.
     """
-    if value.layout != torch.strided or value.is_meta:
-        kind = "the device meta" if value.is_meta else f"the layout {value.layout}"
+    if value.layout != torch.strided or value.is_meta or value.is_quantized:
+        kind = value.dtype if value.is_quantized else f"the layout {value.layout}"
+        kind = "the device meta" if value.is_meta else kind
         raise ValueError(f"a tensor of {kind} was given; a dense one with numbers is wanted")
     return value
 
@@ -131,7 +132,7 @@ def numbers(value: Value, kinds: str = "fiu") -> Plain:
     """
     try:
         array = np.array(value)
-    except (TypeError, ValueError):
+    except Exception:  # of a class of the user's, too
         array = np.array(None)
     if (
         array.dtype.kind not in kinds

@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, tolerance
 from ..core.files import file_of, folder, written
-from ..core.validation import positive
 from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State
@@ -67,7 +67,9 @@ def animate(
     """
     path = file_of("path", path)
     for name, value in (("fps", fps), ("speed", speed)):
-        positive(name, torch.as_tensor(float(value)))
+        tolerance(name, value)
+    boolean("trail", trail)
+    boolean("frames", frames)
     writer, settings = _writer(path, fps)
     folder(path.parent)
     film = _Film.of(*_motion(what), ax, plane, scene, trail, frames)

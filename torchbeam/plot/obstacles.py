@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import instance
+from ..core.arguments import instance, instant
 from ..core.leaves import map_leaves
-from ..core.validation import broadcast
+from ..core.validation import broadcast, shown
 from ..scene.effects.contact import Contact
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.obstacles import Obstacle, Sphere
@@ -19,7 +19,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .axis import PLANES, nodes_of
-from .canvas import Axes, is_3d, numbers
+from .canvas import Axes, check_axes, is_3d, numbers
 
 CELLS = 300  # of the picture, each way
 
@@ -49,8 +49,9 @@ def obstacles(
         >>> ax = tb.plot.obstacles(lying, ax, plane="xz")
     """
     instance("a scene", scene, Scene)
-    if plane not in PLANES or is_3d(ax):
-        kind = f"plane = {plane!r}" if plane not in PLANES else "a three-dimensional picture"
+    known = isinstance(plane, str) and plane in PLANES
+    if is_3d(check_axes(ax)) or not known:
+        kind = f"plane = {shown(plane)}" if not known else "a three-dimensional picture"
         raise ValueError(
             f"{kind} was given to obstacles; flat axes and one of "
             f"{', '.join(map(repr, PLANES))} are wanted"
@@ -89,7 +90,7 @@ def in_axes(surface: Obstacle, centre: Tensor, R: Tensor) -> Callable[[Tensor], 
 def standing(scene: Scene, t: float) -> Iterator[Obstacle]:
     """The obstacles of a scene's contacts at time t (s), each once, of the first sample."""
     beam = scene.beam
-    now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
+    now, s = instant("t", t, beam.nodes), beam.nodes.new_zeros(1)
     contacts = [load for load in scene.loads if isinstance(load, Contact)]
     loads = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
     for load in loads.values():
