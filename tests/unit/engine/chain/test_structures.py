@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.engine.chain.structure_order import Connectivity, order_of, ordered
+from torchbeam.engine.chain.order import Connectivity, order_of, ordered
 from torchbeam.topology.cut import cut
 from torchbeam.topology.framework import Framework
 
