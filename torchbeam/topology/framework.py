@@ -168,19 +168,10 @@ class Framework:
         return added(total, self._joined, push, total.shape[-2], 1)
 
     @cached_property
-    def tie_nodes(self) -> tuple[int, ...]:
-        """The nodes of all ties, one tie after the other."""
-        return tuple(node for nodes in self.ties for node in nodes)
-
-    @cached_property
     def tied(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Nodes of the rows and of the columns of the ties' blocks: of all pairs of each tie."""
         rows, columns = zip(*pairs_of(self.ties), strict=True)
         return rows, columns
-
-    def from_ties(self, push: Tensor, total: Tensor) -> Tensor:
-        """total (..., nodes, w) with (..., n, w) at `tie_nodes` added."""
-        return added(total, self.tie_nodes, push, total.shape[-2], 1)
 
     @cached_property
     def _joined(self) -> tuple[int, ...]:

@@ -11,27 +11,14 @@ from ..compiler.derivative import bar, vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import joints, midsides, pairs, rows, stretches
+from . import interactions, midsides, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
-from .layout import (
-    BETWEEN,
-    ELEMENTS,
-    INNER,
-    JOINTS,
-    MOVES,
-    NODE_PLACES,
-    NODES,
-    ONE,
-    OWN,
-    PAIRS,
-    STRETCHES,
-    SUPPORTS,
-    Layout,
-)
+from .interaction import INTERACTIONS, TIE
+from .layout import BETWEEN, ELEMENTS, INNER, MOVES, NODE_PLACES, NODES, ONE, OWN, SUPPORTS, Layout
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import PAIR_SIDES, SIDES, Kinds, without_side
+from .node_kinds import Kinds, without_side
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
@@ -151,20 +138,15 @@ class AdjointProgram(NativeProgram):
         )
         if self.held:
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        by = [name for name in ends if name.partition(".")[0] in (*SIDES[1], "common")]
-        by += ["joints", "last_force", *(name for name in wanted if name.startswith("joint"))]
-        functions |= joints.adjoint_of_joints(
-            local, traced, self.kinds.joints, self.held, by, _derivative
-        )
-        by += [name for name in wanted if name.startswith("stretch")]
-        functions |= stretches.adjoint_of_stretches(
-            local, traced, self.kinds.stretches, self.held, by, _derivative
-        )
-        by = [f"{side}.{name}" for side in PAIR_SIDES for name in start]
-        by += [name for name in wanted if name.startswith(("common", "pair"))]
-        functions |= pairs.adjoint_of_pairs(
-            local, traced, self.kinds.pairs, self.held, by, _derivative
-        )
+        for one in INTERACTIONS:
+            by = [f"{side}.{name}" for side in one.sides for name in start]
+            by += [*wanted, "joints", "last_force", "tension"]
+            functions |= interactions.adjoint_of_interaction(
+                local, traced, one, self.kinds, self.held, by, _derivative
+            )
+            if one is TIE:
+                own = self.kinds.stretches
+                functions |= stretches.adjoint_of_stretches(local, traced, own, by, _derivative)
         functions["balance_bar"] = traced(
             local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
         )
@@ -178,9 +160,7 @@ class AdjointProgram(NativeProgram):
             ("element", ELEMENTS),
             ("common", ONE),
             *((("support", SUPPORTS),) * self.held),
-            *((("joint", JOINTS),) * bool(self.kinds.joints)),
-            *((("stretch", STRETCHES),) * bool(self.kinds.stretches)),
-            *((("pair", PAIRS),) * bool(self.kinds.pairs)),
+            *((one.constants, one.rows) for one in interactions.present(self.kinds)),
         ):
             # a derivative need not read what it is by
             outputs = (output for name in self.functions for output in self.outputs(name))
@@ -203,7 +183,7 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        ends = self.touching, self.kinds.joints, self.kinds.stretches, self.kinds.pairs
+        ends = self.touching, interactions.present(self.kinds)
         if "finish element bar 0" in self.functions or any(ends):
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
@@ -237,9 +217,10 @@ class AdjointProgram(NativeProgram):
                 layout.record("support", SUPPORTS, [(name, w)] * read)
             for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
-        joints.record_adjoint(layout, self.functions, w, len(self.kinds.joints))
-        stretches.record_adjoint(layout, self.functions, len(self.kinds.stretches))
-        pairs.record_adjoint(layout, self.functions, len(self.kinds.pairs))
+        for one in interactions.present(self.kinds):
+            interactions.record_adjoint(layout, self.functions, one, w)
+        if self.kinds.stretches:
+            stretches.record_adjoint(layout, self.functions)
         return layout
 
 

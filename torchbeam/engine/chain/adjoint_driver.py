@@ -17,14 +17,12 @@ from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .driver_code import ALL, Places
 from .elimination_driver import Elimination
-from .joint_adjoint import JointAdjoint
 from .layout import BETWEEN, INNER, MIDDLE, OWN
 from .node_kinds import SIDES, without_side
-from .pair_adjoint import PairAdjoint
 from .tendon_adjoint import TendonAdjoint
 
 
-class AdjointDriver(JointAdjoint, TendonAdjoint, PairAdjoint, Elimination):
+class AdjointDriver(TendonAdjoint, Elimination):
     """Cotangents, step by step backwards."""
 
     ARGS = (*ALL, "stepwises", "stepwise_count")
@@ -40,8 +38,7 @@ class AdjointDriver(JointAdjoint, TendonAdjoint, PairAdjoint, Elimination):
         for name in self._of_samples("_bar"):
             self._fill(("sample", 0, name))
         self._clear_tendons()
-        self._clear_pairs()
-        self._clear_joints()
+        self._clear_interactions()
         with code.loop(last, -1, -1) as step:
             self._transfer("gather", "input", first, step, last)
             self._step()
@@ -80,15 +77,13 @@ class AdjointDriver(JointAdjoint, TendonAdjoint, PairAdjoint, Elimination):
         with code.loop(0, nodes) as j:
             self._solution(j)
         self._tensions()
-        self._look_at_pairs()
-        self._joint_solutions()
+        self._solutions()
         if "energy" in self.layout.records:
             self._energies()
         with code.loop(0, N) as e:
             self._element_ends(e)
         self._tendon_ends()
-        self._pair_ends()
-        self._joint_ends()
+        self._interaction_ends()
         with code.loop(0, nodes) as j:
             self._ends(j)
         if self.held:
@@ -105,8 +100,7 @@ class AdjointDriver(JointAdjoint, TendonAdjoint, PairAdjoint, Elimination):
             spread = partial(self._spread, j=j)
             self._at_node("node bar", j, ("change", 0), places, then=spread)
         self._tie_bars()
-        self._pair_bars()
-        self._joint_bars()
+        self._interaction_bars()
         self._take_start(self.at("sample", 0, "good"))
 
     def _take_start(self, good: str) -> None:
@@ -127,9 +121,8 @@ class AdjointDriver(JointAdjoint, TendonAdjoint, PairAdjoint, Elimination):
         """The transposed system, and the cotangents of the balances."""
         if self.has_interface:
             self._at_interface()
-        self._each_joint(self._joint_blocks)
-        self._tie_blocks()
-        self._pair_blocks()
+        for one in self.interactions:
+            self._each_of(one, self._blocks)
         self._eliminate()
         self._moves()
         with self.code.loop(0, self.args["nodes"]) as j:
@@ -204,8 +197,7 @@ class AdjointDriver(JointAdjoint, TendonAdjoint, PairAdjoint, Elimination):
             self._at_node("ended", j, ("change", 0), {f"> {f}": ("ended", j, f) for f in ended})
             self._add_energies()
         self._tendon_energies()
-        self._pair_energies()
-        self._joint_energies()
+        self._interaction_energies()
 
         def of(field: str) -> str:
             name = field.removeprefix("> ")

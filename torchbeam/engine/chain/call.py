@@ -17,6 +17,7 @@ from ...core.leaves import with_values
 from ...nodal.model import Model
 from ..compiler.team import in_threads
 from .cells import Cells
+from .interaction import INTERACTIONS
 from .layout import counts
 from .native import NativeProgram
 from .node_kinds import Kinds
@@ -71,9 +72,9 @@ class ProgramInstance:
         numbered = {
             name: [there.index(kind) for kind in own]
             for name, there, own in zip(
-                ("kinds", "element_kinds", "joint_kinds", "stretch_kinds", "pair_kinds"),
-                (*program.kinds[:3], program.kinds.stretches, program.kinds.pairs),
-                (*kinds[:3], kinds.stretches, kinds.pairs),
+                ("kinds", "element_kinds", *(f"{one.constants}_kinds" for one in INTERACTIONS)),
+                (*program.kinds[:2], *program.kinds.between),
+                (*kinds[:2], *kinds.between),
                 strict=True,
             )
         }

@@ -32,7 +32,7 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
     tendon, a joint that closes a loop within a cell. kinds: of all rows.
     """
     framework = connectivity.framework
-    if framework.ties or kinds.stretches or kinds.touching:
+    if framework.ties or kinds.stretches or kinds.touching or kinds.couplings:
         return None
     chains = len(framework.chains)
     starts = [*framework.starts, framework.node_count - framework.singles]

@@ -13,6 +13,7 @@ from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
 from .driver_code import ALL, Places
 from .elimination_driver import Elimination
+from .interaction import COUPLING, JOINT, PAIR
 from .layout import BETWEEN, FLAGS, INNER, LAW, MIDDLE, OWN
 from .node_kinds import SIDES
 
@@ -54,7 +55,7 @@ class Driver(Elimination):
             self._at_node("before node", j, ("before node", j))
         with self.code.loop(0, self.args["elements"]) as e:
             self._at_element("before element", e, ("before element", e))
-        self._joints_hoisted()
+        self._each_of(JOINT, self._hoist)
 
     def _border(self) -> None:
         """What is on either side of all nodes: nothing, which does not move."""
@@ -97,12 +98,12 @@ class Driver(Elimination):
             with self._entries("interface") as (_, (node, *_)):
                 self._fill(("push", node))
             self._at_interface()
-        for shared in self.parts:
-            self._each_joint(self._joint, shared=shared)
-            if shared is False:
-                self._push_on_shared()
-        self._tie()
-        self._touch()
+        self._tensions()
+        for one in self.interactions:
+            for shared in self.parts:
+                self._each_of(one, self._push, look=True, shared=shared)
+                if shared is False:
+                    self._push_on_shared()
         self._eliminate()
 
     def _push_on_shared(self) -> None:
@@ -210,9 +211,7 @@ class Driver(Elimination):
             "free": ("free", node),
         }
         self._call("reaction", lambda f: self.at("support", k, f), ("support", k), places)
-        self._tie_reactions(k, node)
-        self._pair_reactions(k, node)
-        self._joint_reactions(k, node)
+        self._interaction_reactions(k, node)
         self._blend(("support", k, "found"), ("support", k, "reaction"), over)
 
     def _search(self) -> None:
@@ -308,8 +307,8 @@ class Driver(Elimination):
         with code.loop(0, self.args["elements"]) as e:
             self._finish_element(e, good)
         self._finish_tendons(good)
-        self._finish_pairs(good)
-        self._finish_joints(good)
+        for one in (PAIR, COUPLING, JOINT):
+            self._each_of(one, lambda entry: self._finish_interaction(entry, good), look=True)
         with code.loop(0, self.args["nodes"]) as j:
             self._at_node("finish", j, ("change", 0))
             for name in self.layout.fields("state"):

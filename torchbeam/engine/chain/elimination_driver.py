@@ -11,12 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .driver_code import Place, Places
-from .joint_driver import JointCode
-from .pair_driver import PairCode
+from .interaction import COUPLING, JOINT, PAIR, TIE
 from .tendon_driver import TendonCode
 
 
-class Elimination(JointCode, TendonCode, PairCode):
+class Elimination(TendonCode):
     """Elimination, and moves: of what `_node` and `_element`, and what connects nodes, give."""
 
     def _eliminate(self) -> None:
@@ -36,8 +35,8 @@ class Elimination(JointCode, TendonCode, PairCode):
             return
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        self._join_ties()
-        self._join_pairs()
+        for one in (TIE, PAIR, COUPLING):
+            self._each_of(one, self._join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
@@ -86,9 +85,7 @@ class Elimination(JointCode, TendonCode, PairCode):
         """Rows of the interface and of joints."""
         with self._entries("interface", shared=shared) as (p, entry):
             self._interface(p, entry)
-        if self.kinds.joints:
-            with self._entries("joint", shared=shared) as (k, entry):
-                self._join(k, entry)
+        self._each_of(JOINT, self._join, shared=shared)
 
     def _node(self, j: str, turn: str | int) -> None:
         """What node j gives its row, and the elements at it, where it is held."""
@@ -284,9 +281,6 @@ class Elimination(JointCode, TendonCode, PairCode):
             self._each_following(self._follow_back, backward=True)
             with self._entries("interface") as (_, (node, *_, solution)):
                 self._copy_to(self.at("move", self._move_of(node)), self._matrix(solution), w)
-        if self.kinds.joints:
-            with self._entries("joint") as (k, (*_, solution)):
-                self._copy_to(self.at("joint_move", k), self._matrix(solution), w)
         for table in ("forward", "backward"):
             if table not in self.kinds.runs:
                 continue

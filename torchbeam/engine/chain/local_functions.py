@@ -31,6 +31,7 @@ from ...state.state import State
 from ...topology.framework_unknowns import masked
 from ...topology.midside_nodes import condensed, following
 from ...topology.protocols import Topology
+from .coupling_functions import CouplingFunctions
 from .joint_functions import JointFunctions
 from .layout import FLAGS
 from .local_problem import INTERNAL, Fields, by_secants, far_fields, unbatched
@@ -53,7 +54,7 @@ class WholeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
+class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """

@@ -45,6 +45,7 @@ from .chain_constants import (
 )
 from .node_kinds import (
     SIDES,
+    CouplingKind,
     ElementKind,
     EndKind,
     JointKind,
@@ -55,7 +56,7 @@ from .node_kinds import (
 )
 
 Fields = dict[str, Tensor]
-BetweenKind = JointKind | StretchKind | PairKind
+BetweenKind = JointKind | StretchKind | PairKind | CouplingKind
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
 

@@ -143,6 +143,17 @@ class PairKind(NamedTuple):
     sides = property(lambda self: PAIR_SIDES)
 
 
+class CouplingKind(NamedTuple):
+    """What code of an `Interaction` depends on: what holds its nodes; its number among the loads in
+    `CommonConditions`.
+    """
+
+    ends: tuple[EndKind, ...]
+    load: int
+
+    sides = property(lambda self: PAIR_SIDES[: len(self.ends)])
+
+
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
 PAIR_SIDES = ("a", "b", "c", "d", "e", "f")  # those of a pair that may touch
 
@@ -170,13 +181,23 @@ class Kinds(NamedTuple):
     stretches: tuple[StretchKind, ...] = ()
     pairs: tuple[PairKind, ...] = ()
     touching: tuple[PairKind, ...] = ()
+    couplings: tuple[CouplingKind, ...] = ()
+
+    @property
+    def between(self) -> tuple[tuple[Any, ...], ...]:
+        """Those of each of `INTERACTIONS`."""
+        return self.joints, self.stretches, self.pairs, self.couplings
 
     @classmethod
     def of(
-        cls, nodes: list[NodeKind], model: Model, loads: Callable[[int], tuple[int, ...]]
+        cls,
+        nodes: list[NodeKind],
+        model: Model,
+        loads: Callable[[int], tuple[int, ...]],
+        several: dict[int, tuple[int, ...]],
     ) -> Kinds:
         """From those of all nodes of a model, and the numbers of the loads between those of each
-        element.
+        element; several: the nodes of those that act on several.
         """
         held, topology = [node.end for node in nodes], model.topology
         ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
@@ -184,7 +205,10 @@ class Kinds(NamedTuple):
         joints, stretches = _of_joints(model, held), _of_stretches(model, held)
         pairs, touching = _of_pairs(model, held)
         runs = MANNERS if touching else manners_of(model)  # pairs come and go
-        return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching)
+        couplings = tuple(
+            CouplingKind(tuple(held[node] for node in own), k) for k, own in several.items()
+        )
+        return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching, couplings)
 
     def distinct(self) -> Kinds:
         """Each once; where there are bodies alone, a kind of elements that none is of."""
@@ -268,6 +292,7 @@ def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:
 def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) -> Kinds:
     """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
+    several = {k: act.node for k, act in enumerate(loads) if isinstance(act.node, tuple)}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
     for support, fixed in zip(
         model.scene.supports, map(tuple, model.constraints.fixed.tolist()), strict=True
@@ -280,7 +305,9 @@ def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) ->
 
     def kind(j: int) -> NodeKind:
         acting = tuple(
-            k for k, act in enumerate(loads) if not act.load.between_nodes and act.acts_on(j)
+            k
+            for k, act in enumerate(loads)
+            if k not in several and not act.load.between_nodes and act.acts_on(j)
         )
         return (
             NodeKind(acting, placed=supports.get(j))
@@ -297,4 +324,4 @@ def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) ->
             and (act.node is None or act.node.start <= first < act.node.stop)
         )
 
-    return Kinds.of([kind(j) for j in range(nodes)], model, between)
+    return Kinds.of([kind(j) for j in range(nodes)], model, between, several)

@@ -38,8 +38,8 @@ class Stretch(NamedTuple):
 
 class Connectivity(NamedTuple):
     """What the order follows from: the framework, the nodes that supports hold, how much each joint
-    holds, the stretches of tendons, the nodes of pairs that touch, and how many of the last nodes
-    cells share.
+    holds, the stretches of tendons, the nodes of pairs that touch, how many of the last nodes
+    cells share, and the nodes of couplings.
     """
 
     framework: Framework
@@ -48,6 +48,7 @@ class Connectivity(NamedTuple):
     stretches: tuple[Stretch, ...] = ()
     pairs: tuple[tuple[int, ...], ...] = ()
     shared: int = 0
+    couplings: tuple[tuple[int, ...], ...] = ()
 
 
 class Order(NamedTuple):
@@ -77,7 +78,8 @@ def connectivity_of(model: Model) -> Connectivity:
     held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
     pairs = getattr(model.touching, "nodes", ())
     supports, stretches = model.constraints.nodes, stretches_of(model.tendons)
-    return Connectivity(model.topology, supports, held, stretches, pairs)
+    couplings = tuple(one.nodes for one in model.scene.interactions)
+    return Connectivity(model.topology, supports, held, stretches, pairs, couplings=couplings)
 
 
 def manners_of(model: Model) -> tuple[str, ...]:
@@ -111,7 +113,7 @@ def stretches_of(tendons: NoTendons) -> tuple[Stretch, ...]:
 @lru_cache(maxsize=64)
 def order_of(connectivity: Connectivity) -> Order:
     """The order of a structure."""
-    framework, supports, held, stretches, pairs, shared = connectivity
+    framework, supports, held, stretches, pairs, shared, couplings_of = connectivity
     how, ends = framework.cut, framework.ends
     nodes = [ends[end] for end in how.interface]
     couplings = _of_joints(how)
@@ -124,7 +126,7 @@ def order_of(connectivity: Connectivity) -> Order:
             couplings += [(place, unit) for place in there]
             couplings += [] if stretch.first else [(unit - 1, unit)]
     place = {node: k for k, node in enumerate(nodes)}
-    touching = {frozenset(place[node] for node in pair) for pair in pairs}
+    touching = {frozenset(place[node] for node in own) for own in (*pairs, *couplings_of)}
     couplings += sorted({pair for own in touching for pair in combinations(sorted(own), 2)})
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supports)
     between = [run for runs in how.runs for run in runs if run.manner == "between"]

@@ -17,6 +17,7 @@ from ...nodal.model import Model
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS, Driver
+from .interaction import JOINT, Interaction
 from .layout import ELEMENTS, NODES, ONE, Layout
 from .load_driver import LoadDriver
 from .local_problem import Fields
@@ -135,7 +136,7 @@ class PathDriver(LoadDriver):
             self._judge()
             with code.loop(0, self.args["elements"]) as e:  # of which the change is wanted
                 self._fill(("stress", e))
-            self._clear_records("joint_unknown")
+            self._clear(JOINT, "joint_unknown")
             self._back()
             self._transfer("scatter", "output", first, step)
 
@@ -196,15 +197,18 @@ class PathProgram(NewtonProgram):
         }
         return _or_else(element, slope.inputs, {"gap": slopes[dot("gap")], **others})
 
-    def _of_joint(self, traced: Tracing, local: PathFunctions, kind: JointKind) -> Function:
+    def _of_interaction(
+        self, traced: Tracing, local: PathFunctions, one: Interaction, kind: Any
+    ) -> Function:
         given = {name: () for name in self.varying}
         if local.led:
             given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
-        joint = traced(partial(local.joint, self.held, kind), traced.joint | given)
-        asked = ["right", *(f"{side}.push" for side in kind.sides)]
-        slope = self._slopes(joint, local, asked)
+        function = partial(getattr(local, one.name), kind)
+        whole = traced(function, getattr(traced, one.constants) | given)
+        asked = [*(f"{side}.push" for side in kind.sides), *["right"] * one.unknowns]
+        slope = self._slopes(whole, local, asked)
         others = {name: slope.outputs[dot(name)].nodes for name in asked}
-        return _or_else(joint, slope.inputs, others)
+        return _or_else(whole, slope.inputs, others)
 
     def _layout(self) -> Layout:
         layout = super()._layout()

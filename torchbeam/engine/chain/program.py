@@ -19,10 +19,11 @@ from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import split
-from . import joints, midsides, pairs, rows, stretches
+from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SQUARES, SUMS, Driver
+from .interaction import COUPLING, INTERACTIONS, JOINT, PAIR, TIE, Interaction
 from .layout import (
     BETWEEN,
     ELEMENTS,
@@ -41,7 +42,7 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import SIDES, ElementKind, JointKind, Kinds
+from .node_kinds import ElementKind, Kinds
 from .tracing import Traced, Tracing
 
 T = TypeVar("T")
@@ -87,10 +88,13 @@ class NewtonProgram(NativeProgram):
             partial(local.element, kind), traced.element | {name: () for name in self.varying}
         )
 
-    def _of_joint(self, traced: Tracing, local: LocalFunctions, kind: JointKind) -> Function:
-        """`joint` of a kind."""
-        given = {name: () for name in self.varying}
-        return traced(partial(local.joint, self.held, kind), traced.joint | given)
+    def _of_interaction(
+        self, traced: Tracing, local: LocalFunctions, one: Interaction, kind: Any
+    ) -> Function:
+        """What gives pushes and blocks, of a kind."""
+        varying = dict.fromkeys(self.varying, ()) | (stretches.TOLD if one is TIE else {})
+        given = getattr(traced, one.constants) | varying
+        return traced(partial(getattr(local, one.name), kind), given)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, functions = self.w, self._of_nodes(traced, local)
@@ -115,10 +119,7 @@ class NewtonProgram(NativeProgram):
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
         shapes |= {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
         functions |= rows.of_rows(local, traced, own, between, shapes, self.held, self.kinds.runs)
-        functions |= self._joints(traced, local)
-        more = self.held, self.varying
-        functions |= stretches.of_stretches(local, traced, self.kinds.stretches, *more)
-        functions |= pairs.of_pairs(local, traced, self.kinds.pairs, *more)
+        functions |= self._interactions(traced, local)
         if self.held:
             functions["reaction"] = traced(
                 local.reaction,
@@ -127,7 +128,7 @@ class NewtonProgram(NativeProgram):
                     **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
                 },
             )
-        judging = (*self.judging, *(joints.JUDGED if self.kinds.joints else ()))
+        judging = (*self.judging, *((*interactions.GAPS, "joint_size") * bool(self.kinds.joints)))
         functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
         if local.searches:
             functions |= self._searching(local, traced, judging)
@@ -151,14 +152,22 @@ class NewtonProgram(NativeProgram):
             functions[f"part {name}"] = traced(local.part, numbers)
         return functions
 
-    def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        """Functions of joints."""
-        of_joint = partial(self._of_joint, traced, local)
-        functions = joints.of_joints(local, traced, self.kinds.joints, self.held, of_joint)
-        changing = [f"{side}.{name}" for side in SIDES[1] for name in self.unknown]
-        for k in range(len(self.kinds.joints)):
+    def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        """Functions of what acts between nodes."""
+        functions, w, kinds = {}, self.w, self.kinds
+        for one in INTERACTIONS:
+            own = partial(self._of_interaction, traced, local, one)
+            functions |= interactions.of_interaction(local, traced, one, kinds, self.held, own)
+        changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
+        for k in range(len(kinds.joints)):
             joint = functions[f"joint {k}"]
             _split(functions, f"joint {k}", joint, (*changing, "force", *self.varying))
+        if kinds.joints:
+            functions["joint update"] = traced(local.joint_update, {"force": (w,), "move": (w,)})
+        shapes = dict.fromkeys(self.varying, ()) | stretches.TOLD
+        functions |= stretches.of_tensions(local, traced, kinds.stretches, shapes)
+        for k, kind in enumerate(kinds.pairs):
+            functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
         return functions
 
     def _of_loads_between(
@@ -252,9 +261,10 @@ class NewtonProgram(NativeProgram):
             )
         if INTERFACE in self.kinds.runs:
             layout.record("push", NODES, [("push", w)])
-        joints.record(layout, self.functions, inputs("joint"), w, len(self.kinds.joints))
-        stretches.record(layout, self.functions, inputs("stretch"), w, len(self.kinds.stretches))
-        pairs.record(layout, self.functions, inputs("pair"), w, len(self.kinds.pairs))
+        for one in interactions.present(self.kinds):
+            interactions.record(layout, self.functions, one, inputs(one.constants), w)
+        if self.kinds.stretches:
+            stretches.record(layout, self.functions)
         if "part joint_unknown" in self.functions:
             _beside(layout, "joint_unknown", JOINTS)
         return layout
@@ -275,14 +285,14 @@ class StepProgram(NewtonProgram):
         super().__init__(local, *args, **named)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
-    def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        functions = super()._joints(traced, local)
-        for k, kind in enumerate(self.kinds.joints):
-            functions[f"finish joint {k}"] = traced(partial(local.finish_joint, kind), traced.joint)
+    def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        functions = super()._interactions(traced, local)
+        for one in (JOINT, PAIR, COUPLING):
+            for k, kind in interactions.kinds_of(self.kinds, one):
+                finish = partial(getattr(local, f"finish_{one.name}"), kind)
+                functions[f"finish {one.name} {k}"] = traced(finish, getattr(traced, one.constants))
         if self.kinds.stretches:
             functions[stretches.WORK] = stretches.of_work(local, traced)
-        for k, kind in enumerate(self.kinds.pairs):
-            functions[f"finish pair {k}"] = traced(partial(local.finish_pair, kind), traced.pair)
         return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:

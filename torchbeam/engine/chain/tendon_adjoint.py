@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from ..compiler.derivative import bar
 from .driver_code import Place, Places
+from .interaction import TIE
+from .interaction_adjoint import InteractionAdjoint
+from .interaction_driver import Entry
 from .node_kinds import SIDES
 from .tendon_driver import FIRST, LAST, TENDON, TendonCode
 from .tendon_functions import SUMMED
@@ -14,12 +15,11 @@ STATE = "tendon_state_bar"
 BARS = "pull_bar", "at_stretch_bar", "beyond_bar"
 
 
-class TendonAdjoint(TendonCode):
+class TendonAdjoint(TendonCode, InteractionAdjoint):
     """Cotangents of tendons' states and constants, and of what they do to nodes."""
 
     def _clear_tendons(self) -> None:
         self._fill_tendons(STATE)
-        self._stretches(lambda s, entry: self._fill(("stretch_bar", s)))
 
     def _add_tendons(self) -> None:
         """To the cotangents of tendons' states those of what a step has made."""
@@ -75,41 +75,22 @@ class TendonAdjoint(TendonCode):
         """To what the energy rises by: less the work of tendons."""
         self._stretches(lambda s, entry: self._work("ended tendon", "change", s, entry))
 
-    def _tie_blocks(self) -> None:
-        """Blocks of the transposed matrix, and what is asked of the moves of nodes."""
-
-        def blocks(s: str, entry: list[str], kind: int) -> None:
-            at = {
-                side: self._move_of(self._stretch_node(s, side))
-                for side in self.kinds.stretches[kind].sides
-            }
-            places: Places = {f"{side}.reaction": ("push", move) for side, move in at.items()}
-            self._call(f"tie blocks {kind}", partial(self._of_stretch, s=s), ("ties", s), places)
-            for side, move in at.items() if self.held else ():
-                self._add(("asked", move), ("ties", s, f"{side}.asked"))
-
-        self._each_stretch("tie", blocks)
-
     def _tie_bars(self) -> None:
         """What the solution asks of the start and of the constants."""
-        if not self.kinds.stretches:
-            return
 
-        def bars(s: str, entry: list[str], kind: int) -> None:
-            self._clear_stretch(s)
-            places = {
-                bar(f"{side}.push"): ("found", self._move_of(self._stretch_node(s, side)))
-                for side in SIDES[1]
-            }
-            self._bar(f"tie {kind} bar", s, places, False)
+        def bars(entry: Entry) -> None:
+            self._clear_stretch(entry.number)
+            self._bar(f"tie bar {entry.function}", entry.number, self._pushed_bars(entry), False)
 
-        self._each_stretch("tie", bars)
+        self._each_of(TIE, bars)
         self._tension_bars(moves=False)
 
     def _tension_bars(self, moves: bool) -> None:
         """From the cotangents of tensions, and of sums; moves: whether those of the step's moves
         are asked for.
         """
+        if not self.kinds.stretches:
+            return
         code, size = self.code, len(SUMMED)
         tension = bar("tension")
 
@@ -142,9 +123,9 @@ class TendonAdjoint(TendonCode):
         """A derivative of stretch s, with cotangents at `places`, and what it gives added to
         those of where its fields are: of this step, or of all.
         """
-        self._call(name, lambda f: self._of_stretch(f, s), ("of_stretch", 0), places)
+        self._call(name, lambda f: self._of_stretch(f, s), ("of tie", 0), places)
         for out in self.functions[name].outputs:
-            field, source = out.removesuffix("_bar"), ("of_stretch", 0, out)
+            field, source = out.removesuffix("_bar"), ("of tie", 0, out)
             if own := self._of_this_step(field, s):
                 self._add(own, source)
             elif place := self._cotangent(field, s, moves):

@@ -7,19 +7,18 @@ to its end; after that stretches know nothing of each other but in the matrix, s
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
-from .driver_code import DriverCode, Places
-from .joint_functions import BLOCKS
+from .interaction import TIE
+from .interaction_driver import Entry, InteractionCode
 from .node_kinds import SIDES, alike
-from .tendon_functions import CHAINED, SUMMED
+from .tendon_functions import SUMMED
 
-FIRST, LAST, TENDON, PLACES = 2, 3, 4, 5  # in an entry of the table
+FIRST, LAST, TENDON = 2, 3, 4  # in an entry of the table
 
 
-class TendonCode(DriverCode):
-    """Where the fields of stretches lie, and loops over them; tensions, pushes, blocks, and what a
-    state has of tendons.
+class TendonCode(InteractionCode):
+    """Where the fields of stretches lie, and loops over them; tensions, and what a state has of
+    tendons.
     """
 
     def _each_stretch(self, word: str, then: Callable[[str, list[str], int], None]) -> None:
@@ -43,6 +42,11 @@ class TendonCode(DriverCode):
             for k in kinds:
                 then(alike(self.kinds.stretches, k, word))
 
+    def _of_interaction(self, field: str, entry: Entry) -> str:
+        if entry.of is TIE:
+            return self._of_stretch(field, entry.number)
+        return super()._of_interaction(field, entry)
+
     def _of_stretch(self, field: str, s: str) -> str:
         """A field that is held by stretch s, at one of its ends, by what lies beyond, by the
         stretch before, or by all.
@@ -54,7 +58,7 @@ class TendonCode(DriverCode):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
             return self.at("beyond", s, name)
-        return self._first_of(("pull", "told", "at_stretch", "stretch"), field, s)
+        return self._first_of((*TIE.state, TIE.constants, "tie blocks"), field, s)
 
     def _of_pull(self, name: str, s: str) -> str:
         named = (x for x in ("pull", "told") if name in self.layout.fields(x))
@@ -81,6 +85,8 @@ class TendonCode(DriverCode):
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""
+        if not self.kinds.stretches:
+            return
         code, size = self.code, len(SUMMED)
 
         def sums(s: str, entry: list[str]) -> None:
@@ -106,56 +112,6 @@ class TendonCode(DriverCode):
 
     def _put(self, field: str, s: str) -> str:
         return self._of_pull(field[2:], s) if field[0] == ">" else self._of_stretch(field, s)
-
-    def _join_ties(self) -> None:
-        """Blocks of stretches."""
-        code, own = self.code, self.layout.fields("ties")
-
-        def join(s: str, entry: list[str]) -> None:
-            for i, name in enumerate((*BLOCKS, *CHAINED)):
-                if name not in own:
-                    continue
-                first, stride = entry[PLACES + 2 * i : PLACES + 2 * i + 2]
-                with code.when(code.compare("sge", first, 0)):
-                    self._add_block(first, stride, self.at("ties", s, name))
-            if "right" in own:
-                first, stride, _ = entry[-3:]
-                with code.when(code.compare("sge", first, 0)):
-                    self._add_column(first, stride, self.at("ties", s, "right"))
-
-        self._stretches(join)
-
-    def _tie(self) -> None:
-        """Pushes on the nodes, and blocks."""
-        if not self.kinds.stretches:
-            return
-        self._tensions()
-
-        def tie(s: str, entry: list[str], kind: int) -> None:
-            self._call(f"tie {kind}", lambda f: self._of_stretch(f, s), ("ties", s))
-            for side in self.kinds.stretches[kind].sides:
-                self._add(("push", self._stretch_node(s, side)), ("ties", s, f"{side}.push"))
-
-        self._each_stretch("tie", tie)
-
-    def _tie_reactions(self, support: str, node: str) -> None:
-        """What stretches add to the reaction of a support, at a node."""
-        code, push = self.code, ("tie_reaction", 0, "reaction")
-
-        def reaction(s: str, entry: list[str], kind: int) -> None:
-            own = self.kinds.stretches[kind]
-            places: Places = {
-                f"{side}.move": ("move", self._move_of(self._stretch_node(s, side)))
-                for side in SIDES[1]
-            }
-            places |= {"joint.move": self._matrix(entry[-1]), "end_free": ("free", node)}
-            for side in own.sides:
-                with code.when(code.compare("eq", self._stretch_node(s, side), node)):
-                    of = partial(self.at, "ties", s)
-                    self._call(f"tie reaction {kind} {side}", of, push[:2], places)
-                    self._add(("support", support, "reaction"), push)
-
-        self._each_stretch("tie", reaction)
 
     def _finish_tendons(self, good: str) -> None:
         """Work and readings."""
