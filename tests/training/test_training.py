@@ -669,7 +669,7 @@ def test_a_smooth_reward_is_learned_from_alone(tmp_path):
     [(160, [0, 1, 2, 4, *range(8, 161, 8)]), (40, [0, 1, *range(2, 41, 2)]), (7, range(8))],
 )
 def test_validations_are_at_shares_of_the_budget(tmp_path, monkeypatch, iterations, validated):
-    """Closer together at first; after each iteration where it has few; whatever an iteration does."""
+    """Closer together at first; after each iteration where it has few; whatever these do."""
     options = dict(final=2, episodes=2, progress=False)
     budget, one = common.Budget(steps=iterations * 32), learner("shac", TINY)
     monkeypatch.setattr(one, "iteration", lambda done: {})

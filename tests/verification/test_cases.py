@@ -14,7 +14,6 @@ from studies.verification.case import run
 from studies.verification.cases import CASES
 from studies.verification.command import main
 
-
 LONG = {
     "plectoneme",  # a beam that touches itself: as the knot
     "the derivation's element, ramped and sudden load",  # unit/mixed/test_trajectories.py
@@ -76,9 +75,7 @@ def test_command(tmp_path, capsys):
     assert row["ok"] and row["reference"] == pytest.approx(1.5 * 3.14159265)
     assert len(list(csv.reader((tmp_path / "verify.csv").open()))) == 2
     table = (tmp_path / "verify.md").read_text()
-    assert (
-        "| stretching of a rod | closed form" in table and table in capsys.readouterr().out
-    )
+    assert "| stretching of a rod | closed form" in table and table in capsys.readouterr().out
 
 
 def test_command_resumes(tmp_path, capsys):
