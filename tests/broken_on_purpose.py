@@ -57,7 +57,7 @@ BREAKS = [
           f"{CHAIN}.pair_adjoint:PairAdjoint._pair_bar", "nodes[PAIR_SIDES.index(side)], own",
           "nodes[-1 - PAIR_SIDES.index(side)], own", "rubbing"),
     Break("a taper forgotten in pairs", f"{CHAIN}.pair_functions:PairFunctions.of_pair",
-          "if not kind.tapers:", "if True:", "taper_on_a_body"),
+          "if not kind.tapers:", "if True:", "taper_on_itself"),
     Break("work of a load between nodes of the wrong sign",
           f"{CHAIN}.local_functions:LocalFunctions.finish_element_load", '"work": problem',
           '"work": -problem', "on_a_ball"),

@@ -189,6 +189,8 @@ def test_native_code_gives_the_eager_answer(name, ask):
     for key, x in wanted.items():
         atol = LOOSE.get(name, 1e-12) * sizes[key]
         assert_close(found[key], x, rtol=0, atol=atol, msg=lambda m, k=key: f"{k}: {m}")
+    for key in {"press", "radii"} & {*slopes}:  # what is to touch does
+        assert slopes[key].abs().max() > 0, key
     largest = max(float(x.abs().max()) for x in slopes.values() if x is not None)
     for key, x in slopes.items():
         assert (x is None) == (by_native[key] is None), key
