@@ -31,7 +31,8 @@ QUICK = {HERE / f"unit/engine/chain/test_{name}.py" for name in CHAIN.split()} |
     HERE / "docs/test_examples.py", HERE / "docs/test_pages.py",
     HERE / "properties/test_parity.py", HERE / "properties/test_value_forms.py",
     HERE / "properties/test_written_tensors.py", HERE / "properties/test_second_derivatives.py",
-    HERE / "unit/core/test_entry_point.py", HERE / "unit/dynamics/test_order_and_error.py", HERE / "unit/dynamics/test_prepared.py",
+    HERE / "unit/core/test_entry_point.py", HERE / "unit/dynamics/test_order_and_error.py",
+    HERE / "unit/dynamics/test_prepared.py",
 }  # fmt: skip
 
 
