@@ -136,7 +136,7 @@ def motion(scene, more, by, engine, method):
         start = replace(start, velocity=by["velocity"])
     inputs = more.get("inputs") or {name: by(name, 2, n) for name, n in scene.inputs.items()}
     solution = tb.simulate(
-        scene, by["t"], start, step=step, inputs=inputs, engine=engine, tolerance=1e-12,
+        scene, by["t"], start, step=step, inputs=inputs, engine=engine,
         **METHODS[method],
     )  # fmt: skip
     assert solution.stats.engine == {"compiled": "native"}.get(engine, engine)
