@@ -1,5 +1,6 @@
-"""What is left of the energy error of a step is taken out of its velocities; of what floats free,
-out of those that bend it: a rigid motion with all of the momentum and the angular momentum stays.
+"""What is left of the energy error of a step is taken out of its velocities; of pieces that float
+free, out of those that bend them: of each the rigid motion with all of its momentum and its angular
+momentum stays.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ..nodal.rigid_moves import Base, moves_of
 from ..nodal.rows import Rows
 from ..state.state import State
 
@@ -17,17 +19,16 @@ EPS = 64  # roundings: beside the largest inertia, one that is none
 
 
 def conserved(
-    model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float, floats: bool
+    model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float, free: list[list[Base]]
 ) -> State:
     """`after`, with the work of this step alone, and its velocities scaled so that kinetic + strain
     energy changes by that work less what damping takes, see `projected`. `own`: the strain that the
-    beam takes by itself over this step, which holds no energy. floats: whether nothing holds it.
+    beam takes by itself over this step, which holds no energy. free: the pieces that nothing holds.
     """
     kinetic, rise = kinetic_rise(model, start, after)
     rise = rise + strain_rise(model, start, after, dt, own) - after.work
-    velocity, spin = rigid = rigid_motion(model, after) if floats else (0.0, 0.0)
-    if floats:
-        kinetic = kinetic - model.kinetic_energy(after.rotation, *rigid)
+    velocity, spin = rigid = rigid_motion(model, after, free)
+    kinetic = kinetic - model.kinetic_energy(after.rotation, *rigid)
     scale, defect = projected(start.defect + rise, kinetic)
     scale = scale[..., None, None]
     velocity = velocity + scale * (after.velocity - velocity)
@@ -35,47 +36,37 @@ def conserved(
     return replace(after, velocity=velocity, spin=spin, defect=defect)
 
 
-def rigid_motion(model: Rows, state: State) -> tuple[Tensor, Tensor]:
-    """Velocities (..., N+1, p) and spins (..., N+1, s), section axes, of the rigid motion with the
-    momentum and the angular momentum of a state in the coordinates of the model's space.
+def rigid_motion(model: Rows, state: State, pieces: list[list[Base]]) -> tuple[Tensor, Tensor]:
+    """Velocities (..., N+1, p) and spins (..., N+1, s), section axes, of the rigid motions of
+    pieces with the momentum and the angular momentum of each in a state in the coordinates of the
+    model's space; none of all else.
     """
     space, inertia, rotation = model.space, model.inertia, state.rotation
     nodes = space.public_position(state.position)
-    arm = nodes - nodes.mean(-2, keepdim=True)
-    size = torch.linalg.vector_norm(arm, dim=-1).amax(-1)[..., None, None]
-    size = torch.where(size > 0, size, 1.0)  # of a body alone
-    arm = arm / size
-    still = torch.zeros_like(arm)
-    motions = []
-    for e in torch.eye(3, dtype=arm.dtype, device=arm.device):
-        turn = e / size + still
-        about = torch.linalg.cross(e.expand_as(arm), arm)
-        motions += [
-            (space.project_vector(shift), space.to_section(rotation, space.project_spin(spin)))
-            for shift, spin in ((e + still, still), (about, turn))
-        ]
+    velocity, spin = torch.zeros_like(state.velocity), torch.zeros_like(state.spin)
+    for piece in pieces:
+        shift, turn = (x.unflatten(-3, (-1, 6)).sum(-4) for x in moves_of(nodes, piece))
+        turns = (space.to_section(rotation, x) for x in space.project_spin(turn).unbind(-3))
+        motions = [*zip(space.project_vector(shift).unbind(-3), turns, strict=True)]
+        rates, momenta = [], []
+        for v, w in (*motions, (state.velocity, state.spin)):
+            v = inertia.centre_velocity(rotation, v, w)
+            rates.append((v, w))
+            momenta.append((inertia.translational.momentum(v), inertia.rotary.section_momentum(w)))
+        rates, momenta = map(_in_rows, (rates, momenta))
+        table = rates[..., :6, :] @ momenta.mT
+        none = EPS * torch.finfo(table.dtype).eps
+        share = torch.linalg.pinv(table[..., :6], rtol=none, hermitian=True) @ table[..., 6:]
+        for k, (by_velocity, by_spin) in enumerate(motions):
+            velocity = velocity + share[..., k, :, None] * by_velocity
+            spin = spin + share[..., k, :, None] * by_spin
+    return velocity, spin
 
-    def momenta(velocity: Tensor, spin: Tensor) -> Tensor:
-        """(..., 6) along the six motions."""
-        centre = inertia.centre_velocity(rotation, velocity, spin)
-        linear = inertia.translational.momentum(centre)
-        angular = inertia.rotary.section_momentum(spin)
-        along = [
-            (centre * linear).sum((-1, -2))
-            + inertia.rotary.present_or(0.0, lambda turn=turn: (turn * angular).sum((-1, -2)))
-            for centre, turn in ((inertia.centre_velocity(rotation, *m), m[1]) for m in motions)
-        ]
-        return torch.stack(along, -1)
 
-    mass = torch.stack([momenta(*motion) for motion in motions], -1)
-    none = EPS * torch.finfo(mass.dtype).eps
-    share = (
-        torch.linalg.pinv(mass, rtol=none, hermitian=True)
-        @ momenta(state.velocity, state.spin)[..., None]
-    )
-    return tuple(
-        sum(share[..., k, :, None] * motion[i] for k, motion in enumerate(motions)) for i in (0, 1)
-    )
+def _in_rows(pairs: list[tuple[Tensor, Tensor]]) -> Tensor:
+    """(..., n, all numbers) of n pairs of (..., N+1, *)."""
+    rows = (torch.cat(pair, -1).flatten(-2) for pair in pairs)
+    return torch.stack(torch.broadcast_tensors(*rows), -2)
 
 
 def kinetic_rise(model: Rows, start: State, after: State) -> tuple[Tensor, Tensor]:

@@ -32,6 +32,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal import loads as external
+from ..nodal.rigid_moves import free_pieces
 from ..state.state import State
 from .energy_projection import conserved
 from .step_element import MidpointElement
@@ -145,7 +146,6 @@ class MidpointProblem(StepProblem):
         )
         after = self.finished(after, x.stress, kinematics)
         if self.conserve:
-            after = conserved(
-                self.model, start, after, self.dt, self.eigenstrain, self.model.floats
-            )
+            free = free_pieces(model)
+            after = conserved(model, start, after, self.dt, self.eigenstrain, free)
         return replace(after, work=start.work + after.work)

@@ -100,25 +100,6 @@ class Model(Rows):
             [v.expand(*v.shape[:-1], n) for v, n in zip(moves, sizes, strict=True)], -1
         )
 
-    @cached
-    def floats(self) -> bool:
-        """Whether it is one piece, or parts joined to one, with the momentum that dead loads leave
-        it: no support, joint or eyelet of the ground, nor a load by how it stands or moves.
-        """
-        joints, parts = self.scene.joints, self.scene.beam.parts
-        if self.constraints.nodes or self.loads[0] or None in getattr(self.tendons, "nodes", ()):
-            return False
-        if not parts:
-            return not joints
-        pairs = [
-            {None if n is None else self.scene.beam.part_at(n).name for n in joint.ends}
-            for joint in joints
-        ]
-        piece = {parts[0].name}
-        for _ in pairs:
-            piece = piece.union(*(pair for pair in pairs if piece & pair))
-        return None not in piece and len(piece) == len(parts)
-
     @property
     def bodies_touch(self) -> bool:
         """Whether bodies, single nodes, touch obstacles."""

@@ -21,22 +21,13 @@ from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
+from ..nodal.rigid_moves import bases_of, length_of, moves_of
 from ..scene.effects import RootSpring
 from ..scene.scene import Scene
 from ..state.state import rest
 from ..topology.protocols import Matrix, total
 from .motion_words import motions_in_words, parts_in_words
-from .rigid_motions import (
-    NONE,
-    as_unknowns,
-    bases_of,
-    free_motions,
-    holding,
-    length_of,
-    moves_of,
-    sample_of,
-    stiffness_of,
-)
+from .rigid_motions import NONE, as_unknowns, free_motions, holding, sample_of, stiffness_of
 
 STIFF = 1e6  # of a brace, beside the stiffness of its node
 # rad, or lengths of the beam: how far it may be to where the loads hold a beam that swings

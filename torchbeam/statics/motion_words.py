@@ -5,8 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..nodal.rigid_moves import Base
 from ..scene.supports import AXES
-from .rigid_motions import NONE, Base
+from .rigid_motions import NONE
 
 
 def parts_in_words(motions: Tensor, bases: list[Base]) -> str:

@@ -5,7 +5,7 @@ the scene's plane, loads, and the stress that these have brought about.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,34 +18,10 @@ from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.element_loads import element_matrix
-from ..nodal.model import Model
+from ..nodal.rigid_moves import Base, bases_of, length_of, moves_of
 from ..topology.protocols import Matrix
 
 NONE = 1e-8  # of the largest: a singular value that is none
-
-
-class Base(NamedTuple):
-    """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are
-    about.
-    """
-
-    name: str
-    nodes: slice
-    node: int
-
-
-def bases_of(model: Model) -> list[Base]:
-    """The beam, or all parts of a structure; rotations are about the first node that has a support,
-    or the first of all.
-    """
-    held = sorted(model.constraints.nodes)
-    parts = [(part.name, part.nodes) for part in model.scene.beam.parts] or [
-        ("", slice(0, model.node_count))
-    ]
-    return [
-        Base(name, nodes, next((n for n in held if nodes.start <= n < nodes.stop), nodes.start))
-        for name, nodes in parts
-    ]
 
 
 def sample_of(x: Tensor, own: int, sample: tuple[int, ...]) -> Tensor:
@@ -94,28 +70,6 @@ def holding(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, list[Base
     parts.append(_resisted(problem, x, moves, left))
     lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
     return nodes, bases, torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
-
-
-def moves_of(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
-    """Displacements m and rotations (..., 6 of each part, N+1, 3) of all nodes by each rigid
-    motion.
-    """
-    eye, parts = torch.eye(6).to(nodes), []
-    for base in bases:
-        own = nodes[..., base.nodes, :]
-        shift, turn = (
-            x[:, None].expand(*own.shape[:-2], 6, own.shape[-2], 3) for x in eye.split(3, -1)
-        )
-        arm = (own - nodes[..., base.node : base.node + 1, :])[..., None, :, :].expand_as(turn)
-        shift = length_of(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm)
-        others = (0, 0, base.nodes.start, nodes.shape[-2] - base.nodes.stop)
-        parts.append([pad(x, others) if len(bases) > 1 else x for x in (shift, turn)])
-    return tuple(x[0] if len(bases) == 1 else torch.cat(x, -3) for x in zip(*parts, strict=True))
-
-
-def length_of(nodes: Tensor) -> Tensor:
-    length = torch.linalg.vector_norm(nodes.diff(dim=-2), dim=-1).sum(-1)
-    return torch.where(length > 0, length, 1.0)  # of a body alone
 
 
 def _forbidden(
