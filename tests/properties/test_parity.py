@@ -131,8 +131,9 @@ def motion(scene, more, by, engine, method):
     by["t"] = torch.linspace(0, more.get("count", STEPS) * step, STEPS + 1, requires_grad=True)
     with torch.no_grad():
         still = scene.has_prescribed_motion or scene.beam.parts
-        rest = tb.rest(scene, *[] if scene.batch_shape else [(2,)]) if still else None
-        start = moving(scene, (2,), size=0.3) if rest is None else rest
+        start = moving(scene, (2,), size=0.3) if not still else None
+        if still and not scene.batch_shape:
+            start = tb.rest(scene, (2,))
     start = more.get("start", start)
     if "start" not in more and not still:
         by["velocity"] = start.velocity.clone().requires_grad_()
