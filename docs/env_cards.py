@@ -32,7 +32,7 @@ TASKS = {
     "Payload-v2": baselines.LQR,
     "TwoLink-v1": partial(baselines.JointLQR, effort=0.01),
     "Peg-v1": baselines.Insert,
-    "Gripper-v0": baselines.Grasp,
+    "Gripper-v1": baselines.Grasp,
     "FollowTarget-v0": baselines.ResolvedRate,
     "InverseKinematics-v0": baselines.ResolvedRate,
 }

@@ -73,14 +73,17 @@ def __getattr__(name: str) -> Any:
 
 
 # those of which are not the first
-VERSIONS = dict.fromkeys(("TipReach", "TipTrack", "FlutterHold", "Slew", "TwoLink", "Peg"), 1) | {
-    "Payload": 2
-}
+VERSIONS = dict.fromkeys(
+    ("TipReach", "TipTrack", "FlutterHold", "Slew", "TwoLink", "Peg", "Gripper"), 1
+) | {"Payload": 2}
 
 
-def _register(task: str, steps: int, module: str, name: str, **arguments: Any) -> None:
+def _register(
+    task: str, steps: int, module: str, name: str, version: int | None = None, **arguments: Any
+) -> None:
+    version = VERSIONS.get(name, 0) if version is None else version
     gymnasium.register(
-        id=f"torchbeam/{task}-v{VERSIONS.get(name, 0)}",
+        id=f"torchbeam/{task}-v{version}",
         entry_point=f"torchbeam_envs.{module}:{name}Env",
         vector_entry_point=f"torchbeam_envs.{module}:{name}VectorEnv",
         max_episode_steps=steps,
@@ -102,6 +105,9 @@ for _task, _module, _steps in (
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)
 
+# the version before, until the release after next
+_register("Gripper", 100, "gripper", "Gripper", 0, substeps=4)
+_register("GripperPlanar", 100, "gripper", "Gripper", 0, planar=True, substeps=4)
 _register("InverseKinematics", 100, "inverse_kinematics", "InverseKinematics")
 _register(
     "TipReachBlockRate",

@@ -15,6 +15,7 @@ import torchbeam as tb
 from torchbeam.extend import Tree, inputs_of
 
 from .episodes import Episodes
+from .parameters import numbers
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Actuator:
                 "`torchbeam.Input` is wanted"
             )
         gain = self.gain
-        gain = gain if isinstance(gain, Tensor) else torch.as_tensor(gain, dtype=torch.float64)
+        gain = gain if isinstance(gain, Tensor) else torch.from_numpy(numbers("gain", gain))
         if (
             gain.ndim != 2
             or gain.shape[1] != inputs[0].size
@@ -64,7 +65,9 @@ class Actuator:
             )
         object.__setattr__(self, "gain", gain)
         if self.bias is not None:
-            bias = torch.as_tensor(self.bias, dtype=gain.dtype)
+            bias = self.bias
+            bias = bias if isinstance(bias, Tensor) else torch.from_numpy(numbers("bias", bias))
+            bias = bias.to(gain.dtype)
             if bias.shape != gain.shape[1:] or not torch.isfinite(bias).all():
                 raise ValueError(
                     f"a bias of shape {tuple(bias.shape)} was given for the input "

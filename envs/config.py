@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import torch
 
 import torchbeam as tb
-from torchbeam.extend import ENGINES, FORMS, METHODS, ODE_METHODS, choice, count
+from torchbeam.extend import ENGINES, FORMS, METHODS, ODE_METHODS, choice, count, shown
 
 from .actuators import Actuator
 from .parameters import numbers
@@ -127,14 +128,15 @@ class BeamEnvConfig:
         gravity = np.zeros(3) if self.gravity is None else numbers("gravity", self.gravity)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise ValueError(
-                f"gravity = {self.gravity!r} was given; three finite numbers (m/s^2) are wanted, "
-                "or None"
+                f"gravity = {shown(self.gravity)} was given; three finite numbers (m/s^2) are "
+                "wanted, or None"
             )
         if not isinstance(self.planar, (bool, np.bool_)):
-            raise ValueError(f"planar = {self.planar!r} was given; True or False is wanted")
+            raise ValueError(f"planar = {shown(self.planar)} was given; True or False is wanted")
         if not (self.params_in_info is None or isinstance(self.params_in_info, (bool, np.bool_))):
             raise ValueError(
-                f"params_in_info = {self.params_in_info!r} was given; True, False or None is wanted"
+                f"params_in_info = {shown(self.params_in_info)} was given; True, False or None "
+                "is wanted"
             )
         force = numbers("force", self.force)
         if (
@@ -143,19 +145,24 @@ class BeamEnvConfig:
             or not ((force > 0) & np.isfinite(force)).all()
         ):
             raise ValueError(
-                f"force = {self.force!r} was given; two positive finite numbers (N, along y and "
-                "z) are wanted"
+                f"force = {shown(self.force)} was given; two positive finite numbers (N, along y "
+                "and z) are wanted"
             )
-        if self.dtype not in (None, torch.float32, torch.float64):
+        known = (type(None), torch.dtype)
+        if not isinstance(self.dtype, known) or self.dtype not in (
+            None,
+            torch.float32,
+            torch.float64,
+        ):
             raise ValueError(
-                f"dtype = {self.dtype!r} was given; torch.float32 or torch.float64 is wanted"
+                f"dtype = {shown(self.dtype)} was given; torch.float32 or torch.float64 is wanted"
             )
         self._check_beam()
         self._check_method()
         if not (self.randomize is None or isinstance(self.randomize, (bool, Mapping))):
             raise ValueError(
-                f"randomize = {self.randomize!r} was given; True, None or a dictionary of (low, "
-                "high) is wanted"
+                f"randomize = {shown(self.randomize)} was given; True, None or a dictionary of "
+                "(low, high) is wanted"
             )
         if self.sensors is not None:
             check_names(self.sensors, self.form)
@@ -167,7 +174,7 @@ class BeamEnvConfig:
                 or not all(isinstance(a, Actuator) for a in given)
             ):
                 raise ValueError(
-                    f"actuators = {self.actuators!r} was given; one or more "
+                    f"actuators = {shown(self.actuators)} was given; one or more "
                     "torchbeam_envs.Actuator are wanted"
                 )
             object.__setattr__(self, "actuators", tuple(given))
@@ -180,8 +187,8 @@ class BeamEnvConfig:
             )
             if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
                 raise ValueError(
-                    f"{name} = {getattr(self, name)!r} was given; three finite numbers, not all "
-                    "zero, are wanted"
+                    f"{name} = {shown(getattr(self, name))} was given; three finite numbers, not "
+                    "all zero, are wanted"
                 )
         if self.beam is None:
             return
@@ -202,25 +209,23 @@ class BeamEnvConfig:
             raise ValueError(f"beam and {' and '.join(beside)} were given; the beam has its own")
 
     def _check_method(self) -> None:
-        if self.form not in FORMS:
-            raise ValueError(
-                f"form = {self.form!r} was given; {', '.join(map(repr, FORMS))} are there"
-            )
+        choice("form", self.form, FORMS)
         methods = (*(METHODS if self.form == "nodal" else ()), *ODE_METHODS)
-        if self.method not in methods:
+        if not isinstance(self.method, str) or self.method not in methods:
             raise ValueError(
-                f"method = {self.method!r} with form = {self.form!r} was given; there are "
-                f"{', '.join(methods)}"
+                f"method = {shown(self.method)} with form = {shown(self.form)} was given; there "
+                f"are {', '.join(methods)}"
             )
         if self.form != "nodal" and self.gravity is not None:
             raise ValueError(
-                f"gravity with form = {self.form!r} was given; it starts undeformed: "
+                f"gravity with form = {shown(self.form)} was given; it starts undeformed: "
                 "gravity=None is wanted"
             )
         choice("engine", self.engine, ENGINES)
         if self.engine == "compiled" and self.method not in METHODS:
             raise ValueError(
-                f"engine = 'compiled' with method = {self.method!r} was given; 'midpoint' takes it"
+                f"engine = 'compiled' with method = {shown(self.method)} was given; 'midpoint' "
+                "takes it"
             )
         if self.solver is not None:
             check_solver(self.form, self.method, self.solver)
@@ -230,6 +235,11 @@ class BeamEnvConfig:
         """In an episode; where nothing ends it, as many as the task has by default."""
         usual = type(self).max_episode_steps or BeamEnvConfig.max_episode_steps
         return self.max_episode_steps or usual
+
+    def is_given(self, name: str) -> bool:
+        """Whether a keyword is not what it is by default."""
+        value, usual = getattr(self, name), type(self).__dataclass_fields__[name].default
+        return value is not usual and (type(value) is not type(usual) or value != usual)
 
     def check_numbers(
         self,
@@ -250,7 +260,7 @@ class BeamEnvConfig:
                     )
                 )
                 wanted += "" if most == math.inf else f" up to {most:g}"
-                raise ValueError(f"{name} = {value!r} was given; {wanted} is wanted")
+                raise ValueError(f"{name} = {shown(value)} was given; {wanted} is wanted")
 
 
 def is_number(value: Any) -> bool:
@@ -258,5 +268,5 @@ def is_number(value: Any) -> bool:
     return (
         isinstance(value, (int, float, np.integer, np.floating))
         and not isinstance(value, bool)
-        and math.isfinite(value)
+        and abs(value) <= sys.float_info.max
     )

@@ -107,14 +107,15 @@ class BeamVectorEnv(VectorEnv):
             ("output", output, OUTPUTS),
             ("render_mode", render_mode, (None, *RENDER_MODES)),
         ):
-            if value not in wanted:
+            if not isinstance(value, (str, type(None))) or value not in wanted:
                 raise ValueError(
-                    f"{name} = {value!r} was given; {' or '.join(map(repr, wanted))} is wanted"
+                    f"{name} = {shown(value)} was given; {' or '.join(map(repr, wanted))} is wanted"
                 )
         modes = {mode.value: mode for mode in AutoresetMode}
         if autoreset_mode not in (*modes, *AutoresetMode):
             raise ValueError(
-                f"autoreset_mode = {autoreset_mode!r} was given; {', '.join(map(repr, modes))} "
+                f"autoreset_mode = {shown(autoreset_mode)} was given; "
+                f"{', '.join(map(repr, modes))} "
                 "are there"
             )
         self.num_envs, self.output, self.render_mode = num_envs, output, render_mode
@@ -149,7 +150,7 @@ class BeamVectorEnv(VectorEnv):
         for name in keywords:
             if name not in names:
                 raise TypeError(
-                    f"the keyword {name!r} was given to {cls.__name__}; there are "
+                    f"the keyword {shown(name)} was given to {cls.__name__}; there are "
                     f"{', '.join(names)}"
                 )
         if config is None:
@@ -181,7 +182,7 @@ class BeamVectorEnv(VectorEnv):
         if not (options is None or isinstance(options, Mapping)):
             names = ", ".join(map(repr, OPTIONS))
             raise ValueError(
-                f"options = {options!r} was given; a dictionary of {names}, or None, is wanted"
+                f"options = {shown(options)} was given; a dictionary of {names}, or None, is wanted"
             )
         options = dict(options or {})
         mask = self._mask(options)
@@ -362,7 +363,7 @@ class BeamVectorEnv(VectorEnv):
         for name in options:
             if name not in OPTIONS:
                 raise ValueError(
-                    f"the reset option {name!r} was given; there are "
+                    f"the reset option {shown(name)} was given; there are "
                     f"{', '.join(map(repr, OPTIONS))}"
                 )
         given = options.get("reset_mask")
@@ -374,7 +375,7 @@ class BeamVectorEnv(VectorEnv):
             mask = torch.zeros(())
         if mask.dtype != torch.bool or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(
-                f"reset_mask = {given!r} was given; {self.num_envs} bools, not all False, are "
+                f"reset_mask = {shown(given)} was given; {self.num_envs} bools, not all False, are "
                 "wanted"
             )
         if not mask.all():
@@ -385,7 +386,7 @@ class BeamVectorEnv(VectorEnv):
         """Actions within [-1, 1], and which were no numbers, None = all were."""
         try:
             action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
-        except (TypeError, ValueError, RuntimeError):
+        except (TypeError, ValueError, RuntimeError, OverflowError):
             raise ValueError(
                 f"actions = {shown(actions)} were given; numbers {self.action_space.shape} are "
                 "wanted"

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchbeam.extend import count, entry_points
+from torchbeam.extend import count, entry_points, shown
 
 from .accuracy import resolved
 from .core import BeamVectorEnv
@@ -63,7 +63,7 @@ def simulation(of: type[BeamVectorEnv] | type[Task], num_envs: int, **keywords: 
     task = of.task_type if isinstance(of, type) and issubclass(of, BeamVectorEnv) else of
     if not isinstance(task, type) or not issubclass(task, Task):
         raise ValueError(
-            f"{of!r} was given; a class derived from BeamVectorEnv or from Task is wanted"
+            f"{shown(of)} was given; a class derived from BeamVectorEnv or from Task is wanted"
         )
     return Simulation(task(resolved(task, task.Config(**keywords))), num_envs)
 
@@ -84,6 +84,7 @@ def reset(
         >>> torch.equal(now.observation, envs.functional.reset(sim, seed=0).observation)
         True
     """
+    _instance("sim", sim, Simulation)
     everyone = torch.ones(sim.count, dtype=torch.bool, device=sim.high.device)
     streams = Streams(sim.count)
     streams.seed(seed, everyone)
@@ -105,6 +106,8 @@ def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
         >>> now.steps, after.steps
         (tensor([0, 0]), tensor([1, 1]))
     """
+    _instance("sim", sim, Simulation)
+    _instance("episodes", episodes, Episodes)
     shape = (len(episodes.steps), sim.task.actions)
     if not isinstance(action, Tensor) or action.shape != shape:
         given = (
@@ -122,6 +125,11 @@ def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
         episodes, action.to(sim.high).clamp(-1, 1), ~over if bool(over.any()) else None
     )
     return Transition(after, reward)
+
+
+def _instance(name: str, value: Any, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} = {shown(value)} was given; {kind.__name__} is wanted")
 
 
 entry_points(globals(), __all__)

@@ -15,6 +15,7 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.extend import quaternions as quat
+from torchbeam.extend import shown
 
 from .actuators import Actuator, driven
 from .config import BeamEnvConfig
@@ -55,7 +56,7 @@ class ManipulatorConfig(BeamEnvConfig):
         super().__post_init__()
         self.check_numbers("radius", "young", "density", "change", "bend", above=0.0)
         for name in OWN:
-            if getattr(self, name) != type(self).__dataclass_fields__[name].default:
+            if self.is_given(name):
                 raise ValueError(f"{name} was given; the manipulator has its own, none is wanted")
         if self.elements % SEGMENTS:
             raise ValueError(
@@ -63,7 +64,7 @@ class ManipulatorConfig(BeamEnvConfig):
                 "segments, is wanted"
             )
         if self.form != "nodal":
-            raise ValueError(f"form = {self.form!r} was given; 'nodal' is wanted")
+            raise ValueError(f"form = {shown(self.form)} was given; 'nodal' is wanted")
 
 
 class Manipulator(Task):

@@ -13,6 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchbeam.extend import shown
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -38,6 +40,15 @@ class Parameter:
     least: float = 0.0
     above: bool = False
 
+    def __post_init__(self) -> None:
+        for name in ("value", "low", "high", "least"):
+            one = numbers(name, getattr(self, name))
+            if one.ndim or np.isnan(one):
+                given = shown(getattr(self, name))
+                raise ValueError(f"{name} = {given} was given; one number is wanted")
+        if not isinstance(self.above, (bool, np.bool_)):
+            raise ValueError(f"above = {shown(self.above)} was given; True or False is wanted")
+
     def check(self, name: str, value: Any) -> None:
         """ValueError where one of the values is no number, out of bounds, infinite or NaN."""
         values = numbers(name, value)
@@ -61,7 +72,7 @@ class Parameters(dict[str, Parameter]):
     def named(self, name: Any) -> Parameter:
         if name not in self:
             wanted = f"there are {', '.join(self)}" if self else "this form of the beam has none"
-            raise ValueError(f"the parameter {name!r} was given; {wanted}")
+            raise ValueError(f"the parameter {shown(name)} was given; {wanted}")
         return self[name]
 
     def ranges(
@@ -81,7 +92,8 @@ class Parameters(dict[str, Parameter]):
             self.named(name).check(name, bounds)
             if np.shape(bounds) != (2,) or bounds[0] > bounds[1]:
                 raise ValueError(
-                    f"randomize = {{{name!r}: {bounds!r}}} was given; (low, high) is wanted"
+                    f"randomize = {{{shown(name)}: {shown(bounds)}}} was given; (low, high) is "
+                    "wanted"
                 )
         return {name: tuple(map(float, randomize[name])) for name in self if name in randomize}
 
@@ -93,7 +105,7 @@ class Parameters(dict[str, Parameter]):
             return {}
         if not isinstance(params, Mapping):
             raise ValueError(
-                f"params = {params!r} was given; a dictionary of parameters by name is wanted"
+                f"params = {shown(params)} was given; a dictionary of parameters by name is wanted"
             )
         return {name: self._given(name, value, count, like) for name, value in params.items()}
 
@@ -112,12 +124,10 @@ class Parameters(dict[str, Parameter]):
 
 def numbers(name: str, value: Any) -> np.ndarray:
     """Real numbers as a float64 array; ValueError for anything else."""
-    if isinstance(value, Tensor):
-        value = value.detach().cpu().numpy()
     try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):
+        array = np.asarray(value.detach().cpu() if isinstance(value, Tensor) else value)
+    except Exception:  # of a class of the user's, too
         array = np.asarray(None)
     if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} = {value!r} was given; real numbers are wanted")
+        raise ValueError(f"{name} = {shown(value)} was given; real numbers are wanted")
     return array.astype(np.float64)

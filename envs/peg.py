@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import Obstacle, Value, leaf
+from torchbeam.extend import Obstacle, Value, leaf, shown
 
 from .actuators import Actuator
 from .config import BeamEnvConfig, is_number
@@ -61,14 +61,15 @@ class PegConfig(BeamEnvConfig):
         self.check_numbers("offset", "drag", "friction", least=0.0)
         if not self.check_hole():
             raise ValueError(
-                f"hole = {self.hole!r} was given; a radius (m) that lets the rod and the reach of "
-                f"its contact through, more than {self.radius + LAW['thickness']:g}, is wanted"
+                f"hole = {shown(self.hole)} was given; a radius (m) that lets the rod and the "
+                f"reach of its contact through, more than {self.radius + LAW['thickness']:g}, is "
+                "wanted"
             )
         for name in OWN:
-            if getattr(self, name) != type(self).__dataclass_fields__[name].default:
+            if self.is_given(name):
                 raise ValueError(f"{name} was given; Peg has its own, and none is wanted")
         if self.form != "nodal":
-            raise ValueError(f"form = {self.form!r} was given; 'nodal' is wanted")
+            raise ValueError(f"form = {shown(self.form)} was given; 'nodal' is wanted")
         if self.randomize is None:
             object.__setattr__(self, "randomize", {"friction": (0.0, 2 * self.friction)})
         if self.solver is None:  # what hits the edge of the hole wants short steps

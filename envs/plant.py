@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchbeam import Beam, ExplicitStepper, Scene, Section, State, Stepper
-from torchbeam.extend import METHODS, Tree, leaf, own_leaves, warn
+from torchbeam.extend import METHODS, Tree, leaf, own_leaves, shown, warn
 
 # a failed step is made again in 2 and 4 parts; more would cost the whole batch more than the
 # episode is worth
@@ -98,7 +98,8 @@ def section_named(section: Section | str) -> Section:
         return section
     if not isinstance(section, str) or section not in SECTIONS:
         raise ValueError(
-            f"section = {section!r} was given; a Section is wanted, or one of {', '.join(SECTIONS)}"
+            f"section = {shown(section)} was given; a Section is wanted, or one of "
+            f"{', '.join(SECTIONS)}"
         )
     return SECTIONS[section]()
 
@@ -139,13 +140,14 @@ def check_solver(form: str, method: str, solver: Any) -> None:
     names = list(inspect.signature(Stepper).parameters)[3:] if implicit else EXPLICIT
     if not isinstance(solver, Mapping):
         raise ValueError(
-            f"solver = {solver!r} was given; a dictionary of arguments of the stepper is wanted"
+            f"solver = {shown(solver)} was given; a dictionary of arguments of the stepper is "
+            "wanted"
         )
     for name in solver:
         if name not in names:
             raise ValueError(
-                f"solver = {dict(solver)!r} was given; the stepper of form = {form!r}, method = "
-                f"{method!r} has {', '.join(names)}"
+                f"solver = {shown(dict(solver))} was given; the stepper of form = {shown(form)}, "
+                f"method = {method!r} has {', '.join(names)}"
             )
 
 

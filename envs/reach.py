@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.extend import count, shown
 
 SOFT = 1e-3  # of the length: below it the distance in a cost is rounded off
 DEGREE = 16  # of the polynomial, in either of two actions
@@ -223,6 +224,16 @@ def holding_action(
         >>> bool((held - env.state.goal).norm(dim=-1).max() < 1e-6)  # m
         True
     """
+    if not isinstance(scene, tb.Scene):
+        raise ValueError(f"scene = {shown(scene)} was given; a torchbeam.Scene is wanted")
+    if not callable(inputs):
+        raise ValueError(f"inputs = {shown(inputs)} was given; a function of actions is wanted")
+    count("actions", actions)
+    count("iterations", iterations)
+    for name, value in (("target", target), ("guess", guess)):
+        size = 3 if name == "target" else actions
+        if value is not None and not (isinstance(value, Tensor) and value.shape[1:] == (size,)):
+            raise ValueError(f"{name} = {shown(value)} was given; a tensor (n, {size}) is wanted")
     samples = scene.batch_shape
     if len(target) % samples.numel():
         raise ValueError(

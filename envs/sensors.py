@@ -14,9 +14,11 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import broadcast_shapes
+from torchbeam.extend import broadcast_shapes, shown
 from torchbeam.extend import quaternions as quat
 from torchbeam.sensors import Curvature, NodePosition, NodeVelocity, Sensor, Stack
+
+from .parameters import numbers
 
 NAMES = ("tip", "middle", "gauges", "full")
 HIGH = {"displacement": 2, "velocity": 20, "curvature": 40, "rotation": np.pi, "spin": 200}
@@ -114,6 +116,15 @@ class Observed:
     sensor: Sensor | Callable[[tb.State], Sensor]
     scale: float | Sequence[float] = 1.0
     high: float | Sequence[float] = 10.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.sensor):
+            raise ValueError(f"sensor = {shown(self.sensor)} was given; a sensor is wanted")
+        for name in ("scale", "high"):
+            value = numbers(name, getattr(self, name))
+            if not (value > 0).all():
+                given = shown(getattr(self, name))
+                raise ValueError(f"{name} = {given} was given; positive numbers are wanted")
 
     def at(self, start: tb.State) -> Sensor:
         return self.sensor if isinstance(self.sensor, Sensor) else self.sensor(start)
@@ -258,13 +269,13 @@ def check_names(sensors: Any, form: str) -> tuple[str | Observed, ...]:
     words = [s for s in names if not isinstance(s, Observed)]
     if not names or any(s not in NAMES for s in words) or len(set(words)) < len(words):
         raise ValueError(
-            f"sensors = {sensors!r} was given; one or more of {', '.join(map(repr, NAMES))} or "
-            "Observed sensors are wanted"
+            f"sensors = {shown(sensors)} was given; one or more of {', '.join(map(repr, NAMES))} "
+            "or Observed sensors are wanted"
         )
     if form != "nodal" and set(words) & {"gauges", "full"}:
         raise ValueError(
-            f"sensors = {sensors!r} with form = {form!r} was given; that form has 'tip' and "
-            "'middle'"
+            f"sensors = {shown(sensors)} with form = {shown(form)} was given; that form has 'tip' "
+            "and 'middle'"
         )
     return names
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import BatchSubset, with_values
+from torchbeam.extend import BatchSubset, shown, with_values
 
 from . import imperfections
 from .episodes import Episodes
@@ -353,7 +353,8 @@ class Simulation:
                 goal = torch.as_tensor(goal, dtype=self.task.dtype, device=self.task.device)
             except (TypeError, ValueError, RuntimeError):
                 raise ValueError(
-                    f"goal = {goal!r} was given; numbers of shape {shape} or {shape[1:]} are wanted"
+                    f"goal = {shown(goal)} was given; numbers of shape {shape} or {shape[1:]} "
+                    "are wanted"
                 ) from None
             if goal.shape not in (shape[1:], shape) or not torch.isfinite(goal).all():
                 raise ValueError(

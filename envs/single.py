@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
+
+from torchbeam.extend import shown
 
 from .core import BeamVectorEnv
 from .output import converted
@@ -66,6 +69,8 @@ class SingleEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict]:
+        if isinstance(seed, Sequence) and not isinstance(seed, str):
+            raise ValueError(f"seed = {shown(seed)} was given; one whole number is wanted")
         # says so where the seed is none
         observation, info = self.one.reset(seed=seed, options=options)
         super().reset(seed=seed)

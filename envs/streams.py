@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from gymnasium.utils import seeding
 
+from torchbeam.extend import shown
+
 
 class Streams:
     """Generators of `count` sub-envs, made where they are first wanted, and the seeds that they
@@ -46,7 +48,7 @@ class Streams:
         )
         if not listed or any(not _is_seed(s) for s in each):
             raise ValueError(
-                f"seed = {seed!r} was given; a whole number from 0, one for each sub-env, or "
+                f"seed = {shown(seed)} was given; a whole number from 0, one for each sub-env, or "
                 "None is wanted"
             )
         if len(each) != self.count:

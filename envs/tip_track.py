@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbeam.extend import count
+from torchbeam.extend import count, shown
 
 from .config import BeamEnvConfig
 from .core import BeamVectorEnv
@@ -41,7 +41,8 @@ class TipTrackConfig(BeamEnvConfig):
         super().__post_init__()
         if self.path not in (*PATHS, "any"):
             raise ValueError(
-                f"path = {self.path!r} was given; {', '.join(map(repr, PATHS))} or 'any' is wanted"
+                f"path = {shown(self.path)} was given; {', '.join(map(repr, PATHS))} or 'any' is "
+                "wanted"
             )
         self.check_numbers("reach", above=0.0, most=1.0)
         self.check_numbers("period", above=0.0)

@@ -13,11 +13,12 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.extend import quaternions as quat
+from torchbeam.extend import shown
 
 from .actuators import Actuator
 from .core import BeamVectorEnv
 from .episodes import Episodes
-from .parameters import Parameter
+from .parameters import Parameter, numbers
 from .plant import Plant, section_named, varied
 from .single import SingleEnv
 from .tip_track import TipTrack, TipTrackConfig
@@ -47,14 +48,14 @@ class TwoLinkConfig(TipTrackConfig):
         self.check_numbers("angle", above=0.0, most=math.pi / 2)
         self.check_numbers("inertia", "motor", above=0.0)
         self.check_numbers("payload", least=0.0)
-        torque = np.asarray(self.torque, dtype=np.float64)
+        torque = numbers("torque", self.torque)
         if torque.shape != (2,) or not (np.isfinite(torque) & (torque > 0)).all():
             raise ValueError(
-                f"torque = {self.torque!r} was given; two positive finite numbers (N m, at the "
-                "shoulder and at the elbow) are wanted"
+                f"torque = {shown(self.torque)} was given; two positive finite numbers (N m, at "
+                "the shoulder and at the elbow) are wanted"
             )
         for name in OWN:
-            if getattr(self, name) != type(self).__dataclass_fields__[name].default:
+            if self.is_given(name):
                 raise ValueError(f"{name} was given; TwoLink has its own, and none is wanted")
         if self.gravity is not None or self.form != "nodal":
             raise ValueError(

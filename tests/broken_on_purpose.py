@@ -31,25 +31,21 @@ CHAIN = "torchbeam.engine.chain"
 BREAKS = [
     Break("work of a tendon of the wrong sign",
           f"{CHAIN}.tendon_functions:TendonFunctions.tendon_work", "-mean", "mean", "tendons"),
-    Break("neighbouring segments not swapped in the transposed matrix",
-          f"{CHAIN}.tendon_functions:TendonFunctions.transposed_tie",
-          "TRANSPOSED | dict(zip(CHAINED, CHAINED[::-1], strict=True))", "TRANSPOSED", "tendons"),
+    Break("blocks of interactions not swapped in the transposed matrix",
+          f"{CHAIN}.interaction_functions:transposed", "name[::-1]: block", "name: block", "tendons"),
     Break("work of a joint forgotten", f"{CHAIN}.joint_functions:JointFunctions.finish_joint",
           "after.work}", "0 * after.work}", "bodies"),
     Break("effort of a driven joint forgotten",
           f"{CHAIN}.joint_functions:JointFunctions.joint_solution",
           "+ joints.held", "+ 0 * joints.held", "all_joints"),
-    Break("blocks of a joint not transposed in the adjoint",
-          f"{CHAIN}.joint_functions:JointFunctions.transposed_joint", "].mT for", "] for", "tree"),
-    Break("blocks of a contact pair not swapped in the adjoint",
-          f"{CHAIN}.pair_functions:PairFunctions.transposed_pair", "name[::-1]", "name",
-          "rubbing"),
+    Break("blocks of interactions not transposed in the adjoint",
+          f"{CHAIN}.interaction_functions:transposed", "block.mT for", "block for", "tree"),
     Break("work of a contact pair of the wrong sign",
           f"{CHAIN}.pair_functions:PairFunctions.finish_pair", '": problem', '": -problem',
           "rubbing"),
-    Break("swapped columns: cotangents of a pair's nodes",
-          f"{CHAIN}.pair_adjoint:PairAdjoint._pair_bar", "nodes[PAIR_SIDES.index(side)], own",
-          "nodes[-1 - PAIR_SIDES.index(side)], own", "rubbing"),
+    Break("swapped columns: cotangents of an interaction's ends",
+          f"{CHAIN}.interaction_adjoint:InteractionAdjoint._cotangent_of", "entry.nodes[side])",
+          "[*entry.nodes.values()][-1 - [*entry.nodes].index(side)])", "rubbing"),
     Break("a taper forgotten in pairs", f"{CHAIN}.pair_functions:PairFunctions.of_pair",
           "if not kind.tapers:", "if True:", "taper_on_itself"),
     Break("work of a load between nodes of the wrong sign",
@@ -84,7 +80,10 @@ def broken(one: Break) -> None:
     assert text.count(one.was) == 1, f"{one.what}: {one.was!r} is not once in {one.place}"
     made: dict = {}
     exec(compile(text.replace(one.was, one.is_), one.place, "exec"), vars(module), made)
-    setattr(owner, attribute, made[attribute])
+    function = getattr(owner, attribute)
+    for other in [owner, *(m for name, m in sys.modules.items() if name.startswith(CHAIN))]:
+        if vars(other).get(attribute) is function:  # where it is imported by its name, too
+            setattr(other, attribute, made[attribute])
 
 
 def found(one: Break | None, check) -> bool:

@@ -68,9 +68,9 @@ def info(argv: Sequence[str]) -> None:
         metavar="SCENE.py",
         help="a Python file: its `scene` is described, or else each Scene in it",
     )
-    given = parser.parse_args(argv).scene
-    if given is not None:
-        return _described(given, parser)
+    path = parser.parse_args(argv).scene
+    if path is not None:
+        return _described(path, parser)
     facts = measured_on(dtype=None)
     facts |= {
         **facts.pop("versions"),

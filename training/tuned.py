@@ -155,9 +155,9 @@ def widened(task: Task) -> Task | None:
 
 
 # what it does not know is random at its own level
-GRIP: dict[str, Any] = dict(arguments=dict(substeps=8), tolerance=0.005, hold=25)
-TASKS["grip"] = Task("grip", "torchbeam/GripperPlanar-v0", **GRIP)
-TASKS["grip-3d"] = Task("grip-3d", "torchbeam/Gripper-v0", **GRIP)
+GRIP: dict[str, Any] = dict(tolerance=0.005, hold=25)
+TASKS["grip"] = Task("grip", "torchbeam/GripperPlanar-v1", **GRIP)
+TASKS["grip-3d"] = Task("grip-3d", "torchbeam/Gripper-v1", **GRIP)
 TASKS["peg"] = Task(  # parts of a step that fails are made by torch operations: rather iterations
     "peg",
     "torchbeam/PegPlanar-v1",

@@ -15,6 +15,7 @@ from torch import Tensor
 from torchbeam import State
 
 from ..core import BeamVectorEnv
+from ..parameters import numbers
 from ..reach import NEAR, Reach, nearest_action
 from ..single import SingleEnv
 
@@ -252,7 +253,8 @@ class PD(Static):
     def __init__(self, env: BeamVectorEnv, gains: Tensor | Sequence[float]) -> None:
         super().__init__(env)
         env = vector_env(env)
-        self.gains = torch.atleast_2d(torch.as_tensor(gains, dtype=env.dtype, device=env.device))
+        given = gains if isinstance(gains, Tensor) else torch.from_numpy(numbers("gains", gains))
+        self.gains = torch.atleast_2d(given.to(dtype=env.dtype, device=env.device))
 
     def act(self, observation: Tensor) -> Tensor:
         hold, (error, rate) = super().act(observation), self.env.task.tracking_error(self.env.state)

@@ -13,6 +13,7 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.extend import quaternions as quat
+from torchbeam.extend import shown
 
 from ..core import BeamVectorEnv
 from ..task import Task
@@ -32,7 +33,9 @@ class Late:
 
     def __init__(self, latency: int) -> None:
         if isinstance(latency, bool) or not isinstance(latency, int) or latency < 0:
-            raise ValueError(f"latency = {latency!r} was given; intervals, 0 or more, are wanted")
+            raise ValueError(
+                f"latency = {shown(latency)} was given; intervals, 0 or more, are wanted"
+            )
         self.latency = latency
 
     def begin(self, env: BeamVectorEnv) -> None:
@@ -57,7 +60,7 @@ def amount(name: str, value: float, *, zero: bool = False) -> float:
     number = isinstance(value, Real) and not isinstance(value, bool)
     if not number or not (0 < value < inf or (zero and value == 0)):
         wanted = "a finite number of at least 0" if zero else "a positive finite number"
-        raise ValueError(f"{name} = {value!r} was given; {wanted} is wanted")
+        raise ValueError(f"{name} = {shown(value)} was given; {wanted} is wanted")
     return value
 
 
@@ -66,7 +69,9 @@ class Schedule:
 
     def __init__(self, count: int, actions: int, like: Tensor) -> None:
         if isinstance(count, bool) or not isinstance(count, int) or count < 1 or count % 2 == 0:
-            raise ValueError(f"schedule = {count!r} was given; an odd number from 1 on is wanted")
+            raise ValueError(
+                f"schedule = {shown(count)} was given; an odd number from 1 on is wanted"
+            )
         self.line = (
             torch.linspace(-1, 1, count, dtype=like.dtype).to(like)
             if count > 1

@@ -22,7 +22,7 @@ TASKS = [
     "TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget", "Peg",
     "Gripper"
 ]  # fmt: skip
-VERSION = dict.fromkeys(TASKS, 1) | {"Payload": 2, "FollowTarget": 0, "Gripper": 0}
+VERSION = dict.fromkeys(TASKS, 1) | {"Payload": 2, "FollowTarget": 0}
 IDS = [f"torchbeam/{t}{planar}-v{VERSION[t]}" for t in TASKS for planar in ("", "Planar")]
 IDS.append("torchbeam/InverseKinematics-v0")
 # each task in its plane, and one in space: they differ in the beam alone
@@ -44,7 +44,7 @@ def vector(id, n, **changes):
 
 def once_long(ids):
     """What takes long to compile, and is another's code but for a third axis, is `long`."""
-    slow = "torchbeam/Peg-v1", "torchbeam/Gripper-v0"
+    slow = "torchbeam/Peg-v1", "torchbeam/Gripper-v1"
     return [pytest.param(id, marks=[pytest.mark.long] * (id in slow)) for id in ids]
 
 

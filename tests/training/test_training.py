@@ -77,7 +77,7 @@ def test_episodes_in_a_plane_go_on_with_the_same_bits():
     """Fingers near a ball: an env goes on as one that is restored, with the pairs of elements that
     are near each other now. An interval on, all of its beams is the same.
     """
-    task = Task("grip", "torchbeam/GripperPlanar-v0", arguments={}, error="distance")
+    task = Task("grip", "torchbeam/GripperPlanar-v1", arguments={}, error="distance")
     env, other = (task.make(4, output="torch") for _ in range(2))
     env.reset(seed=3)
     actions = 2 * torch.rand(5, 4, 3, generator=torch.Generator().manual_seed(0)).double() - 1

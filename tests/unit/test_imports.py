@@ -12,8 +12,7 @@ import pytest
 import torch
 
 import torchbeam as tb
-from tests.unit.core.test_fingerprint import function
-from torchbeam.core.fingerprint import fingerprint
+from tests.unit.core.test_digests import digests, function
 
 IN_SET = "def f(x):\n    return x in {'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}"
 CODES = {  # one after the other; each prints its name at its end
@@ -50,10 +49,10 @@ except ImportError as error:
 else:
     assert "stable_baselines3" in sys.modules
 """,
-    "fingerprint": f"""
+    "digests": f"""
 {IN_SET}
-from torchbeam.core.fingerprint import fingerprint
-print(fingerprint(f)[0])
+from torchbeam.core.surroundings import Surroundings
+print(Surroundings([("", lambda: f)]).digests())
 """,
     "dense systems": """
 import torch
@@ -107,7 +106,7 @@ def test_a_process_of_its_own(done, name):
     assert name in done.printed, done.said
 
 
-def test_another_process_finds_the_same_fingerprint(done):
+def test_another_process_finds_the_same_digests(done):
     """Hashes of texts, and so the order of sets, are another process's own."""
-    assert str(fingerprint(function(IN_SET))[0]) in done.printed
+    assert str(digests(function(IN_SET))) in done.printed
     assert done.status == 0, done.said

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,7 @@ from torch._C import _functorch as functorch
 
 from ..core import files
 from ..core.arguments import instance
-from ..core.fingerprint import NoFingerprint, fingerprint
-from ..core.leaves import map_leaves
+from ..core.surroundings import Surroundings
 from ..core.validation import broadcast
 from ..scene.scene import Scene
 from ..state.instant import Instant
@@ -31,7 +31,7 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
     Args:
         what: a state of any form, or a `Solution`
         path: any name; the folder is there
-        scene: whose it is: the file keeps a fingerprint of it, no copy, so that `load` with another
+        scene: whose it is: the file keeps digests of it, no copy, so that `load` with another
             scene says what differs
 
     Returns:
@@ -60,7 +60,7 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
             "save within a transform of torch.func was asked for, where there are no numbers; the "
             "result of the transform is wanted"
         )
-    content = {KIND: FORMAT, "what": _plain(what), "scene": scene and _digests(scene)}
+    content = {KIND: FORMAT, "what": _plain(what), "digests": scene and _digests(scene)}
     files.save(path, content)
     return path
 
@@ -89,7 +89,7 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     if scene is not None:
         instance("scene", scene, Scene)
     content = files.load(path, KIND, FORMAT, "saved state or solution")
-    what, known = content.get("what"), content.get("scene")
+    what, known = content.get("what"), content.get("digests")  # earlier releases have "scene"
     if not _whole(what) or not isinstance(known, dict | None):
         raise ValueError(
             f"the file {str(path)!r} was given, which holds no state or solution of this version; "
@@ -100,7 +100,6 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
     what = _map(lambda x: x.to(scene.device), what)
     _fits(what, scene)
     own = {} if known is None else _digests(scene)
-    known = {"dtype": None, **(known or {})}  # of which older files say nothing
     differ = [
         name
         for name, digest in own.items()
@@ -168,13 +167,11 @@ def _fits(what: Any, scene: Scene) -> None:
 
 
 def _digests(scene: Scene) -> dict[str, str | None]:
-    """A digest of each field of a scene; None of one with functions that cannot be read."""
-    scene = map_leaves(lambda x, axes: x.detach().cpu() if isinstance(x, Tensor) else x, scene)
+    """A digest of each field of a scene; None of one with functions that are not seen whole."""
     digests: dict[str, str | None] = {}
     for field in fields(scene):
-        try:
-            parts, versions = fingerprint(getattr(scene, field.name))
-            digests[field.name] = " ".join((*parts.values(), *map(str, versions.items())))
-        except NoFingerprint:
-            digests[field.name] = None
+        value = getattr(scene, field.name)
+        around = Surroundings([(field.name, lambda value=value: value)], strict=False)
+        text = repr(sorted(around.digests().items()))
+        digests[field.name] = None if around.unseen else sha256(text.encode()).hexdigest()
     return digests

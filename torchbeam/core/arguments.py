@@ -198,13 +198,13 @@ def number(name: str, value: Any, *, infinite: bool = False) -> float:
     """One real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise, and for one
     that is not finite.
     """
-    one = converted(value, torch.float64) if value is not None else torch.empty(0)
-    if one.ndim or not (torch.isfinite(one) or (infinite and torch.isinf(one))):
+    parsed = converted(value, torch.float64) if value is not None else torch.empty(0)
+    if parsed.ndim or not (torch.isfinite(parsed) or (infinite and torch.isinf(parsed))):
         raise ValueError(
             f"{name} = {shown(value)} was given; one {'' if infinite else 'finite '}number is "
             "wanted"
         )
-    return one.item()
+    return parsed.item()
 
 
 def level_of(name: str, value: Any) -> float:
@@ -259,8 +259,8 @@ def mask(name: str, value: Any, like: Tensor) -> Tensor:
     ):
         value = torch.as_tensor(np.array(value), device=like.device)
     if not isinstance(value, Tensor) or value.dtype != torch.bool:
-        given = f"of {value.dtype}" if isinstance(value, Tensor) else f"= {shown(value)}"
-        raise ValueError(f"{name} {given} was given; booleans, one a sample, are wanted")
+        kind = f"of {value.dtype}" if isinstance(value, Tensor) else f"= {shown(value)}"
+        raise ValueError(f"{name} {kind} was given; booleans, one a sample, are wanted")
     if (
         value.ndim > like.ndim
         or broadcast(f"{name} and samples", value.shape, like.shape) != like.shape

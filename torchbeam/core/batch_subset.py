@@ -80,9 +80,9 @@ class BatchSubset:
 
     def put(self, x: Tensor, part: Tensor, axes: int) -> Tensor:
         """`scatter` of one tensor with `axes` axes of its own."""
-        own = x.shape[x.ndim - axes :]
-        return x.expand(self.count, *own).index_copy(
-            0, self.index, part.expand(len(self.index), *own)
+        last_axes = x.shape[x.ndim - axes :]
+        return x.expand(self.count, *last_axes).index_copy(
+            0, self.index, part.expand(len(self.index), *last_axes)
         )
 
     def _taken(self, value: Any, axes: int | None) -> Any:

@@ -58,8 +58,8 @@ def _listing(commands: Mapping[str, EntryPoint]) -> str:
             text = (commands[name].load().__doc__ or "").strip().split("\n\n")[0]
         except (ImportError, AttributeError) as error:
             text = f"cannot be loaded: {error}"
-        own = dict(initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4))
-        lines.append(fill(" ".join(text.split()), 100, **own))
+        indents = dict(initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4))
+        lines.append(fill(" ".join(text.split()), 100, **indents))
     return "commands:\n" + "\n".join(lines)
 
 

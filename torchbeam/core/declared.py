@@ -79,11 +79,11 @@ def check_fields(tree: Any) -> None:
     may be left out.
     """
     for field, name, check, optional in _declared(type(tree)):
-        given = getattr(tree, field)
-        if given is None and optional:
+        value = getattr(tree, field)
+        if value is None and optional:
             continue
-        held = check(name, given)
-        if held is not given:
+        held = check(name, value)
+        if held is not value:
             object.__setattr__(tree, field, held)
 
 
@@ -94,13 +94,13 @@ def _declared(kind: Any) -> tuple[tuple[str, str, Check, bool], ...]:
     """
     return tuple(
         (
-            one.name,
-            (one.metadata[NAME] or kind.in_words).format(kind.called, one.name),
-            one.metadata[CHECK],
-            one.default is None,
+            field.name,
+            (field.metadata[NAME] or kind.in_words).format(kind.called, field.name),
+            field.metadata[CHECK],
+            field.default is None,
         )
-        for one in fields(kind)
-        if CHECK in one.metadata
+        for field in fields(kind)
+        if CHECK in field.metadata
     )
 
 

@@ -25,29 +25,29 @@ class NotWritten(OSError):
     """A file or folder that could not be written: one sentence that says which, and why."""
 
 
-def path_of(name: str, given: Any) -> Path:
+def path_of(name: str, path: Any) -> Path:
     """A path, in which a first "~" is the user's home; ValueError for what is none."""
-    text = os.fspath(given) if isinstance(given, (str, os.PathLike)) else None
+    text = os.fspath(path) if isinstance(path, (str, os.PathLike)) else None
     try:
         if not isinstance(text, str) or not text or b"\0" in os.fsencode(text):
             raise ValueError
         return Path(text).expanduser()
     except (ValueError, RuntimeError):  # letters that no name has; a home of nobody
-        raise ValueError(f"{name} = {shown(given)} was given; a path is wanted") from None
+        raise ValueError(f"{name} = {shown(path)} was given; a path is wanted") from None
 
 
-def file_of(name: str, given: Any, *endings: str, of: str = "") -> Path:
+def file_of(name: str, value: Any, *endings: str, of: str = "") -> Path:
     """The path of a file that is to be written, with one of these endings where there are some;
     ValueError for what is none. of: what it is for, in the sentence.
     """
-    path = path_of(name, given)
+    path = path_of(name, value)
     if endings and path.suffix not in endings:
         raise ValueError(
             f"the file {path.name!r} was given{of}; one that ends in {' or '.join(endings)} is "
             "wanted"
         )
     if not path.stem.strip("."):
-        raise ValueError(f"{name} = {shown(given)} was given; a file with a name is wanted")
+        raise ValueError(f"{name} = {shown(value)} was given; a file with a name is wanted")
     return path
 
 

@@ -156,9 +156,11 @@ def _picked(
             -1, *full, *last
         )
         at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * own)]
-        one = value.gather(0, at.expand(1, *full, *last))[0]
+        entry = value.gather(0, at.expand(1, *full, *last))[0]
         picked.append(
-            one if chosen is None else torch.where(inside[(..., *(None,) * own)], one, chosen[k])
+            entry
+            if chosen is None
+            else torch.where(inside[(..., *(None,) * own)], entry, chosen[k])
         )
     return picked
 

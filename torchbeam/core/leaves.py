@@ -29,7 +29,7 @@ from torch import Tensor
 
 from .declared import CHECK, Check, check_fields, declaration
 from .derivatives import cache_of, cached, caches_of
-from .validation import as_tensor
+from .validation import as_tensor, shown
 
 if TYPE_CHECKING:
     from typing_extensions import dataclass_transform
@@ -228,12 +228,12 @@ def own_leaves(tree: Tree) -> list[Leaf]:
         >>> [leaf.name for leaf in extend.own_leaves(tb.TipLoad(force=torch.ones(3)))]
         ['moment', 'force', 'offset']
     """
-    declared, own = _declared(type(tree)), []
+    declared, found = _declared(type(tree)), []
     for name, value in [*vars(tree).items()]:
         if (axes := declared.get(name, BRANCH)) is not BRANCH:
             axes = axes(tree) if callable(axes) else axes
-            own += [Leaf(tree, name, part, axes) for part in _parts(value)]
-    return own
+            found += [Leaf(tree, name, part, axes) for part in _parts(value)]
+    return found
 
 
 def _parts(value: Any) -> Iterable[Any]:
@@ -423,8 +423,8 @@ BRANCH = object()  # a field that is no leaf: what it holds may be trees
 def _declared(kind: type) -> dict[str, Any]:
     """Fields of a class by name: a leaf's own axes, or `BRANCH`."""
     return {
-        name: one.metadata.get(AXES, BRANCH)
-        for name, one in getattr(kind, "__dataclass_fields__", {}).items()
+        name: field.metadata.get(AXES, BRANCH)
+        for name, field in getattr(kind, "__dataclass_fields__", {}).items()
     }
 
 
@@ -466,8 +466,15 @@ def detached(tree: Any) -> Any:
 
 def sent(tree: Any, *args: Any, **kwargs: Any) -> Any:
     """The tree with all tensors on another device, or the floating ones in another dtype: arguments
-    of `Tensor.to`.
+    of `Tensor.to`. Raises ValueError for others.
     """
+    try:
+        torch.empty(0).to(*args, **kwargs)
+    except (TypeError, ValueError, RuntimeError, OverflowError):
+        given = ", ".join((*map(shown, args), *(f"{k} = {shown(v)}" for k, v in kwargs.items())))
+        raise ValueError(
+            f"{given} was given; a device or a floating dtype, as `Tensor.to` takes them, is wanted"
+        ) from None
 
     def to(value: Any, axes: int | None) -> Any:
         if not isinstance(value, Tensor):

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import builtins
+import dis
 import enum
+import functools
+import hashlib
 import sys
 import types
 from collections import namedtuple
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import fields, is_dataclass, make_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +20,15 @@ import torch
 from torch import Tensor
 
 NUMBERS = (bool, int, float, complex, str, bytes)  # and words
-STEADY = (*NUMBERS, type(None), type(Ellipsis), torch.dtype, torch.device, torch.layout)
+STEADY = (
+    *NUMBERS,
+    type(None),
+    type(Ellipsis),
+    type(Path()),
+    torch.dtype,
+    torch.device,
+    torch.layout,
+)
 PACKAGES = {  # of functions without memory
     "torch",
     "math",
@@ -42,6 +54,7 @@ PURE = {  # of Python's own
 # fmt: on
 FILES = {"load", "fromfile", "loadtxt", "genfromtxt", "memmap"}
 PUT = (bool, int, float, complex, str, tuple, list, dict, Tensor)  # on modules
+INSTALLED = {"site-packages", "dist-packages"}  # folders
 ABSENT = object()
 LARGE = 4096  # numbers of a tensor or an array, that are looked at each time
 # what Python gives classes, and what only makes their objects
@@ -61,10 +74,10 @@ def of_class(kind: type) -> Iterator[Read]:
     """What the classes that a user wrote give their objects beside fields: methods, functions of
     properties, values.
     """
-    own = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
+    field_names = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
     for parent in kind.__mro__:
         for name, value in () if of_package(parent) else vars(parent).items():
-            if name not in own and (
+            if name not in field_names and (
                 not name.startswith("__") or isinstance(value, types.FunctionType)
             ):
                 yield (
@@ -78,6 +91,8 @@ def function_of(value: Any) -> Any:
     return (
         value.fget
         if isinstance(value, property)
+        else value.func
+        if isinstance(value, functools.cached_property)
         else value.__func__
         if isinstance(value, (staticmethod, classmethod))
         else value
@@ -156,18 +171,20 @@ def followed(value: Any) -> bool:
         return False
     if isinstance(value, torch.nn.Module) or frozen(value):
         return True
-    own = type(value).__module__.split(".")[0]
-    return own == "__main__" or not (own in PACKAGES | {"numpy"} or own in sys.stdlib_module_names)
+    package = type(value).__module__.split(".")[0]
+    return package == "__main__" or not (
+        package in PACKAGES | {"numpy"} or package in sys.stdlib_module_names
+    )
 
 
 def put_on(module: types.ModuleType, names: set[str]) -> list[str]:
     """Of what code names in a module of `PACKAGES` numbers, tensors and users' functions, which may
     be put there by anyone; and modules in it, where the same may be so.
     """
-    held = {one: vars(module)[one] for one in names & vars(module).keys()}
+    held = {name: vars(module)[name] for name in names & vars(module).keys()}
     return [
-        one
-        for one, value in held.items()
+        name
+        for name, value in held.items()
         if isinstance(value, PUT)
         or (
             isinstance(value, (types.FunctionType, types.ModuleType))
@@ -189,6 +206,11 @@ def attributes(value: Any) -> list[str]:
         *getattr(value, "__dict__", ()),
         *(name for some in slots for name in ((some,) if isinstance(some, str) else some)),
     ]
+
+
+def lazy(kind: type, name: str) -> bool:
+    """Whether an attribute is kept for a second use (`functools.cached_property`)."""
+    return isinstance(getattr(kind, name, None), functools.cached_property)
 
 
 def attribute(value: Any, name: str) -> Any:
@@ -235,6 +257,60 @@ def of_package(value: Any) -> bool:
     else:
         return False
     return name.split(".")[0] in PACKAGES or name == builtins.__name__
+
+
+def top(value: Any) -> str:
+    """First name of the module that a module, class or function is of."""
+    module = isinstance(value, types.ModuleType)
+    return str(value.__name__ if module else getattr(value, "__module__", None)).split(".")[0]
+
+
+def installed(value: Any) -> bool:
+    """Whether a module, class or function is of a package that was installed, NumPy and `PACKAGES`
+    aside.
+    """
+    name = top(value)
+    file = str(getattr(sys.modules.get(name), "__file__", None) or "")
+    return name not in PACKAGES | {"numpy"} and bool(INSTALLED & {*Path(file).parts})
+
+
+def lasting(value: Any) -> Hashable:
+    """What tells a value from others in any process, beside what it holds."""
+    if steady(value):
+        return word_of(value)
+    if isinstance(value, Tensor):
+        plain = value.detach().cpu().to_dense().resolve_conj().resolve_neg().contiguous()
+        numbers = plain.flatten().view(torch.uint8).numpy().tobytes()
+        return value.dtype, value.shape, hashlib.sha256(numbers).hexdigest()
+    if isinstance(value, types.FunctionType) and not of_package(value) and not installed(value):
+        return _of_code(value.__code__)
+    if isinstance(value, (tuple, list, dict, set, frozenset)):
+        return type(value).__qualname__, len(value)
+    named = value if hasattr(value, "__name__") else type(value)
+    release = getattr(sys.modules[top(named)], "__version__", "") if installed(named) else ""
+    return top(named), getattr(named, "__qualname__", named.__name__), release
+
+
+def _of_code(code: Any) -> Hashable:
+    """What code does, and constants in it; without docstrings, names of files and line numbers."""
+    if isinstance(code, types.CodeType):
+        steps = dis.get_instructions(code)
+        loaded = sorted({step.arg for step in steps if step.opcode in dis.hasconst})
+        counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+        names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+        return code.co_code, counts, names, *(_of_code(code.co_consts[k]) for k in loaded)
+    if isinstance(code, (tuple, frozenset)):
+        parts = [repr(_of_code(part)) for part in code]
+        return type(code), *(parts if isinstance(code, tuple) else sorted(parts))
+    return word_of(code)
+
+
+def contents(cell: Any) -> Any:
+    """Of a variable that a function closes over; ABSENT before it is set."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return ABSENT
 
 
 def codes(code: types.CodeType) -> Iterator[types.CodeType]:

@@ -21,7 +21,7 @@ STRUCTURES = 64  # of all functions; the one that was not asked for for longest 
 _VALUES: dict[Hashable, tuple[tuple[list[Tensor], Any], ...]] = {}  # no result depends on it
 
 
-def remembered(function: Callable[..., T], *given: Any) -> T:
+def remembered(function: Callable[..., T], *arguments: Any) -> T:
     """function(*given), of trees, tensors and what is static, computed of copies of these; or what
     it gave for the same before: of the same structure, and with the same numbers to the bit. Values
     are shared, and not to be written to.
@@ -30,13 +30,13 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
     numbers.
     """
     tensors: list[Tensor] = []
-    key = function, *[structure_of(x, tensors) for x in given]
+    key = function, *[structure_of(x, tensors) for x in arguments]
     if not _plain(tensors):
-        return function(*given)
+        return function(*arguments)
     try:
         recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
     except TypeError:  # a part has no hash
-        return function(*given)
+        return function(*arguments)
     at = 0
     while at < len(recent) and not all(map(torch.equal, recent[at][0], tensors)):
         at += 1
@@ -45,7 +45,7 @@ def remembered(function: Callable[..., T], *given: Any) -> T:
         recent = recent[at], *recent[:at], *recent[at + 1 :]
     else:
         with lasting():
-            copies, known = tuple(_copied(x) for x in given), []
+            copies, known = tuple(_copied(x) for x in arguments), []
             for x in copies:
                 structure_of(x, known)
             recent = (known, function(*copies)), *recent[: RECENT - 1]

@@ -5,6 +5,9 @@ from __future__ import annotations
 import builtins
 import dis
 import functools
+import hashlib
+import re
+import sys
 import types
 from collections.abc import Callable, Hashable, Iterable
 from copy import copy
@@ -24,15 +27,20 @@ from .python_values import (
     bytes_of,
     class_attribute,
     codes,
+    contents,
     followed,
     frozen,
     generated,
+    installed,
+    lasting,
+    lazy,
     number_of,
     of_class,
     of_numpy,
     of_package,
     put_on,
     steady,
+    top,
     version_of,
     word_of,
 )
@@ -63,6 +71,9 @@ STATES = {
     "are_deterministic_algorithms_enabled",
 }
 MAKES = ("__new__", "__init__", "__post_init__")  # an object
+PLAIN = {"torch", "types"}  # whose objects are what they hold: distributions, namespaces
+WHOLE = re.compile(r"(?:.* of )?([^\[]*).*", re.S)  # what a member's name begins with
+NAMED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType)
 
 
 class Unsteady(ValueError):
@@ -72,6 +83,7 @@ class Unsteady(ValueError):
 class Variable(NamedTuple):
     """What `read` gave, and of a tensor its `version_of`."""
 
+    name: str
     read: Callable[[], Any]
     value: Any
     version: Hashable | None
@@ -96,8 +108,12 @@ class Surroundings:
              batch's
     """
 
-    def __init__(self, reads: Iterable[Read] = ()) -> None:
-        """reads: names, and what gives a function, or what it uses."""
+    def __init__(self, reads: Iterable[Read] = (), strict: bool = True) -> None:
+        """reads: names, and what gives a function, or what it uses. Where this is not `strict`,
+        what would raise Unsteady is put down in `unseen`, but for what functions write to, and
+        what is installed counts by its name.
+        """
+        self.strict, self.unseen = strict, []
         self.variables: list[Variable] = []
         self.inputs: list[Tensor] = []
         self.batched: dict[int, int] = {}
@@ -147,6 +163,21 @@ class Surroundings:
         """
         return tuple(map(self._word, self.variables))
 
+    def digests(self) -> dict[str, str]:
+        """Of each variable with its members, by name, a digest that is the same in another
+        process: of numbers and tensors by themselves, of functions by their code, of all else by
+        its kind, as what it holds is a variable too.
+        """
+        sums: dict[str, Any] = {}
+        first: dict[int, str] = {}  # by id: the name that stood for it first
+        for name, _, value, _ in self.variables:
+            known = "" if steady(value) else first.setdefault(id(value), name)
+            words = known, lasting(value)
+            if name != DTYPE[0]:
+                whole = WHOLE.fullmatch(name)[1]
+                sums.setdefault(whole, hashlib.sha256()).update(repr(words).encode())
+        return {name: sum_.hexdigest() for name, sum_ in sums.items()}
+
     def _word(self, variable: Variable) -> Hashable:
         value = variable.value
         if steady(value):
@@ -161,36 +192,48 @@ class Surroundings:
             and not value.requires_grad
         ):
             return value.dtype, value.shape, bytes_of(value)
-        what = None
+        kind = None
         if isinstance(value, types.FunctionType) and not of_package(value):
-            what = value.__code__
+            kind = value.__code__
         elif isinstance(value, (tuple, list, dict, set)):
-            what = type(value), len(value)
+            kind = type(value), len(value)
         elif isinstance(value, (np.ndarray, functools.partial, types.MethodType)) or (
             followed(value) and not isinstance(value, types.ModuleType)
         ):
-            what = type(value)
-        if what is None:
+            kind = type(value)
+        if kind is None:
             return id(value), variable.version, self._many.get(id(value))
         # by which it is of those that were met, as the same one may stand in two places
-        return what, self._met[id(value)][0]
+        return kind, self._met[id(value)][0]
 
     def _hold(self, name: str, read: Callable[[], Any]) -> None:
         value = read()
-        self.variables.append(Variable(read, value, self._take(name, value)))
+        self.variables.append(Variable(name, read, value, self._take(name, value)))
+
+    def _refuse(self, reason: str) -> None:
+        if self.strict:
+            raise Unsteady(reason)
+        if reason not in self.unseen:
+            self.unseen.append(reason)
 
     def _take(self, name: str, value: Any) -> Hashable | None:
         """Look at what a name stands for, and at what that reads; the version of a tensor."""
         if isinstance(value, Tensor):
             return self._tensor(name, value)
-        if steady(value) or id(value) in self._met:
+        if (
+            steady(value)
+            or id(value) in self._met
+            or isinstance(value, types.MemberDescriptorType)  # of a slot
+        ):
             return None
         self._met[id(value)] = len(self._met), value
         if isinstance(value, HOLDING):
             self._object(name, value)
         if isinstance(value, (tuple, frozenset)):
-            for part in value:
-                self._part(name, part)
+            for k, part in enumerate(
+                value if isinstance(value, tuple) else sorted(value, key=repr)
+            ):
+                self._part(f"{name}[{k}]", part)
         elif isinstance(value, (list, dict)):
             self._contents(name, value)
         elif isinstance(value, set):
@@ -208,7 +251,9 @@ class Surroundings:
         elif isinstance(value, types.MethodType):
             self._part(name, value.__self__)
             self._part(name, value.__func__)
-        elif followed(value):
+        elif not self.strict and isinstance(value, NAMED) and installed(value):
+            return None
+        elif followed(value) and (self.strict or not installed(type(value))):
             self._object(name, value)
             if isinstance(value, torch.nn.Module):
                 self._buffers |= {id(x) for x in value.buffers()}
@@ -218,15 +263,17 @@ class Surroundings:
         elif isinstance(value, type) and not (of_package(value) or of_numpy(value)):
             self._class(value)
             self._class(type(value))
-            for one in (*getattr(value, "__dataclass_fields__", ()), *MAKES):
-                read = functools.partial(class_attribute, value, one)
+            for member in (*getattr(value, "__dataclass_fields__", ()), *MAKES):
+                read = functools.partial(class_attribute, value, member)
                 if read() is not ABSENT and not generated(read()):
-                    self._hold(f"{name}.{one}", read)
-        elif isinstance(value, types.ModuleType) and of_package(value):
+                    self._hold(f"{name}.{member}", read)
+        elif (isinstance(value, types.ModuleType) and of_package(value)) or (
+            not self.strict and hasattr(value, "__dict__") and top(type(value)) in PLAIN
+        ):
             self._holders.append((name, value, set()))
         elif not (of_package(value) or of_numpy(value)):
             kind = "a module" if isinstance(value, types.ModuleType) else type(value).__name__
-            raise Unsteady(f"{name!r} ({kind})")
+            self._refuse(f"{name!r} ({kind})")
         return None
 
     def _object(self, name: str, value: Any) -> None:
@@ -236,7 +283,7 @@ class Surroundings:
             self._class(type(value))
 
     def _tensor(self, name: str, value: Tensor) -> Hashable | None:
-        if value.is_inference():
+        if value.is_inference() and self.strict:
             raise Unsteady(
                 f"{name!r}, a tensor of inference mode, which does not tell whether it was "
                 "written to"
@@ -244,12 +291,9 @@ class Surroundings:
         if id(value) not in self._met:
             self._met[id(value)] = len(self._met), value
             self._object(name, value)
-            own = (
-                value.requires_grad
-                or isinstance(value, torch.nn.Parameter)
-                or id(value) in self._buffers
-            )
-            if own and value.is_floating_point() and value.device.type == "cpu":
+            parameter = isinstance(value, torch.nn.Parameter) or id(value) in self._buffers
+            varies = value.requires_grad or parameter
+            if varies and value.is_floating_point() and value.device.type == "cpu":
                 self.inputs.append(value)
         if any(value is x for x in self.inputs):
             return None
@@ -269,8 +313,8 @@ class Surroundings:
             self._hold(f"{name}[{key!r}]", lambda key=key: value.get(key, ABSENT))
 
     def _array(self, name: str, value: np.ndarray) -> None:
-        if value.size > LARGE or value.dtype.hasobject:
-            raise Unsteady(f"{name!r}, an array of more than {LARGE} numbers")
+        if value.dtype.hasobject or (value.size > LARGE and self.strict):
+            self._refuse(f"{name!r}, an array of more than {LARGE} numbers")
         self._hold(f"numbers of {name}", lambda: (value.dtype.str, value.shape, value.tobytes()))
 
     def _class(self, kind: type) -> None:
@@ -287,29 +331,39 @@ class Surroundings:
         before = len(self.variables)
         for name, value, seen in self._holders:
             if isinstance(value, type):
-                own = {one: read for one, read in of_class(value)}
-                wanted = {one for one in own if one in self._named or one.startswith("__")}
-            else:
-                own = {
-                    one: lambda value=value, one=one: attribute(value, one)
-                    for one in (
-                        put_on(value, self._named)
-                        if isinstance(value, types.ModuleType) and of_package(value)
-                        else attributes(value)
-                    )
+                reads = dict(of_class(value))
+                wanted = {
+                    key
+                    for key in reads
+                    if not self.strict or key in self._named or key.startswith("__")
                 }
-                whole = not isinstance(value, types.ModuleType) and (
-                    BY_WORDS & self._named
-                    or (of_package(type(value)) and not isinstance(value, (Tensor, *HOLDING)))
-                    or frozen(value)
-                )
-                wanted = {one for one in own if whole or one in self._named} | (
-                    OF_MODULES & own.keys()
-                )
-            for one in sorted(wanted - seen):
-                seen.add(one)
-                self._hold(f"{name}.{one}", own[one])
+            else:
+                reads, whole = self._attributes(name, value)
+                wanted = {key for key in reads if whole or key in self._named}
+                wanted |= OF_MODULES & reads.keys()
+                if not self.strict:
+                    wanted -= {key for key in reads if lazy(type(value), key)}
+            for key in sorted(wanted - seen):
+                seen.add(key)
+                self._hold(f"{name}.{key}", reads[key])
         return len(self.variables) > before
+
+    def _attributes(self, name: str, value: Any) -> tuple[dict[str, Callable[[], Any]], bool]:
+        """What an object or a module holds, and whether all of it counts, named or not."""
+        module = isinstance(value, types.ModuleType)
+        packaged = module and of_package(value)
+        names = put_on(value, self._named) if packaged else attributes(value)
+        reads = {key: functools.partial(attribute, value, key) for key in names}
+        if module:
+            users = not packaged and top(value) != "numpy"
+            if users and not self.strict and BY_WORDS & self._named:
+                self._refuse(f"{name!r} by getattr or the like")
+            return reads, False
+        whole = BY_WORDS & self._named or frozen(value)
+        if not isinstance(value, Tensor):
+            packaged = of_package(type(value)) and not isinstance(value, HOLDING)
+            whole = whole or packaged or not self.strict
+        return reads, bool(whole)
 
     def _part(self, name: str, value: Any) -> None:
         """Of what cannot be made to hold another."""
@@ -318,12 +372,12 @@ class Surroundings:
     def _function(self, name: str, function: types.FunctionType) -> None:
         for part in (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()):
             self._part(f"a default of {name}", part)
-        for own in vars(function):
-            self._hold(f"{name}.{own}", lambda own=own: vars(function).get(own, ABSENT))
+        for key in vars(function):
+            self._hold(f"{name}.{key}", lambda key=key: vars(function).get(key, ABSENT))
         for variable, cell in zip(
             function.__code__.co_freevars, function.__closure__ or (), strict=True
         ):
-            self._hold(variable, lambda cell=cell: cell.cell_contents)
+            self._hold(variable, functools.partial(contents, cell))
         for code in codes(function.__code__):
             for step in dis.get_instructions(code):
                 self._step(name, function, step)
@@ -331,12 +385,16 @@ class Surroundings:
     def _step(self, name: str, function: types.FunctionType, step: dis.Instruction) -> None:
         """One of a function's code."""
         said = step.argval
-        if step.opname in WRITTEN or (
-            step.opname == "STORE_DEREF" and said in function.__code__.co_freevars
+        if self.strict and (
+            step.opname in WRITTEN
+            or (step.opname == "STORE_DEREF" and said in function.__code__.co_freevars)
         ):
             raise Unsteady(f"{said!r}, which {name} writes to")
         if step.opname == "IMPORT_NAME":
-            raise Unsteady(f"{said!r}, which {name} imports")
+            if self.strict or said not in sys.modules:
+                self._refuse(f"{said!r}, which {name} imports")
+            else:
+                self._hold(said, lambda: sys.modules[said])
         if step.opname in READ:
             self._named.add(said)
         if said in STATES and step.opname in {*READ, "LOAD_GLOBAL", "LOAD_NAME"}:
@@ -349,4 +407,4 @@ class Surroundings:
         if name in known:
             self._hold(name, lambda: known.get(name, ABSENT))
         elif name not in PURE and not isinstance(getattr(builtins, name, None), type):
-            raise Unsteady(f"{name!r}")
+            self._refuse(f"{name!r}")

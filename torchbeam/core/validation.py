@@ -53,8 +53,8 @@ def numpy_dtype(value: np.ndarray | np.generic) -> torch.dtype | None:
     """torch's dtype of a floating NumPy array or scalar, None of whole and `Plain` numbers; or
     NumPy's own.
     """
-    own = value.dtype.kind in "fc" and not isinstance(value, Plain)
-    return getattr(torch, value.dtype.name, value.dtype) if own else None
+    typed = value.dtype.kind in "fc" and not isinstance(value, Plain)
+    return getattr(torch, value.dtype.name, value.dtype) if typed else None
 
 
 def as_tensor(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
@@ -83,9 +83,9 @@ def dtype_of(value: Value) -> torch.dtype:
 
 def _known(leaf: Tensor | np.ndarray | np.generic) -> None:
     """ValueError for what is neither whole nor of single or double precision."""
-    own = numpy_dtype(leaf) if isinstance(leaf, NUMPY) else real(leaf).dtype
-    if own is not None and (isinstance(leaf, NUMPY) or own.is_floating_point):
-        precision(own)
+    dtype = numpy_dtype(leaf) if isinstance(leaf, NUMPY) else real(leaf).dtype
+    if dtype is not None and (isinstance(leaf, NUMPY) or dtype.is_floating_point):
+        precision(dtype)
 
 
 def converted(value: Value, dtype: torch.dtype, device: torch.device | None = None) -> Tensor:
@@ -109,12 +109,13 @@ def real(value: Tensor) -> Tensor:
 
 
 def dense(value: Tensor) -> Tensor:
-    """`value` if it has a number in each place; ValueError for a sparse tensor, and for one of the
-    device meta.
+    """`value` if it has a number in each place; ValueError for a sparse or quantized tensor, and
+    for one of the device meta.
     """
-    if value.layout != torch.strided or value.is_meta:
-        given = "the device meta" if value.is_meta else f"the layout {value.layout}"
-        raise ValueError(f"a tensor of {given} was given; a dense one with numbers is wanted")
+    if value.layout != torch.strided or value.is_meta or value.is_quantized:
+        kind = value.dtype if value.is_quantized else f"the layout {value.layout}"
+        kind = "the device meta" if value.is_meta else kind
+        raise ValueError(f"a tensor of {kind} was given; a dense one with numbers is wanted")
     return value
 
 
@@ -131,7 +132,7 @@ def numbers(value: Value, kinds: str = "fiu") -> Plain:
     """
     try:
         array = np.array(value)
-    except (TypeError, ValueError):
+    except Exception:  # of a class of the user's, too
         array = np.array(None)
     if (
         array.dtype.kind not in kinds
@@ -168,14 +169,14 @@ def holds_tensor(value: Value) -> bool:
     )
 
 
-def present(given: Value, part: Tensor | None = None) -> bool:
+def present(value: Value, part: Tensor | None = None) -> bool:
     """Whether a number that was given, or that `part` of given numbers, is there: what came as a
     tensor always is, since a gradient or a tangent may be asked for where it is 0 as anywhere else,
     and other samples may have other values. Plain numbers are there unless they are all 0.
     """
-    if isinstance(given, Tensor) or holds_tensor(given):
+    if isinstance(value, Tensor) or holds_tensor(value):
         return True
-    return bool(numbers(given).any() if part is None else (part != 0).any())
+    return bool(numbers(value).any() if part is None else (part != 0).any())
 
 
 def has_dtype(value: Value) -> bool:
@@ -211,9 +212,9 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
     try:
         return broadcast_shapes(*shapes)
     except RuntimeError:
-        given = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(shapes) if shape)
+        axes = " and ".join(str(tuple(shape)) for shape in dict.fromkeys(shapes) if shape)
         raise ValueError(
-            f"{what} with the batch axes {given} were given; axes that broadcast are wanted"
+            f"{what} with the batch axes {axes} were given; axes that broadcast are wanted"
         ) from None
 
 

@@ -134,7 +134,7 @@ def adaptive(
 ) -> Adapted:
     """A motion from `start` (...) at the instants t (n,) s."""
     stack = functorch.get_interpreter_stack() or ()
-    if any(one.key() == torch._C._functorch.TransformType.Vmap for one in stack):
+    if any(level.key() == torch._C._functorch.TransformType.Vmap for level in stack):
         raise ValueError(
             "rtol or atol was given within torch.func.vmap, where samples cannot have steps of "
             "their own; batch axes of the scene are wanted, or a step"
@@ -162,15 +162,15 @@ def _times(steps: Controlled, t: Tensor) -> Tensor:
     some about the events.
     """
     sequence, end = steps.sequence, steps.sequence.end
-    own = (...,) + (None,) * end.ndim
+    index = (...,) + (None,) * end.ndim
     begin = sequence.instants[0]
     share = torch.linspace(0, 1, CHECKS + 1, dtype=t.dtype, device=t.device)[1:]
-    times = [torch.minimum(t[own], end), begin + (end - begin) * share[own]]
+    times = [torch.minimum(t[index], end), begin + (end - begin) * share[index]]
     if (steps.event >= 0).any():
         low, high = ((steps.met + k).clamp(min=0).minimum(sequence.counts) for k in (-1, 2))
         low, high = (sequence.instants.gather(0, k[None])[0] for k in (low, high))
         share = torch.linspace(0, 1, NEAR, dtype=t.dtype, device=t.device)
-        times.append(low + (high - low) * share[own])
+        times.append(low + (high - low) * share[index])
     return torch.cat([x.expand(len(x), *end.shape) for x in times])
 
 
@@ -236,8 +236,8 @@ def _recorded(runs: _Runs, steps: Controlled) -> bool:
     if not torch.is_grad_enabled():
         return False
     sequence = steps.sequence
-    one = StepSequence(sequence.instants[:2], sequence.counts.clamp(max=1), sequence.stops)
-    after = one.states(runs.stepper, runs.start, runs.inputs, 0, one.counts[None])
+    first = StepSequence(sequence.instants[:2], sequence.counts.clamp(max=1), sequence.stops)
+    after = first.states(runs.stepper, runs.start, runs.inputs, 0, first.counts[None])
     return any(x.requires_grad for x in vars(after).values() if isinstance(x, Tensor))
 
 
@@ -261,7 +261,7 @@ def _event(
                 torch.arange(len(values), device=number.device)[(...,) + (None,) * number.ndim]
                 == number
             )
-            ends = ([picked(near, k) for k in (one, one + 1)] for one in at)
+            ends = ([picked(near, k) for k in (place, place + 1)] for place in at)
             times = [
                 events.zero(*pair, torch.full_like(number, k), motion)[0]
                 for k, pair in enumerate(ends)
@@ -279,11 +279,11 @@ def _held(
     """States (time, ...) with the initial one first, those of a sample that has stopped held, and
     their status.
     """
-    own = (...,) + (None,) * proof.status.ndim
-    times, first = t.detach()[own].expand(states.status.shape), start.map(lambda x: x[None])
+    index = (...,) + (None,) * proof.status.ndim
+    times, first = t.detach()[index].expand(states.status.shape), start.map(lambda x: x[None])
     states = states.map(lambda x, y: torch.cat((y.expand(1, *x.shape[1:]), x[1:])), first)
     last = (proof.good - 1).clamp(min=0)
-    k = torch.arange(len(t), device=t.device)[own]
+    k = torch.arange(len(t), device=t.device)[index]
     late = (k >= proof.good) | ((steps.status != SUCCESS) & (times > steps.sequence.end))
     if late.any() and (proof.good < len(t)).any():
         last_states = picked(states, last).map(lambda x: x[None])

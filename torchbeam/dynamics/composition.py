@@ -17,11 +17,10 @@ from ..engine.chain.compiled_step import Steps
 from ..engine.chain.extrapolated_functions import mixtures
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
-from ..scene.effects import Inputs
 from ..state.state import State
 from .method import WHOLE, Composition, Scheme
-from .step_inputs import HeldInputs, together
-from .step_solver import Made, StepSolver
+from .step_inputs import together
+from .step_solver import Made, Span, StepSolver
 
 # fields whose mean is taken
 LINEAR = (
@@ -38,23 +37,12 @@ LINEAR = (
 )
 
 
-def step(
-    solver: StepSolver,
-    model: Model,
-    state: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: HeldInputs,
-    moving: Tensor,
-    last: bool,
-) -> Made:
-    """A step over dt from t on of the model, or of a part of its batch. Without `last`, its parts
-    can follow.
-    """
+def step(solver: StepSolver, model: Model, span: Span) -> Made:
+    """A step of the model, or of a part of its batch."""
     result_of_all = None
-    for scheme, own in solver.method.schemes(model, dt):
-        who = moving if own is None else moving & own
-        result = _mean(scheme, solver, model, state, dt, t, inputs, who, last)
+    for scheme, samples in solver.method.schemes(model, span.dt):
+        who = span.moving if samples is None else span.moving & samples
+        result = _mean(scheme, solver, model, span._replace(moving=who))
         result_of_all = (
             result
             if result_of_all is None
@@ -67,26 +55,17 @@ def step(
     return result_of_all
 
 
-def _mean(
-    scheme: Scheme,
-    solver: StepSolver,
-    model: Model,
-    state: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: HeldInputs,
-    moving: Tensor,
-    last: bool,
-) -> Made:
+def _mean(scheme: Scheme, solver: StepSolver, model: Model, span: Span) -> Made:
     """The mean of compositions; a sample has failed where one of them has."""
+    state, dt, _, inputs, moving, _ = span
     if scheme.solves > 1 and solver.compiled is not None and model is solver.model:
-        given = inputs(solver.method.INSTANT)
+        values = inputs(solver.method.INSTANT)
         shape = broadcast_shapes(
-            solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in given.values())
+            solver.compiled.batch, moving.shape, *(x.shape[:-1] for x in values.values())
         )
         moved = moving.expand(shape)
-        given = together([inputs], scheme.instants(solver.method.INSTANT), shape)
-        result = natively(scheme, solver, state, dt, t, given, moved, last)
+        values = together([inputs], scheme.instants(solver.method.INSTANT), shape)
+        result = natively(scheme, solver, span._replace(inputs=values, moving=moved))
         if result is not None:
             good = moved & (result.status == SUCCESS)
             after = replace(state, **result.fields, t=torch.where(good, state.t + dt, state.t))
@@ -97,7 +76,7 @@ def _mean(
             )
     good, begin, ends, status, iterations = moving, state, [], None, 0
     for composition in scheme.compositions:
-        result = _composed(composition, solver, model, begin, dt, t, inputs, good, last)
+        result = _composed(composition, solver, model, span._replace(state=begin, moving=good))
         if len(scheme.compositions) == 1:
             return result
         ends.append(vars(result.state))
@@ -124,26 +103,16 @@ def _weighted(
     return after
 
 
-def _composed(
-    composition: Composition,
-    solver: StepSolver,
-    model: Model,
-    state: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: HeldInputs,
-    moving: Tensor,
-    last: bool,
-) -> Made:
+def _composed(composition: Composition, solver: StepSolver, model: Model, span: Span) -> Made:
     """Solves one after the other, those of a sample until one fails."""
-    instant = solver.method.INSTANT
+    (state, dt, t, inputs, moving, last), instant = span, solver.method.INSTANT
     if composition is WHOLE:
-        return solver.solve(model, state, dt, t + instant * dt, inputs(instant), moving, last)
+        return solver.solve(model, span._replace(t=t + instant * dt, inputs=inputs(instant)))
     now, good, reaction = state, moving, 0.0
     status = iterations = None
     for share, at in zip(composition.fractions, composition.instants(instant), strict=True):
         now, solve_status, count = solver.solve(
-            model, now, share * dt, t + at * dt, inputs(at), good, last
+            model, Span(now, share * dt, t + at * dt, inputs(at), good, last)
         )
         status = solve_status if status is None else torch.where(good, solve_status, status)
         iterations = count if iterations is None else iterations + torch.where(good, count, 0)
@@ -156,47 +125,36 @@ def _composed(
 
 
 def natively(
-    scheme: Scheme,
-    solver: StepSolver,
-    state: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: Inputs,
-    moving: Tensor | None,
-    last: bool,
-    K: int | None = None,
-    every: int = 1,
+    scheme: Scheme, solver: StepSolver, span: Span, K: int | None = None, every: int = 1
 ) -> Steps | None:
-    """A step of dt (...) from t (...) on, or K of dt and t (K), or (K, ...), by native code; None
-    where they are to be made eagerly. The reaction is the mean over the step, the stress that of
-    the last solve.
-
-    inputs  by name, held over all, or one for each solve, see `together`
-    moving  (...) bool, of the whole batch's shape; None = all, of one step
-    every   of K steps, see `CompiledStep`
+    """A step, or K of dt and t (K), or (K, ...), by native code, see `CompiledStep`; None where
+    they are to be made eagerly. The reaction is the mean over the step, the stress that of the last
+    solve.
     """
+    state, dt, t, inputs, moving, _ = span
     if K is not None and t.ndim > 1 and dt.ndim == 1 and solver.compiled.takes_time:
         dt = dt.reshape(-1, *(1,) * (t.ndim - 1))
     if scheme.solves == 1:
         middle = t + solver.method.INSTANT * dt if solver.compiled.takes_time else None
         dt = dt[0] if K is not None and dt.stride() == (0,) else dt  # the same of all
-        return solver.natively(state, dt, middle, inputs, moving, last, K, every)
+        return solver.natively(span._replace(dt=dt, t=middle), K, every)
     if moving is None:
         shape = broadcast_shapes(
             solver.compiled.batch, state.batch_shape, *(x.shape[:-1] for x in inputs.values())
         )
         moving = (state.status == SUCCESS).expand(shape)
+    span = span._replace(dt=dt, moving=moving)
     if len(scheme.compositions) == 1:
-        return _in_a_row(scheme, solver, state, dt, t, inputs, moving, last, K)
+        return _in_a_row(scheme, solver, span, K)
     if solver.extrapolating is not None:
-        return _in_a_row(scheme, solver.extrapolating, state, dt, t, inputs, moving, last, K)
+        return _in_a_row(scheme, solver.extrapolating, span, K)
     if K is None:
-        return _extrapolated(scheme, solver, state, dt, t, inputs, moving, last)
+        return _extrapolated(scheme, solver, span)
     steps: list[Steps] = []
     for k in range(K):
         rows = slice(k * scheme.solves, (k + 1) * scheme.solves)
-        given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
-        result = _extrapolated(scheme, solver, state, dt[k], t[k], given, moving, last)
+        values = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
+        result = _extrapolated(scheme, solver, Span(state, dt[k], t[k], values, moving, span.last))
         if result is None:
             return None
         state = with_values(state, **result.fields)
@@ -217,22 +175,15 @@ def _stacked(steps: list[Steps]) -> Steps:
     return Steps(fields, status, torch.stack([step.iterations for step in steps]), well)
 
 
-def _extrapolated(
-    scheme: Scheme,
-    solver: StepSolver,
-    state: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: Inputs,
-    moving: Tensor,
-    last: bool,
-) -> Steps | None:
+def _extrapolated(scheme: Scheme, solver: StepSolver, span: Span) -> Steps | None:
     """One step by the mean of compositions, by a call of native code each."""
+    state, inputs, moving = span.state, span.inputs, span.moving
     ends, status, iterations, good, done, begin = [], None, 0, moving, 0, state
-    for one in scheme.compositions:
-        rows = slice(done, done := done + len(one.fractions))
-        given = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
-        result = _in_a_row(Scheme((one,)), solver, begin, dt, t, given, good, last, None)
+    for composition in scheme.compositions:
+        rows = slice(done, done := done + len(composition.fractions))
+        values = {name: x[rows] if x.ndim > moving.ndim + 1 else x for name, x in inputs.items()}
+        part = span._replace(state=begin, inputs=values, moving=good)
+        result = _in_a_row(Scheme((composition,)), solver, part, None)
         if result is None:
             return None
         ends.append(result)
@@ -251,20 +202,11 @@ def _extrapolated(
     return Steps(fields, status, iterations, well)
 
 
-def _in_a_row(
-    scheme: Scheme,
-    solver: StepSolver,
-    state: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: Inputs,
-    moving: Tensor,
-    last: bool,
-    K: int | None,
-) -> Steps | None:
+def _in_a_row(scheme: Scheme, solver: StepSolver, span: Span, K: int | None) -> Steps | None:
     """A step, or K, by one call of native code: of a composition, or by a solver that extrapolates
     of the mean of WHOLE and another one.
     """
+    state, dt, t = span[:3]
     # first: axes before that of the solves
     n, first, fractions = scheme.solves, 0 if K is None else 1, scheme.fractions
     middle = mixture = None
@@ -277,9 +219,7 @@ def _in_a_row(
     length = dt * fractions[0] if alike else _times(fractions, dt, first).flatten(0, first)
     if len(scheme.compositions) > 1:
         mixture = dt.new_tensor(mixtures(n - 1, scheme.weights)).repeat(K or 1, 1)
-    result = solver.natively(
-        state, length, middle, inputs, moving, last, (K or 1) * n, mixture=mixture
-    )
+    result = solver.natively(span._replace(dt=length, t=middle), (K or 1) * n, mixture=mixture)
     if result is None:
         return None
     series = {name: x.unflatten(0, (-1, n)) for name, x in result.fields.items()}
@@ -326,36 +266,23 @@ def _times(values: tuple[float, ...], x: Tensor, first: int) -> Tensor:
 
 
 def in_parts(
-    solver: StepSolver,
-    model: Model,
-    state: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: HeldInputs,
-    failed: Tensor,
-    halvings: int,
+    solver: StepSolver, model: Model, span: Span, halvings: int
 ) -> tuple[State, Tensor, Tensor]:
-    """The step of samples that have failed in one go, in 2, 4, ... 2^halvings parts: (state after,
-    or before where that fails too; whether it went well; iterations), those few by themselves where
-    that is faster.
+    """The step of samples that have failed in one go (`moving`), in 2, 4, ... 2^halvings parts:
+    (state after, or before where that fails too; whether it went well; iterations), those few by
+    themselves where that is faster.
     """
+    state, dt, t, inputs, failed, last = span
     few = BatchSubset.worthwhile(failed)
     if few is not None:
         try:
             part, start = few.gather((model, state))
             held = inputs.map(
-                lambda given: {name: few.take(value, 1) for name, value in given.items()}
+                lambda values: {name: few.take(value, 1) for name, value in values.items()}
             )
-            after, well, counted = _in_parts(
-                solver,
-                part,
-                start,
-                few.take(dt, 0),
-                few.take(t, 0),
-                held,
-                few.take(failed, 0),
-                halvings,
-            )
+            dt, t = few.take(dt, 0), few.take(t, 0)
+            few_of = Span(start, dt, t, held, few.take(failed, 0), last)
+            after, well, counted = _in_parts(solver, part, few_of, halvings)
             none = torch.zeros(failed.shape, dtype=torch.long, device=failed.device)
             return (
                 few.scatter(state, after),
@@ -364,26 +291,20 @@ def in_parts(
             )
         except NotSeparable:
             pass
-    return _in_parts(solver, model, state, dt, t, inputs, failed, halvings)
+    return _in_parts(solver, model, span, halvings)
 
 
 def _in_parts(
-    solver: StepSolver,
-    model: Model,
-    start: State,
-    dt: Tensor,
-    t: Tensor,
-    inputs: HeldInputs,
-    failed: Tensor,
-    halvings: int,
+    solver: StepSolver, model: Model, span: Span, halvings: int
 ) -> tuple[State, Tensor, Tensor]:
-    after, counted, left = start, torch.zeros_like(failed, dtype=torch.long), failed
+    after, dt, t, inputs, failed, _ = span
+    counted, left = torch.zeros_like(failed, dtype=torch.long), failed
     for level in range(1, halvings + 1):
-        parts, trial, good = 2**level, start, left
+        parts, trial, good = 2**level, span.state, left
         for k in range(parts):
             held, now = inputs.part(k / parts, 1 / parts), t + k * dt / parts
             trial, status, iterations = step(
-                solver, model, trial, dt / parts, now, held, good, last=level == halvings
+                solver, model, Span(trial, dt / parts, now, held, good, level == halvings)
             )
             counted = counted + torch.where(good, iterations, 0)
             good = good & (status == SUCCESS)

@@ -27,15 +27,15 @@ class Events:
     functions: tuple[Callable[[State], Tensor], ...] = ()
 
     @classmethod
-    def of(cls, given: Any) -> Events:
+    def of(cls, events: Any) -> Events:
         """Of a function, or a sequence of them. Raises ValueError for anything else."""
-        many = () if given is None else given if isinstance(given, (tuple, list)) else (given,)
+        many = () if events is None else events if isinstance(events, (tuple, list)) else (events,)
         if not all(map(callable, many)):
             raise ValueError(
-                f"events of type {type(given).__name__} were given; a function of the state, or a "
+                f"events of type {type(events).__name__} were given; a function of the state, or a "
                 "list of such, is wanted"
             )
-        return cls(tuple(check_function("an event", one, "state") for one in many))
+        return cls(tuple(check_function("an event", event, "state") for event in many))
 
     def values(self, states: State) -> Tensor | None:
         """(events, ...); None without events. Raises ValueError where a function gives anything but

@@ -111,14 +111,14 @@ class ExplicitStepper:
         """The state one interval later; `active`, a failing sample and its status as in
         `Stepper`.
         """
-        given = self.scene.tensors(inputs)
+        values = self.scene.tensors(inputs)
         moving = state.status == 0
         if active is not None:
             moving = moving & mask("active", active, moving)
         now = exact(state.t, self.latest)
-        begin, own = shared(now, moving), {}
+        begin, options = shared(now, moving), {}
         if begin.ndim:  # each sample's own
-            begin, own = now.new_zeros(()), dict(begin=begin.to(self.dt))
+            begin, options = now.new_zeros(()), dict(begin=begin.to(self.dt))
         span = torch.stack((begin, begin + self.dt))
         # who rests need not be on supports now
         start = replace(state, status=torch.where(moving, state.status, FAILED))
@@ -131,9 +131,9 @@ class ExplicitStepper:
                     start,
                     self.method,
                     form=self.form,
-                    inputs=given,
+                    inputs=values,
                     **self.options,
-                    **own,
+                    **options,
                 )
             except AllFailed:
                 return replace(state, status=torch.where(moving, FAILED, state.status))

@@ -22,9 +22,8 @@ from ..nodal.element_loads import all_loads
 from ..nodal.model import Model
 from ..scene.effects import Effect
 from ..solvers.newton import newton
-from ..state.state import State
 from .method import Method
-from .step_inputs import HeldInputs
+from .step_solver import Span
 from .unresisted_motion import unresisted_motion
 
 ITERATES = 6  # of Newton's method that are looked at
@@ -184,25 +183,15 @@ class Failure(NamedTuple):
 class Failures(dict[int, Failure]):
     """The first failure of a stepper by its status."""
 
-    def remember(
-        self,
-        method: Method,
-        model: Model,
-        state: State,
-        dt: Tensor,
-        t: Tensor,
-        inputs: HeldInputs,
-        status: Tensor,
-    ) -> None:
-        """What a step over dt from `state` at t on has failed at for good, where its status (...)
-        is a new one, to be asked for a reason; nothing that carries gradient.
+    def remember(self, method: Method, model: Model, span: Span, status: Tensor) -> None:
+        """What a step has failed at for good, where its status (...) is a new one, to be asked for
+        a reason; nothing that carries gradient.
         """
         for code in set(concrete(status).flatten().tolist()) - {SUCCESS, *self}:
-            begin, length = t.detach(), dt.detach()
-            held = {name: value.detach() for name, value in inputs(method.INSTANT).items()}
-            problem = method.problem(
-                model, state.detach(), length, begin + method.INSTANT * length, held
-            )
+            t, dt = span.t.detach(), span.dt.detach()
+            held = {name: value.detach() for name, value in span.inputs(method.INSTANT).items()}
+            start = span.state.detach()
+            problem = method.problem(model, start, dt, t + method.INSTANT * dt, held)
             self[code] = Failure(problem, status == code)
 
     def reasons(self) -> dict[int, str]:

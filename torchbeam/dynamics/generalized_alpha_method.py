@@ -45,9 +45,9 @@ class GeneralizedAlphaMethod(Method):
             "a Tendon with friction": model.tendons.dissipative,
             "contact of beams with friction or damping": model.touching.lossy,
         }
-        for what, given in unfit.items():
-            if given:
-                raise ValueError(f"{what} was given to generalized_alpha; 'midpoint' takes it")
+        for name, present in unfit.items():
+            if present:
+                raise ValueError(f"{name} was given to generalized_alpha; 'midpoint' takes it")
 
     def begin(
         self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]

@@ -42,10 +42,10 @@ def rounded(instants: Tensor, dtype: torch.dtype) -> Tensor:
     return t
 
 
-def instants_of(given: Any, scene: Any) -> tuple[Tensor, torch.dtype]:
+def instants_of(value: Any, scene: Any) -> tuple[Tensor, torch.dtype]:
     """Strictly increasing instants (n) s in double precision, and the dtype in which they came."""
-    t = increasing("t", as_tensor(given, torch.float64, scene.device))
-    return t, dtype_of(given)
+    t = increasing("t", as_tensor(value, torch.float64, scene.device))
+    return t, dtype_of(value)
 
 
 def largest(x: Tensor) -> float:

@@ -25,6 +25,7 @@ from .composition import natively
 from .failure import Failures
 from .instants import exact, rounded
 from .step_inputs import StepInputs, in_line
+from .step_solver import Span
 
 AT_ONCE = 256  # steps that native code is asked for, at most
 ROOM = 2**18  # nodes, over samples and steps, of the states that native code makes at once
@@ -161,26 +162,13 @@ def _natively(
     every, count = (every, count - count % every) if count >= every else (1, count)
     moving = start.status == SUCCESS
     moving = (moving if plan.active is None else moving & plan.active).expand(shape)
-    given = inputs.of_solves(scheme, method.INSTANT, count, shape)
+    values = inputs.of_solves(scheme, method.INSTANT, count, shape)
 
-    def found_of(every: int) -> Any:
-        return natively(
-            scheme,
-            solver,
-            start,
-            dt[:count],
-            t[:count].to(dt),
-            given,
-            moving,
-            not stepper.halvings,
-            count,
-            every,
-        )
-
+    span = Span(start, dt[:count], t[:count].to(dt), values, moving, last=not stepper.halvings)
     lasting = not stepper.halvings and stepper.failures is None
-    result = found_of(every)
+    result = natively(scheme, solver, span, count, every)
     if result is not None and result.every > 1 and not result.well:
-        result = found_of(1)
+        result = natively(scheme, solver, span, count)
     if result is None:
         return None
     stopped = not result.well and not lasting

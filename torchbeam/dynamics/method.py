@@ -137,10 +137,10 @@ class Method:
         whose mean it is.
         """
         place: Tensor | float = 0.5
-        for scheme, own in self.schemes(model, dt):
+        for scheme, samples in self.schemes(model, dt):
             last = scheme.compositions[-1]
             at = last.begins[-1] + last.fractions[-1] / 2
-            place = at if own is None else torch.where(own, at, place)
+            place = at if samples is None else torch.where(samples, at, place)
         return place
 
     def begin(

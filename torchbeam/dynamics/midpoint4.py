@@ -119,9 +119,11 @@ class Midpoint4(Method):
         damping = model.scene.damping
         if damping is None:
             return [(SYMMETRIC, None)]
-        taus = [concrete(one.tau.detach()) for one in model.scene.dampings]
+        taus = [concrete(effect.tau.detach()) for effect in model.scene.dampings]
         pairs = zip(model.scene.dampings, taus, strict=True)
-        taus = [part for one, tau in pairs for part in (tau.unbind(-1) if one.six else (tau,))]
+        taus = [
+            part for effect, tau in pairs for part in (tau.unbind(-1) if effect.six else (tau,))
+        ]
         if damping.on is not None and len(model.scene.dampings) < len(model.scene.beam.beams):
             taus.append(torch.zeros_like(taus[0]))  # of beams without
         taus = torch.stack(torch.broadcast_tensors(*taus))
@@ -155,9 +157,9 @@ def _undamped(spring: Spring | RootSpring, model: Model, h: Tensor) -> Tensor:
     k = concrete(spring.stiffness.detach())
     c = torch.zeros_like(k) if spring.damping is None else concrete(spring.damping.detach())
     per_length = model.section_mass[..., spring.node, :, :].diagonal(dim1=-2, dim2=-1)
-    own = concrete((per_length * model.tributary_length[..., spring.node, :]).detach())
+    damping = concrete((per_length * model.tributary_length[..., spring.node, :]).detach())
     if isinstance(spring, Spring):
-        return (k * h**2 > RESOLVED**2 * own[..., 0]) & (c < SLOW * h * k)
+        return (k * h**2 > RESOLVED**2 * damping[..., 0]) & (c < SLOW * h * k)
     h = h[..., None]
-    moving = torch.tensor([True] * 3 + [model.inertia.rotary.present] * 3, device=own.device)
-    return ((k * h**2 > RESOLVED**2 * own) & (c < SLOW * h * k) & moving).any(-1)
+    moving = torch.tensor([True] * 3 + [model.inertia.rotary.present] * 3, device=damping.device)
+    return ((k * h**2 > RESOLVED**2 * damping) & (c < SLOW * h * k) & moving).any(-1)

@@ -94,29 +94,29 @@ def check_room(
     fields = [x for x in vars(state).values() if isinstance(x, Tensor)]
     if max(wanted, solves) * size * sum([x.numel() for x in fields]) <= SMALL:  # as a rule
         return
-    own = (
+    sizes = (
         x.value.shape[x.value.ndim - x.axes :].numel()
         for x in own_leaves(state)
         if x.value is not None
     )
-    size *= sum(own)
+    size *= sum(sizes)
     least = (wanted + 2 * math.isqrt(steps)) * size
     most = max(wanted, solves) * size
     if most <= SMALL:
         return
-    what = f"the states of {steps} steps of {shape.numel()} sample(s)"
+    text = f"the states of {steps} steps of {shape.numel()} sample(s)"
     if not (torch.is_grad_enabled() and wants_gradient(stepper.model, state, *inputs.values())):
-        check_memory(what, wanted * size, "a smaller batch takes less")
+        check_memory(text, wanted * size, "a smaller batch takes less")
     elif checkpoint:
         check_memory(
-            f"{what}, with their gradient and checkpoint=True,", least, "a smaller batch takes less"
+            f"{text}, with their gradient and checkpoint=True,", least, "a smaller batch takes less"
         )
     else:
         checkpointed = (
             "" if checkpoint is None else f"checkpoint=True takes {least / 1e9:.3g} GB, and "
         )
         check_memory(
-            f"{what}, with their gradient,",
+            f"{text}, with their gradient,",
             most,
             f"{checkpointed}a smaller batch {'takes ' if not checkpointed else ''}less",
         )

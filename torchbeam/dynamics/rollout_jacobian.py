@@ -92,9 +92,9 @@ def rollout_jacobian(
         values = _read(read, stepper.model.space.to_public(reached))
     batch = reached.t.shape
     if not isinstance(values, Tensor) or values.shape[:-1] != batch:
-        given = tuple(values.shape) if isinstance(values, Tensor) else type(values).__name__
+        kind = tuple(values.shape) if isinstance(values, Tensor) else type(values).__name__
         raise ValueError(
-            f"read gave {given} of states {tuple(batch)}; a tensor with these axes and one more is "
+            f"read gave {kind} of states {tuple(batch)}; a tensor with these axes and one more is "
             "wanted"
         )
     S, r = len(values), values.shape[-1]
@@ -142,9 +142,9 @@ def _slopes(values: Tensor, ends: dict[str, Tensor], by: Tensor) -> tuple[dict[s
     ]
     *of_ends, of_by = zip(*rows, strict=True)
     slopes = {
-        name: torch.stack([torch.zeros_like(end) if x is None else x for x in own])
-        for (name, end), own in zip(ends.items(), of_ends, strict=True)
-        if any(x is not None for x in own)
+        name: torch.stack([torch.zeros_like(end) if x is None else x for x in slope])
+        for (name, end), slope in zip(ends.items(), of_ends, strict=True)
+        if any(x is not None for x in slope)
     }
     return slopes, any(x is not None for x in of_by)
 
@@ -165,9 +165,9 @@ def _rows(
     steps = (numbers[-1] // r + 1) * every
     outputs, weights = [fields[name] for name in slopes], []
     for x, slope in zip(outputs, slopes.values(), strict=True):
-        own = x.new_zeros(len(numbers), steps, *x.shape[1:])
-        own[row, (s + 1) * every - 1] = slope[i, s]
-        weights.append(own)
+        derivative = x.new_zeros(len(numbers), steps, *x.shape[1:])
+        derivative[row, (s + 1) * every - 1] = slope[i, s]
+        weights.append(derivative)
     rows = rows_of_steps(outputs, weights, by)
     if rows is not None:
         return rows

@@ -171,9 +171,9 @@ def adaptive_run(
     **options: Any,
 ) -> Solution:
     if method == "generalized_alpha" or options.get("conserve"):
-        what = "conserve" if options.get("conserve") else "generalized_alpha"
+        called = "conserve" if options.get("conserve") else "generalized_alpha"
         raise ValueError(
-            f"rtol or atol was given to {what}, whose error is no series in even powers of the "
+            f"rtol or atol was given to {called}, whose error is no series in even powers of the "
             "step; 'midpoint' without conserve takes them"
         )
     if method == "midpoint4" and any(callable(value) for value in inputs.values()):
@@ -190,15 +190,17 @@ def adaptive_run(
     first = None if first_step is None else step_size("first_step", first_step)
     stepper = prepared(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
     changing(inputs, len(t) - 1)
-    given = inputs_at(inputs, t[0], t)
-    start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=given)
+    first_inputs = inputs_at(inputs, t[0], t)
+    start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=first_inputs)
     with no_derivatives():  # functions of time bring batch axes, which a step shows
-        wide = stepper.advance(start.detach(), given, dt=stepper.dt.detach(), t=t[0]).batch_shape
+        wide = stepper.advance(
+            start.detach(), first_inputs, dt=stepper.dt.detach(), t=t[0]
+        ).batch_shape
     start = start.broadcast(broadcast_shapes(wide, tolerance.position.shape))
     stepper.failures = Failures()
     held = {
         name: v if isinstance(v, PerInterval) or callable(v) else scene_value
-        for name, scene_value in scene.tensors(given).items()
+        for name, scene_value in scene.tensors(first_inputs).items()
         for v in (inputs[name],)
     }
     solution = adaptive(stepper, start, t, held, tolerance, events, most, first)
@@ -309,15 +311,18 @@ def _energy(
     if not model.scene.eigenstrains:
         return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
     if all(map(constant, model.scene.eigenstrains)):
-        own = model.eigenstrain(states.t, {})
-        return Energy(kinetic, model.strain_energy(states.position, states.rotation, own), work)
-    own = [
+        eigenstrain = model.eigenstrain(states.t, {})
+        return Energy(
+            kinetic, model.strain_energy(states.position, states.rotation, eigenstrain), work
+        )
+    eigenstrain = [
         model.eigenstrain(
             now, model.scene.tensors(inputs_at(inputs, now, now, interval=max(k - 1, 0)))
         )
         for k, now in enumerate(t)
     ]
     strain = [
-        model.strain_energy(*at) for at in zip(states.position, states.rotation, own, strict=True)
+        model.strain_energy(*at)
+        for at in zip(states.position, states.rotation, eigenstrain, strict=True)
     ]
     return Energy(kinetic, torch.stack(strain), work)

@@ -26,6 +26,8 @@ from .torchdiffeq_bridge import METHODS as ODE_METHODS
 
 TOLERANCES = "rtol", "atol"  # of implicit methods: adaptive steps
 FIXED = "step", "checkpoint", "progress"  # options of steps that are given
+SWITCHES = "throw", "lumped", "conserve", "checkpoint", "adjoint", "project"
+OF_ALL = "form", "inputs", "throw", "accuracy"  # keywords that are no options of a method
 
 
 def simulate(
@@ -131,6 +133,7 @@ def simulate(
         (torch.Size([11, 3]), tensor(0))
         >>> sure = tb.simulate(scene, [0.0, 0.1], rtol=1e-2)  # steps by an error bound
     """
+    asked = locals()
     not_here("accuracy", accuracy, "torchbeam.simulate")
     choice("form", form, FORMS)
     method = ("midpoint" if form == "nodal" else "dopri5") if method is None else method
@@ -138,81 +141,49 @@ def simulate(
         names = dict.fromkeys((*IMPLICIT_METHODS, *ODE_METHODS))
         raise ValueError(f"method = {shown(method)} was given; there are {', '.join(names)}")
     instance("a scene", scene, Scene)
-    switches = dict(
-        throw=throw,
-        lumped=lumped,
-        conserve=conserve,
-        checkpoint=checkpoint,
-        adjoint=adjoint,
-        project=project,
-    )
-    for name, value in switches.items():
-        boolean(name, value)
-    begin = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
-    given = chosen(
-        simulate,
-        dict(
-            step=step,
-            rtol=rtol,
-            atol=atol,
-            events=events,
-            max_steps=max_steps,
-            first_step=first_step,
-            engine=engine,
-            lumped=lumped,
-            conserve=conserve,
-            rho_inf=rho_inf,
-            tolerance=tolerance,
-            iterations=iterations,
-            halvings=halvings,
-            checkpoint=checkpoint,
-            progress=progress,
-            options=options,
-            adjoint=adjoint,
-            begin=begin,
-            project=project,
-            solver=solver,
-        ),
-    )
+    for name in SWITCHES:
+        boolean(name, asked[name])
+    asked["begin"] = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
+    names = [name for name in keywords(simulate) if name not in OF_ALL]
+    selected = chosen(simulate, {name: asked[name] for name in names})
     t, digits = instants_of(t, scene)
-    mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
-    controlled = not mixed and implicit and any(name in given for name in TOLERANCES)
-    if controlled and (fixed := [name for name in FIXED if name in given]):
-        raise ValueError(
-            f"{fixed[0]} was given with rtol or atol, which choose the steps; one of them is wanted"
-        )
-    if not controlled and events is not None:
-        raise ValueError(
-            "events were given without rtol or atol; the adaptive steps of an implicit method "
-            "take them"
-        )
-    known = keywords(
-        *(
-            (mixed_forms().simulate_mixed,)
-            if mixed
-            else (adaptive_run, Stepper)
-            if controlled
-            else (implicit_run, Stepper)
-            if implicit
-            else (explicit_run,)
-        )
-    )
-    check_options(f"form {form!r}" if mixed else f"method {method!r}", given, known)
+    run = _run_of(form, method, selected)
     inputs = merge_inputs(inputs, {})
-    if (mixed or not implicit) and any(isinstance(value, PerInterval) for value in inputs.values()):
+    if run in (adaptive_run, implicit_run):
+        return _judged(
+            run(scene, t, digits, initial, method, inputs, **selected), throw, warned=True
+        )
+    if any(isinstance(value, PerInterval) for value in inputs.values()):
         raise ValueError(
             f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of "
             "the nodal form take it, and ExplicitStepper holds inputs over its steps"
         )
-    if mixed or not implicit:
-        t = explicit_instants(scene, t, digits, begin, options)
+    t = explicit_instants(scene, t, digits, asked["begin"], options)
+    if run is explicit_run:
+        return _judged(run(scene, t, initial, method, inputs, **selected), throw)
+    return _judged(run(scene, t, form, initial, method, inputs=inputs, **selected), throw)
+
+
+def _run_of(form: str, method: str, selected: dict[str, Any]) -> Callable[..., Solution]:
+    """What makes the run; ValueError for options that it does not have."""
+    mixed, implicit = form != "nodal", method in IMPLICIT_METHODS
+    controlled = not mixed and implicit and any(name in selected for name in TOLERANCES)
+    if controlled and (fixed := [name for name in FIXED if name in selected]):
+        raise ValueError(
+            f"{fixed[0]} was given with rtol or atol, which choose the steps; one of them is wanted"
+        )
+    if not controlled and "events" in selected:
+        raise ValueError(
+            "events were given without rtol or atol; the adaptive steps of an implicit method "
+            "take them"
+        )
     if mixed:
         run = mixed_forms().simulate_mixed
-        return _judged(run(scene, t, form, initial, method, inputs=inputs, **given), throw)
-    if not implicit:
-        return _judged(explicit_run(scene, t, initial, method, inputs, **given), throw)
-    run = adaptive_run if controlled else implicit_run
-    return _judged(run(scene, t, digits, initial, method, inputs, **given), throw, warned=True)
+    else:
+        run = adaptive_run if controlled else implicit_run if implicit else explicit_run
+    takers = (run,) if mixed or not implicit else (run, Stepper)
+    check_options(f"form {form!r}" if mixed else f"method {method!r}", selected, keywords(*takers))
+    return run
 
 
 def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:

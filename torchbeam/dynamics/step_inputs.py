@@ -188,8 +188,8 @@ def together(
 
 def in_line(x: Tensor, shape: torch.Size, axes: int = 0) -> Tensor:
     """x (K, ..., own axes) with the samples' `shape` between its first axis and its own."""
-    own = x.shape[x.ndim - axes :]
+    last_axes = x.shape[x.ndim - axes :]
     lead = x.shape[1 : x.ndim - axes]
-    return x.reshape(len(x), *(1,) * (len(shape) - len(lead)), *lead, *own).expand(
-        len(x), *shape, *own
+    return x.reshape(len(x), *(1,) * (len(shape) - len(lead)), *lead, *last_axes).expand(
+        len(x), *shape, *last_axes
     )

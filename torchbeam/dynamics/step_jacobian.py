@@ -10,7 +10,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from ..core.validation import broadcast
+from ..core.validation import broadcast, shown
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.moves import move_between, moved
 from ..scene.effects import Inputs
@@ -43,6 +43,10 @@ def step_jacobian(
     By reverse mode, all n rows as one batch of as many equal steps. Constants: no derivatives go
     through them.
     """
+    if not hasattr(coordinates, "reads"):
+        raise ValueError(
+            f"model = {shown(coordinates)} was given; what `linearize` returns is wanted"
+        )
     n, start = coordinates.reads.shape[-2], space.to_reduced(state.detach())
     lead = broadcast(
         "a state, a model and inputs",

@@ -43,9 +43,9 @@ class StepSequence(Tree):
         k = torch.arange(first, last, device=self.instants.device)
         low = self.instants[k // parts]
         whole = self.instants[(k // parts + 1).clamp(max=len(self.instants) - 1)] - low
-        own = (...,) + (None,) * (low.ndim - 1)
+        index = (...,) + (None,) * (low.ndim - 1)
         length = whole / parts
-        begin = low + (k % parts)[own] * length
+        begin = low + (k % parts)[index] * length
         return begin, torch.where(
             length > 0, length, torch.where(length > 0, length, torch.inf).amin()
         )
@@ -125,8 +125,8 @@ def picked(states: State, at: Tensor) -> State:
     """Of states (n, ...) that with the number `at` (...), each sample's own."""
 
     def taken(x: Tensor) -> Tensor:
-        own = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
-        return x.gather(0, own)[0]
+        index = at.reshape(1, *at.shape, *(1,) * (x.ndim - at.ndim - 1)).expand(1, *x.shape[1:])
+        return x.gather(0, index)[0]
 
     return states.map(taken)
 

@@ -23,7 +23,6 @@ from ..engine.engine_use import EngineUse
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import in_double
 from ..nodal.model import Model
-from ..scene.effects import Inputs
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import TOLERANCE, newton
 from ..state.state import State
@@ -38,6 +37,22 @@ TURN = 1.2
 
 # eps: what sums of forces that cancel are held to; a finer tolerance counts as this
 FINEST = 256
+
+
+class Span(NamedTuple):
+    """What a step goes over: dt from t on, both (...) s, from a state.
+
+    inputs  by name; of a step of several solves `HeldInputs`, or one for each solve, see `together`
+    moving  (...) bool: samples that move; None = all, of one step
+    last    whether it cannot be made in parts where it fails
+    """
+
+    state: State
+    dt: Tensor
+    t: Tensor | None
+    inputs: Any
+    moving: Tensor | None
+    last: bool
 
 
 class Made(NamedTuple):
@@ -140,24 +155,14 @@ class StepSolver:
         other._decided = self.compiled is None or not self.model.touching.present
         return other
 
-    def solve(
-        self,
-        model: Model,
-        state: State,
-        dt: Tensor,
-        t: Tensor,
-        inputs: Inputs,
-        moving: Tensor,
-        last: bool,
-    ) -> Made:
-        """A solve over dt, with loads as at t, of the model or of a part of its batch. Without
-        `last`, its parts can follow.
-        """
+    def solve(self, model: Model, span: Span) -> Made:
+        """A solve with loads as at t of the model or of a part of its batch."""
+        state, dt, t, inputs, moving, last = span
         if self.compiled is not None and model is self.model:
             shape = broadcast_shapes(
                 self.compiled.batch, moving.shape, *(x.shape[:-1] for x in inputs.values())
             )
-            solution = self.natively(state, dt, t, inputs, moving.expand(shape), last)
+            solution = self.natively(span._replace(moving=moving.expand(shape)))
             if solution is not None:
                 good = moving & (solution.status == SUCCESS)
                 after = replace(
@@ -200,19 +205,10 @@ class StepSolver:
         return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
 
     def natively(
-        self,
-        state: State,
-        dt: Tensor,
-        t: Tensor | None,
-        inputs: Inputs,
-        moving: Tensor | None,
-        last: bool,
-        K: int | None = None,
-        every: int = 1,
-        mixture: Tensor | None = None,
+        self, span: Span, K: int | None = None, every: int = 1, mixture: Tensor | None = None
     ) -> Steps | None:
-        """A solve over dt with the middle t (...), or K, see `CompiledStep`; None where they are to
-        be made eagerly.
+        """A solve with loads as at t, or K, see `CompiledStep`; None where they are to be made
+        eagerly.
         """
         compiled = self.compiled
         if compiled is None:  # another thread has given it up
@@ -229,14 +225,12 @@ class StepSolver:
                 f"was made{VALUES}"
             )
             return None
+        state, *call, last = span
         tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else self.tolerance
         try:
             solution = compiled(
                 state,
-                dt,
-                t,
-                inputs,
-                moving,
+                *call,
                 tolerance,
                 self._least,
                 self._limit(last),
@@ -259,24 +253,18 @@ class StepSolver:
             and state.position.dtype is torch.float32
             and not self.model.law.rigid
         ):
-            return self._in_double(state, dt, t, inputs, moving, last, K, every, mixture)
+            return self._in_double(span, K, every, mixture)
         return None
 
     def _in_double(
-        self,
-        state: State,
-        dt: Tensor,
-        t: Tensor | None,
-        inputs: Inputs,
-        moving: Tensor | None,
-        *options: Any,
+        self, span: Span, K: int | None, every: int, mixture: Tensor | None
     ) -> Steps | None:
         """The same in float64, whose tangents are the law's own where float32 makes ordinary strips
         of metal softer.
         """
 
-        def wide(x: Tensor) -> Tensor:
-            return x.to(torch.float64)
+        def wide(x: Tensor | None) -> Tensor | None:
+            return None if x is None else x.to(torch.float64)
 
         if self._double is None:
             with lasting(), past_hooks():
@@ -285,18 +273,14 @@ class StepSolver:
                 self._double.engine = "auto"
         if self._double.compiled is None:
             return None
-        solution = self._double.natively(
-            state.map(lambda x: wide(x) if x.is_floating_point() else x),
-            wide(dt),
-            None if t is None else wide(t),
-            {name: wide(x) for name, x in inputs.items()},
-            moving,
-            *(wide(x) if isinstance(x, Tensor) else x for x in options),
-        )
+        state = span.state.map(lambda x: wide(x) if x.is_floating_point() else x)
+        inputs = {name: wide(x) for name, x in span.inputs.items()}
+        double = Span(state, wide(span.dt), wide(span.t), inputs, span.moving, span.last)
+        solution = self._double.natively(double, K, every, wide(mixture))
         if solution is None:
             return None
         return solution._replace(
-            fields={name: x.to(state.position) for name, x in solution.fields.items()}
+            fields={name: x.to(span.state.position) for name, x in solution.fields.items()}
         )
 
     def _limit(self, last: bool) -> int:

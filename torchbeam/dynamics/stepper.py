@@ -37,7 +37,7 @@ from .methods import METHODS
 from .state_cache import StateCache
 from .step_inputs import GivenInputs, HeldInputs, StepInputs
 from .step_jacobian import Coordinates, step_jacobian
-from .step_solver import StepSolver
+from .step_solver import Span, StepSolver
 
 HALVINGS = 6  # a failed step is made again in at most 2^6 parts
 
@@ -247,21 +247,19 @@ class Stepper:
         if active is not None:
             moving = moving & mask("active", active, moving)
         t = t if t is not None else shared(state.t, moving) if self._changes else state.t
-        after, status, self.iterations = step(
-            self.solver, self.model, state, dt, t, given, moving, last=not self.halvings
-        )
+        span = Span(state, dt, t, given, moving, last=not self.halvings)
+        after, status, self.iterations = step(self.solver, self.model, span)
         lost = moving & (status != SUCCESS)
         failed = lost & (status == DIVERGED) if concrete(lost).any() else lost
         if self.halvings and failed is not lost and concrete(failed).any():
             again, well, more = in_parts(
-                self.solver, self.model, state, dt, t, given, failed, self.halvings
+                self.solver, self.model, span._replace(moving=failed), self.halvings
             )
             after, status = again.where(well, after), torch.where(well, SUCCESS, status)
             self.iterations = self.iterations + more
         if failed is not lost and self.failures is not None:
-            self.failures.remember(
-                self.method, self.model, state, dt, t, given, torch.where(moving, status, SUCCESS)
-            )
+            remembered = torch.where(moving, status, SUCCESS)
+            self.failures.remember(self.method, self.model, span, remembered)
         now = exact(state.t, self.latest)
         good = moving & (status == SUCCESS)
         after = replace(
@@ -313,7 +311,7 @@ class Stepper:
                     strict=True,
                 )
             )
-        given, alone = self.scene.tensors(u), copy(self)
+        values, alone = self.scene.tensors(u), copy(self)
         alone._last, alone.failures = None, Failures()
         state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam, "a state")))
         return step_jacobian(
@@ -321,7 +319,7 @@ class Stepper:
             self.model.space,
             model,
             state,
-            {name: given[name] for name in sizes},
+            {name: values[name] for name in sizes},
         )
 
     def repeat(
@@ -352,16 +350,9 @@ class Stepper:
         alone = None if inputs.vary else self.method.alone(self.model, dt)
         if alone is None or not (well or not concrete(state.status).any()):
             return None
-        result = natively(
-            alone,
-            self.solver,
-            state,
-            dt,
-            state.t if t is None else t,
-            inputs.given,
-            None,
-            not self.halvings,
-        )
+        now = state.t if t is None else t
+        span = Span(state, dt, now, inputs.given, None, last=not self.halvings)
+        result = natively(alone, self.solver, span)
         if result is None or not result.well:
             return None
         self.iterations, now = result.iterations, exact(state.t, self.latest) + dt

@@ -277,8 +277,8 @@ def _largest(ratio: Tensor) -> Tensor:
 
 
 def _sentence(method: str, rows: Tensor, t: Tensor, shape: torch.Size) -> str:
-    one = "the sample" if not shape else named(rows)
-    who = one if rows.any() else "a sample that could not be named"
+    sample = "the sample" if not shape else named(rows)
+    who = sample if rows.any() else "a sample that could not be named"
     return (
         f"{method} failed on {who} after t = {t.item():.6g} s: the step shrank to nothing, too "
         f"many steps were taken, or the rates were not finite; {ADVICE}"

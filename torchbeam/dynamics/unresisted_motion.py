@@ -74,9 +74,9 @@ def _words(problem: StepProblem, moves: Tensor) -> str:
     direction = torch.where(
         direction.abs() < ROUNDING, 0.0, direction * direction[direction.abs().argmax()].sign()
     )
-    what = "a rotation about" if turns else "a displacement along"
+    motion = "a rotation about" if turns else "a displacement along"
     axis = ", ".join(f"{v:.3g}" for v in direction.tolist())
-    return f"{what} ({axis}) of node {_named(model, node)}"
+    return f"{motion} ({axis}) of node {_named(model, node)}"
 
 
 def _named(model: Any, node: int) -> str:

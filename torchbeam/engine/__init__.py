@@ -1,1 +1,1 @@
-"""Native engine: local functions traced, and run on a chain as machine code."""
+"""Native engine: local functions traced, and run over nodes and elements as machine code."""

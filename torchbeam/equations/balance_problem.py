@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from torch import Tensor
 
 from ..core.leaves import Tree
+from ..nodal import interactions
 from ..nodal.balance import (
     CondensedTangent,
     Linearisation,
@@ -21,6 +22,7 @@ from ..nodal.conditions import Conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
 from ..nodal.joint_motion import JointDrive, JointMotion
+from ..nodal.loads import MotionJacobian, Nodes
 from ..nodal.rows import Rows
 from ..nodal.tendon_motion import TendonMotion
 from ..nodal.touching_motion import TouchingMotion
@@ -114,6 +116,22 @@ class BalanceProblem(Tree):
         """
         raise NotImplementedError
 
+    def nodes(self, kinematics: Any) -> Nodes:
+        """What loads see."""
+        raise NotImplementedError
+
+    def motion_by(self, nodes: Any) -> MotionJacobian:
+        """Derivatives, by the nodes' moves, of the motions that loads read; nodes: those of the
+        motion.
+        """
+        raise NotImplementedError
+
+    def interactions(self, kinematics: Any) -> Tensor | float:
+        """Of all, on the nodes (..., N+1, w); 0.0 where there is none."""
+        if not self.conditions.interactions:
+            return 0.0
+        return interactions.at_nodes(self.model, self.nodes(kinematics), self.conditions)
+
     def idle(self, kinematics: Any) -> Tensor:
         """(...) bool: whether none of them does anything."""
         raise NotImplementedError
@@ -183,6 +201,8 @@ class BalanceProblem(Tree):
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
         nodes = model.tendons.loaded(nodes, lambda: self.tendon_motion(kinematics))
         nodes = model.touching.loaded(nodes, lambda: self.touching_motion(kinematics))
+        pushed = self.interactions(kinematics)
+        nodes = nodes if isinstance(pushed, float) else nodes - pushed
         sizes = largest(
             model.space.dims.position,
             model.spans,
@@ -234,6 +254,10 @@ class BalanceProblem(Tree):
             joined.matrix, lambda: self.tendon_motion(kinematics), half, self.RATE
         )
         matrix = self.model.touching.matrix(matrix, lambda: self.touching_motion(kinematics, nodes))
+        now = self.conditions
+        if now.interactions:
+            by = self.motion_by(nodes)
+            matrix = interactions.matrix(self.model, self.nodes(kinematics), now, by, matrix)
         return joined if matrix is joined.matrix else joined._replace(matrix=matrix)
 
     def merit(self, residual: Residual) -> Tensor | None:

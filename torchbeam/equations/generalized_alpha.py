@@ -32,6 +32,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
+from ..nodal import interactions
 from ..nodal import loads as external
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.element_loads import at_nodes
@@ -196,7 +197,8 @@ class GeneralizedAlphaProblem(StepProblem):
         before = self.conditions_before
         nodes = self.motion.nodes_before(before.reads)
         load = external.external(self.model, nodes, before, total=before.dead)
-        return load + at_nodes(self.model, nodes, before) if before.between else load
+        load = load + at_nodes(self.model, nodes, before) if before.between else load
+        return interactions.at_nodes(self.model, nodes, before, load)
 
     def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""

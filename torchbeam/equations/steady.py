@@ -190,10 +190,14 @@ class SteadyProblem(BalanceProblem):
             self.model, element_loads.Way(kinematics.position), self.conditions
         )
 
+    def motion_by(self, nodes: None) -> external.MotionJacobian:
+        return self.frame.steady_jacobian()
+
     def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
-        now, by = self.conditions, self.frame.steady_jacobian()
+        now = self.conditions
         if not now.between:
             return None
+        by = self.motion_by(nodes)
         matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
         return matrix.each(torch.neg)
 
@@ -202,11 +206,10 @@ class SteadyProblem(BalanceProblem):
         model, load_factor = self.model, self.load_factor[..., None, None, None]
         inertia = self.motion.tangent(*x[:2])
         inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
-        by = self.frame.steady_jacobian()
         inertia = total(inertia, self.element_load_matrix(x))
         if not self.conditions.moving:
             return inertia
-        tangent = external.tangent(model, self.nodes(x), self.conditions, by)
+        tangent = external.tangent(model, self.nodes(x), self.conditions, self.motion_by(None))
         return (
             inertia
             if isinstance(tangent, float)

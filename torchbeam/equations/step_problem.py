@@ -155,7 +155,6 @@ class StepProblem(BalanceProblem):
         )
 
     def nodes(self, kinematics: Any) -> Nodes:
-        """What loads see."""
         nodes = self.motion.nodes(kinematics, self.conditions.reads)
         dt = self.dt if self.INSTANT == 0.5 else None
         return nodes._replace(
@@ -213,7 +212,8 @@ class StepProblem(BalanceProblem):
     def all_loads(self, kinematics: Any) -> Tensor | float:
         """`external` with the loads between nodes."""
         load, between = self.external(kinematics), self.element_loads(kinematics)
-        return load if between is None else load + self.model.topology.scatter(between)
+        load = load if between is None else load + self.model.topology.scatter(between)
+        return load + self.interactions(kinematics)
 
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
         kinematics = self.motion.kinematics(x.u, x.m)
@@ -280,16 +280,20 @@ class StepProblem(BalanceProblem):
 
     def load_tangent(self, nodes: Any) -> Tensor | float:
         """Derivative of `external` by the nodes' moves, (..., N+1, w, w)."""
-        by = external.motion_jacobian(nodes, self.conditions.reads)
+        by = self.motion_by(nodes)
         return external.tangent(self.model, self.nodes(nodes.kinematics), self.conditions, by)
+
+    def motion_by(self, nodes: Any) -> external.MotionJacobian:
+        return external.motion_jacobian(nodes, self.conditions.reads)
 
     def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
         now = self.conditions
         if not now.between:
             return None
         nodes = self.TANGENT(self.motion, kinematics) if nodes is None else nodes
-        by = external.motion_jacobian(nodes, now.reads)
-        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
+        matrix = element_loads.element_matrix(
+            self.model, self.nodes(kinematics), now, self.motion_by(nodes)
+        )
         return matrix.each(torch.neg)
 
     def passed(self, kinematics: Any) -> Tensor | None:

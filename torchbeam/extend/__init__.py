@@ -7,7 +7,8 @@ Trees of tensors  `Tree`, a dataclass whose tensors are declared by `leaf`, with
                   batch and put back; `broadcast_shapes`, torch's without what its first call
                   imports
 Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot say; `LoadPoint`,
-                  where it acts; what it may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
+                  where it acts; `Interaction`, the base of what acts between several nodes; what
+                  both may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
                   `ACCELERATION`, `ANGULAR_ACCELERATION`; `parameter`, a number that may not be
                   negative; `Obstacle`, the base of a body that a beam may touch, by its signed
                   distance; `inputs_of`, the inputs that a tree waits for; `trace` tries whether a
@@ -55,13 +56,14 @@ from ..scene.effects import (
     Obstacle,
     inputs_of,
 )
+from ..scene.effects.interaction import Interaction
 
 # fmt: off
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "ENGINES", "FORMS", "METHODS", "ODE_METHODS",
     "POSITION",
-    "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "LoadEffect", "LoadPoint", "NotTraceable",
-    "Obstacle", "Tree",
+    "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "Interaction", "LoadEffect", "LoadPoint",
+    "NotTraceable", "Obstacle", "Tree",
     "Value", "broadcast_shapes", "choice", "count", "detached", "entry_point", "entry_points",
     "inputs_of", "leaf", "leaves", "map_leaves", "own_leaves", "parameter",
     "quaternions", "shown", "trace", "warn", "with_values",

@@ -58,13 +58,13 @@ class Chart:
     @classmethod
     def of(cls, model: Model, state: State, moves: Tensor) -> Chart:
         """moves (..., w (N+1), n): by the coordinates that joints leave, where there are joints."""
-        space, own = model.space, model.space.to_reduced(state)
-        kinematics = model.kinematics(own.position, own.rotation)
+        space, reduced = model.space, model.space.to_reduced(state)
+        kinematics = model.kinematics(reduced.position, reduced.rotation)
         strain, none = space.strains(kinematics, model.length), torch.empty(0)
         chart = cls(
             model.assembly,
             space,
-            own,
+            reduced,
             model.length,
             model.joints,
             _bases(model),
@@ -73,7 +73,7 @@ class Chart:
             model.constraints.moving.flatten().nonzero()[:, 0],
             none,
         )
-        rows = chart._rows(own.position, own.rotation)
+        rows = chart._rows(reduced.position, reduced.rotation)
         if model.joints.count:
             solve, independent = chart._independent(moves, rows)
         else:
@@ -83,11 +83,11 @@ class Chart:
 
     def __call__(self, position: Tensor, rotation: Tensor, joints: Tensor | None = None) -> Tensor:
         """q (..., w (N+1)) of a configuration in the space's coordinates; joints: as in `State`."""
-        space, own, bases = self.space, self.own, list(self.bases)
-        turn = space.logarithm(space.multiply(rotation, space.inverse(own.rotation)))
-        turn = turn if space.turns else space.to_frame(own.rotation, turn)
+        space, reference, bases = self.space, self.own, list(self.bases)
+        turn = space.logarithm(space.multiply(rotation, space.inverse(reference.rotation)))
+        turn = turn if space.turns else space.to_frame(reference.rotation, turn)
         strain = space.strains(self.kinematics(position, rotation), self.length) - self.strain
-        displacement = (position - own.position)[..., bases, :]
+        displacement = (position - reference.position)[..., bases, :]
         turn = turn[..., bases, :]
         lead = broadcast_shapes(displacement.shape[:-2], turn.shape[:-2])
         moved = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in (displacement, turn)], -1)
@@ -118,7 +118,7 @@ class Chart:
         it, and so do stress, reaction, time. First derivatives by `by` are exact. Raises ValueError
         where there is none.
         """
-        space, own, w = self.space, self.own, self.solve.shape[-2]
+        space, reference, w = self.space, self.own, self.solve.shape[-2]
         q, rate, lags = by.split((w, w, by.shape[-1] - 2 * w), -1)
         position, rotation, joints = self._placed(near, q)
         u, rows = self.velocity(near).flatten(-2), self.independent_and_held(position, rotation)
@@ -129,13 +129,13 @@ class Chart:
         if self.joints.count:
             pose = self.joints.pose(position, rotation)
             joints = self.joints.reading(pose, joints, (velocity, spin))
-        before = space.to_frame(own.rotation, own.spin)
+        before = space.to_frame(reference.rotation, reference.spin)
         return replace(
             near,
             position=position,
             rotation=rotation,
             spin=space.to_section(rotation, spin + before),
-            velocity=velocity + own.velocity + self._carried(before, position),
+            velocity=velocity + reference.velocity + self._carried(before, position),
             joints=joints,
             internal=None if near.internal is None else near.internal + lags,
         )
@@ -165,8 +165,8 @@ class Chart:
 
     def independent_alone(self, q: Tensor) -> Tensor:
         """(..., n) of what `independent_and_held` has rows of: of q, and 0 of what joints hold."""
-        own = (self.independent @ q[..., None])[..., 0]
-        return pad(own, (0, len(self.free) - own.shape[-1]))
+        moves = (self.independent @ q[..., None])[..., 0]
+        return pad(moves, (0, len(self.free) - moves.shape[-1]))
 
     def _placed(self, near: State, by: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
         """The configuration whose coordinates are those of `near` and `by` more, by Newton's method
@@ -215,8 +215,8 @@ class Chart:
         those (..., n), and none that is held.
         """
         free = self.free
-        own = solve_unchecked(rows[..., free], change[..., None])[..., 0]
-        return own.new_zeros(*own.shape[:-1], rows.shape[-1]).index_copy(-1, free, own)
+        moves = solve_unchecked(rows[..., free], change[..., None])[..., 0]
+        return moves.new_zeros(*moves.shape[:-1], rows.shape[-1]).index_copy(-1, free, moves)
 
     def kinematics(self, position: Tensor, rotation: Tensor) -> Any:
         return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
@@ -284,9 +284,9 @@ class Chart:
         """Velocity and spin (..., N+1, w) of the nodes, frame a, beside those of the model's own
         motion.
         """
-        space, own = self.space, self.own
-        before = space.to_frame(own.rotation, own.spin)
-        velocity = state.velocity - own.velocity - self._carried(before, state.position)
+        space, reference = self.space, self.own
+        before = space.to_frame(reference.rotation, reference.spin)
+        velocity = state.velocity - reference.velocity - self._carried(before, state.position)
         spin = space.to_frame(state.rotation, state.spin) - before
         lead = broadcast_shapes(velocity.shape[:-1], spin.shape[:-1])
         return torch.cat((velocity.expand(*lead, -1), spin.expand(*lead, -1)), -1)

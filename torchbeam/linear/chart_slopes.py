@@ -43,8 +43,10 @@ def slopes(chart: Chart, state: State) -> tuple[Tensor, Tensor]:
     w = J.shape[-1]
     at = torch.cat((free, w + free, 2 * w + torch.arange(states, device=free.device)))
     whole = after.new_zeros(*after.shape[:-2], 2 * w + states, after.shape[-1])
-    own = pad(chart.independent, (0, 0, 0, len(free) - chart.independent.shape[-2]))
-    whole = whole.index_copy(-2, at, after) @ _triangular(own, torch.zeros_like(own), states)
+    independent = pad(chart.independent, (0, 0, 0, len(free) - chart.independent.shape[-2]))
+    whole = whole.index_copy(-2, at, after) @ _triangular(
+        independent, torch.zeros_like(independent), states
+    )
     return _triangular(J.expand_as(rate), rate, states), whole
 
 
@@ -57,14 +59,14 @@ def _by_moves_of_rate(chart: Chart, state: State, u: Tensor) -> tuple[Tensor, Te
     """
     space, length = chart.space, chart.length
     kinematics = chart.kinematics(state.position, state.rotation)
-    own = chart.assembly.to_elements(u)
+    ends = chart.assembly.to_elements(u)
     eye = torch.eye(space.dims.strain, dtype=u.dtype, device=u.device)
-    lead = broadcast_shapes(own.shape[:-1], kinematics[0].shape[: u.ndim - 1])
+    lead = broadcast_shapes(ends.shape[:-1], kinematics[0].shape[: u.ndim - 1])
     unit = eye.view(-1, *(1,) * len(lead), space.dims.strain).expand(-1, *lead, -1)
     K = space.geometric_stiffness(kinematics, unit, length)
     strains = torch.einsum(
         "k...ea,k...eab->...ekb",
-        (own / length).expand(len(eye), *lead, -1),
+        (ends / length).expand(len(eye), *lead, -1),
         K.expand(len(eye), *lead, *K.shape[-2:]),
     )
     strains = torch.einsum("...ekb,meb->...ekm", strains, chart.unit_moves()).flatten(-3, -2)
@@ -109,8 +111,8 @@ def _by_moves_of_joints(chart: Chart, state: State, u: Tensor) -> tuple[Tensor, 
 def _of_each(blocks: Tensor) -> Tensor:
     """Block diagonal (..., n w, n w) of blocks (..., n, w, w)."""
     n = blocks.shape[-3]
-    own = torch.eye(n, dtype=blocks.dtype, device=blocks.device)
-    return (own[:, None, :, None] * blocks[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
+    eye = torch.eye(n, dtype=blocks.dtype, device=blocks.device)
+    return (eye[:, None, :, None] * blocks[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
 
 
 def _triangular(A: Tensor, below: Tensor, states: int) -> Tensor:
@@ -118,8 +120,8 @@ def _triangular(A: Tensor, below: Tensor, states: int) -> Tensor:
     X = torch.cat((torch.cat((A, torch.zeros_like(A)), -1), torch.cat((below, A), -1)), -2)
     if not states:
         return X
-    own = torch.eye(states, dtype=A.dtype, device=A.device)
-    return pad(X, (0, states, 0, states)) + pad(own, (X.shape[-1], 0, X.shape[-2], 0))
+    eye = torch.eye(states, dtype=A.dtype, device=A.device)
+    return pad(X, (0, states, 0, states)) + pad(eye, (X.shape[-1], 0, X.shape[-2], 0))
 
 
 def _rate_of_turn(space: Spatial, q: Tensor, spin: Tensor) -> Tensor:

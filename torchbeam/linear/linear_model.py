@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, step_size
+from ..core.arguments import boolean, instance, step_size
 from ..core.arguments import count as check_count
 from ..core.summary import counted, kind, lines
-from ..core.validation import as_tensor, axis_last, finite
+from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.quadratic_eigen import covering, lowest
 from ..nodal.coordinates.spatial import Spatial
@@ -113,7 +113,8 @@ class Linear:
         Stress and reaction are zero, as in `State.from_nodes`: a step finds them. First derivatives
         are exact. Raises ValueError for a z of another size, or one that no state has.
         """
-        z = axis_last("z", as_tensor(z, self.A.dtype, self.A.device), self.A.shape[-1])
+        z = finite("z", as_tensor(z, self.A.dtype, self.A.device))
+        axis_last("z", z, self.A.shape[-1])
         near = replace(
             self.state,
             stress=torch.zeros_like(self.state.stress),
@@ -127,7 +128,7 @@ class Linear:
         departure by a move m of the state, see `torchbeam.nodal.moves`, and dm/dz (..., 2 w
         (N+1) + Z, n); what z does not tell follows z's own motion.
         """
-        by_moves, moves = slopes(self.chart, state)
+        by_moves, moves = slopes(self.chart, instance("a state", state, State))
         return self.reads @ by_moves, moves @ self.moves
 
     def discrete(self, dt: float) -> Linear:
@@ -144,6 +145,8 @@ class Linear:
         rows = torch.cat((self.A * scale[..., None, :], self.B), -1) / scale[..., :, None]
         below = torch.zeros_like(rows[..., :1, :]).expand(*rows.shape[:-2], m, n + m)
         held = torch.linalg.matrix_exp(dt * torch.cat((rows, below), -2))
+        if not torch.isfinite(concrete(held)).all():
+            raise ValueError(f"dt = {dt:g} was given; one in which nothing overflows is wanted")
         held = held[..., :n, :] * scale[..., :, None]
         return replace(
             self, A=held[..., :n] / scale[..., None, :], B=held[..., n:], dt=dt, mass=None

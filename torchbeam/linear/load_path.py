@@ -87,9 +87,9 @@ class LoadPath:
     def _as_given(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
         """In the scene's own precision."""
         if isinstance(self.of, Scene):
-            given = self.of.tensors(self.inputs)
+            values = self.of.tensors(self.inputs)
             return self.of, {
-                name: factor[..., None].to(value) * value for name, value in given.items()
+                name: factor[..., None].to(value) * value for name, value in values.items()
             }
         scene = self.of(factor.float() if self.single else factor)
         if not isinstance(scene, Scene):

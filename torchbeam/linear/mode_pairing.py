@@ -107,24 +107,24 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
         tensor([1, 0])
     """
     instance("modes", modes, Modes)
-    own = check_function("read", read, "shape")(modes.shape)
-    if not isinstance(own, Tensor):
+    readings = check_function("read", read, "shape")(modes.shape)
+    if not isinstance(readings, Tensor):
         raise ValueError(
-            f"a function that read {shown(own)} was given as read; one of tensors is wanted"
+            f"a function that read {shown(readings)} was given as read; one of tensors is wanted"
         )
     if not isinstance(shapes, Tensor):
-        shapes = torch.as_tensor(numbers(shapes, "fiuc"), device=own.device)
-    shapes = shapes.to(own.dtype if shapes.is_complex() else own.real.dtype)
+        shapes = torch.as_tensor(numbers(shapes, "fiuc"), device=readings.device)
+    shapes = shapes.to(readings.dtype if shapes.is_complex() else readings.real.dtype)
     if shapes.ndim != 2:
         raise ValueError(
             f"measured shapes of shape {tuple(shapes.shape)} were given; (modes, channels) is "
             "wanted"
         )
     count, k = modes.eigenvalue.shape[-1], len(shapes)
-    if own.shape[:-1] != modes.eigenvalue.shape or own.shape[-1] != shapes.shape[-1]:
+    if readings.shape[:-1] != modes.eigenvalue.shape or readings.shape[-1] != shapes.shape[-1]:
         raise ValueError(
-            f"a function that read {tuple(own.shape)} of {tuple(modes.shape.shape)} was given as "
-            f"read; {(*modes.eigenvalue.shape, shapes.shape[-1])} is wanted, like the measured "
+            f"a function that read {tuple(readings.shape)} of {tuple(modes.shape.shape)} was given "
+            f"as read; {(*modes.eigenvalue.shape, shapes.shape[-1])} is wanted, like the measured "
             "channels"
         )
     if not (torch.isfinite(shapes).all() and shapes.abs().amax(-1).all()):
@@ -137,14 +137,16 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
             f"{count} computed modes were given for {k} measured ones; as many or more are wanted"
         )
     with no_derivatives():
-        seen = own.abs().amax(-1) > torch.finfo(own.dtype).eps ** 0.5 * modes.shape.abs().amax(
-            (-1, -2)
-        )
-        index = _pairs(torch.where(seen[..., None, :], modal_assurance(shapes, own), 0))
-    own = torch.take_along_dim(own, index[..., None], -2)
-    squares = _squares(own)[..., None]
+        seen = readings.abs().amax(-1) > torch.finfo(
+            readings.dtype
+        ).eps ** 0.5 * modes.shape.abs().amax((-1, -2))
+        index = _pairs(torch.where(seen[..., None, :], modal_assurance(shapes, readings), 0))
+    readings = torch.take_along_dim(readings, index[..., None], -2)
+    squares = _squares(readings)[..., None]
     fitted = (
-        (own.conj() * shapes).sum(-1, keepdim=True) / torch.where(squares == 0, 1, squares) * own
+        (readings.conj() * shapes).sum(-1, keepdim=True)
+        / torch.where(squares == 0, 1, squares)
+        * readings
     )
     mac = _squares(fitted) / _squares(shapes)
     frequency, damping = (

@@ -150,22 +150,22 @@ def modes(
     choice("normalize", normalize, NORMS)
     model = discretise(scene, lumped)
     check_count("count", count)
-    given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
+    values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
     if isinstance(state, int):
         raise ValueError(
             f"state = {shown(state)} was given to modes; a torchbeam.State is wanted, or "
             f"count={shown(state)} for so many"
         )
     if state is not None:
-        at_rest(model, state, time, given, lumped)
+        at_rest(model, state, time, values, lumped)
 
-    def found(scene: Scene, state: State | None, given: dict[str, Tensor], t: Tensor) -> Modes:
+    def found(scene: Scene, state: State | None, values: dict[str, Tensor], t: Tensor) -> Modes:
         if state is None:
-            state = equilibrium(scene, t=t.item(), inputs=given)
-        own = model if scene is model.scene else discretise(scene, lumped)
-        return _modes(own, state, count, normalize, given, t)
+            state = equilibrium(scene, t=t.item(), inputs=values)
+        discretised = model if scene is model.scene else discretise(scene, lumped)
+        return _modes(discretised, state, count, normalize, values, t)
 
-    return in_double(found, scene, state, given, time)
+    return in_double(found, scene, state, values, time)
 
 
 def _modes(

@@ -61,9 +61,9 @@ class Perturbation:
             ),
             -1,
         )
-        own = torch.eye(model.node_count, dtype=eye.dtype, device=eye.device)
+        nodes_eye = torch.eye(model.node_count, dtype=eye.dtype, device=eye.device)
         free = moving.flatten().nonzero()[:, 0]
-        full = (own[:, None, :, None] * whole[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
+        full = (nodes_eye[:, None, :, None] * whole[..., :, :, None, :]).flatten(-4, -3).flatten(-2)
         return cls(model, state, t, inputs, shape, free, full[..., free, :][..., free])
 
     def nodes(self, q: Tensor) -> Tensor:
@@ -94,12 +94,12 @@ class Perturbation:
         """(n,) bool; ValueError where samples differ."""
         nodes, p = self.model.node_count, self.model.space.dims.position
         w = self.model.space.unknowns
-        own = torch.zeros(*M.shape[:-2], w * nodes, dtype=M.dtype, device=M.device)
-        own = own.index_copy(-1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)).unflatten(
-            -1, (nodes, w)
-        )
+        diagonal = torch.zeros(*M.shape[:-2], w * nodes, dtype=M.dtype, device=M.device)
+        diagonal = diagonal.index_copy(
+            -1, self.free, M.detach().diagonal(dim1=-2, dim2=-1)
+        ).unflatten(-1, (nodes, w))
         small = torch.cat(
-            [x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in own.split((p, w - p), -1)], -1
+            [x <= NO_INERTIA * x.amax(-1, keepdim=True) for x in diagonal.split((p, w - p), -1)], -1
         )
         small = small.flatten(-2)[..., self.free].reshape(-1, len(self.free))
         if concrete(small != small[:1]).any():
@@ -111,9 +111,9 @@ class Perturbation:
     def problem(self, inputs: dict[str, Tensor], z: Tensor | None = None) -> SteadyProblem:
         """The balance under these inputs, with internal states of loads moved by z (..., Z)."""
         held = self.state.internal if z is None or not z.shape[-1] else self.state.internal + z
-        one = torch.ones(self.shape, dtype=self.axes.dtype, device=self.axes.device)
+        ones = torch.ones(self.shape, dtype=self.axes.dtype, device=self.axes.device)
         return SteadyProblem(
-            self.model, self.t, inputs, one, internal=held if self.model.internal_states else None
+            self.model, self.t, inputs, ones, internal=held if self.model.internal_states else None
         )
 
     def at(
@@ -187,8 +187,10 @@ class Perturbation:
             start = Configuration(self.state.position, self.state.rotation, self.state.stress)
             # zero; an input may be a strain that the beam takes by itself
             bent = problem.residual(start)[0].strain
-            own = self.model.law.stress(self.model.joints.split(bent)[0])
-            start = start._replace(stress=start.stress + self.model.joints.with_forces(own, None))
+            stress = self.model.law.stress(self.model.joints.split(bent)[0])
+            start = start._replace(
+                stress=start.stress + self.model.joints.with_forces(stress, None)
+            )
             load = (
                 -problem.residual(start)[0]
                 .nodes.expand(*self.shape, -1, -1)

@@ -105,40 +105,40 @@ def linearize(
             f"a {held[0]} whose coordinate is an Input was given to linearize, where it would act "
             "by its acceleration; a torque or a force as Input, or a function of t, is wanted"
         )
-    given = scene.tensors(inputs)
+    values = scene.tensors(inputs)
     time = instant("t", t, scene.beam.nodes)
     if state is not None:
-        state = at_rest(model, state, time, given, lumped)
+        state = at_rest(model, state, time, values, lumped)
     outputs = (outputs,) if callable(outputs) else listed(outputs)
     for sensor in outputs:
         check_function("a sensor", sensor, "state")
 
-    def found(scene: Scene, state: State | None, given: Inputs, time: Tensor) -> Linear:
+    def found(scene: Scene, state: State | None, values: Inputs, time: Tensor) -> Linear:
         if state is None:
-            state = equilibrium(scene, t=time.item(), inputs=given)
-        own = model if scene is model.scene else discretise(scene, lumped)
-        axes = (value.shape[:-1] for value in given.values())
+            state = equilibrium(scene, t=time.item(), inputs=values)
+        discretised = model if scene is model.scene else discretise(scene, lumped)
+        axes = (value.shape[:-1] for value in values.values())
         state = state.broadcast(broadcast_shapes(state.batch_shape, scene.batch_shape, *axes))
-        return _linear(own, state, outputs, time, given)
+        return _linear(discretised, state, outputs, time, values)
 
-    linear = in_double(found, scene, state, given, time)
+    linear = in_double(found, scene, state, values, time)
     if scene.dtype == torch.float32:
         _warn_of_rounding(linear.A)
     return linear
 
 
 def _linear(
-    model: Model, state: State, outputs: tuple[Sensor, ...], time: Tensor, given: Inputs
+    model: Model, state: State, outputs: tuple[Sensor, ...], time: Tensor, inputs: Inputs
 ) -> Linear:
     """`linearize`, about an equilibrium in the dtype of the model's scene."""
     scene = model.scene
-    M, D, K, lags = of_nodes(model, state, time, given)
+    M, D, K, lags = of_nodes(model, state, time, inputs)
     G = K.constraints() if model.joints.count else None
     M, D, K = augmented(
         model, *(None if X is None else dense(model, X) for X in (M, D, K)), lags, None
     )
     M, K = torch.broadcast_tensors(M, K)
-    near = Perturbation.of(model, state, time, given, M.shape[:-2])
+    near = Perturbation.of(model, state, time, inputs, M.shape[:-2])
     massless = near.without_inertia(M[..., : len(near.free), : len(near.free)])
     moves, forces = near.depends_on(), None
     if G is not None:
@@ -193,8 +193,8 @@ def _linear(
     writes = near.moves() @ C[..., sensed:, :]
     writes = torch.cat((writes, writes @ A), -2)
     if states:
-        own = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
-        writes = torch.cat((writes, own.expand(*writes.shape[:-2], -1, -1)), -2)
+        internal = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
+        writes = torch.cat((writes, internal.expand(*writes.shape[:-2], -1, -1)), -2)
         state = replace(state, internal=near.state.internal.expand(*state.batch_shape, states))
         reads = _both(reads, torch.eye(states, dtype=K.dtype, device=K.device))
     return Linear(
@@ -273,8 +273,8 @@ def _out_of_balance(
     """
     states = T.shape[-1] - C.shape[-2]
     if states:
-        own = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
-        C = torch.cat((C, own.expand(*C.shape[:-2], -1, -1)), -2)
+        internal = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
+        C = torch.cat((C, internal.expand(*C.shape[:-2], -1, -1)), -2)
         D = pad(D, (0, 0, 0, states))
     M, damping, K = nodal
     rate = T @ C @ A
@@ -300,57 +300,59 @@ def _assemble(
     first half of z, or None. massless (n,) bool, of the moves; behind them come `states` internal
     states. Raises ValueError as `linearize`.
     """
-    one, none = (~massless).nonzero()[:, 0], massless.nonzero()[:, 0]
-    own = torch.arange(len(massless), len(massless) + states, device=massless.device)
-    creeps = len(none) > 0 and bool((D[..., none, :].detach() != 0).any())
-    if len(none) and not creeps:  # q_0 = follow u - lead q
-        rest = torch.cat((one, own))
-        if any(_coupled(X[..., own, :], none, one) for X in (D, M)):
+    massive, light = (~massless).nonzero()[:, 0], massless.nonzero()[:, 0]
+    internal = torch.arange(len(massless), len(massless) + states, device=massless.device)
+    creeps = len(light) > 0 and bool((D[..., light, :].detach() != 0).any())
+    if len(light) and not creeps:  # q_0 = follow u - lead q
+        rest = torch.cat((massive, internal))
+        if any(_coupled(X[..., internal, :], light, massive) for X in (D, M)):
             raise ValueError(
                 "internal states of a load that follow the rate of a turn without inertia were "
                 "given; a section with rotary inertia, or damping, is wanted"
             )
-        K00, K10 = K[..., none, :][..., none], K[..., rest, :][..., none]
+        K00, K10 = K[..., light, :][..., light], K[..., rest, :][..., light]
         lead, follow = solve(
-            K00, torch.cat((K[..., none, :][..., rest], G[..., none, :]), -1)
+            K00, torch.cat((K[..., light, :][..., rest], G[..., light, :]), -1)
         ).split((len(rest), G.shape[-1]), -1)
-        Y_u = Y_u + Y[..., none] @ follow
-        Y, Y_v = (X[..., rest] - X[..., none] @ lead for X in (Y, Y_v))
+        Y_u = Y_u + Y[..., light] @ follow
+        Y, Y_v = (X[..., rest] - X[..., light] @ lead for X in (Y, Y_v))
         G = G[..., rest, :] - K10 @ follow
         back = solve(K00.mT, K10.mT).mT
-        M, D, K = (_condensed(X, rest, none, lead, back) for X in (M, D, K))
-        one, none = torch.arange(len(one), device=one.device), none[:0]
-        own = len(one) + torch.arange(states, device=one.device)
+        M, D, K = (_condensed(X, rest, light, lead, back) for X in (M, D, K))
+        massive, light = torch.arange(len(massive), device=massive.device), light[:0]
+        internal = len(massive) + torch.arange(states, device=massive.device)
     elif creeps:
-        least, most = torch.linalg.svdvals(D[..., none, :][..., none].detach()).aminmax(dim=-1)
+        least, most = torch.linalg.svdvals(D[..., light, :][..., light].detach()).aminmax(dim=-1)
         if (least <= SINGULAR * most).any():
             raise ValueError(
                 "damping of some strains alone was given for a section without rotary inertia; "
                 "damping of all of them, or a rotary inertia, is wanted"
             )
-    none = torch.cat((none, own))
+    light = torch.cat((light, internal))
 
     def parts(X: Tensor) -> list[Tensor]:
-        return [X[..., i, :][..., j] for i in (one, none) for j in (one, none)]
+        return [X[..., i, :][..., j] for i in (massive, light) for j in (massive, light)]
 
     K11, K10, K01, K00 = parts(K)
     D11, D10, D01, D00 = parts(D)
     M11, M10, M01, M00 = parts(M)
-    G1, G0 = G[..., one, :], G[..., none, :]
-    Y1, Y0, V1, V0 = Y[..., one], Y[..., none], Y_v[..., one], Y_v[..., none]
-    eye = torch.eye(len(one), dtype=K.dtype, device=K.device).expand_as(K11)
-    if not len(none):
+    G1, G0 = G[..., massive, :], G[..., light, :]
+    Y1, Y0, V1, V0 = Y[..., massive], Y[..., light], Y_v[..., massive], Y_v[..., light]
+    eye = torch.eye(len(massive), dtype=K.dtype, device=K.device).expand_as(K11)
+    if not len(light):
         rows = solve(M11, torch.cat((-K11, -D11, G1), -1))
-        A = torch.cat((torch.cat((torch.zeros_like(K11), eye), -1), rows[..., : 2 * len(one)]), -2)
-        B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(one) :]), -2)
+        A = torch.cat(
+            (torch.cat((torch.zeros_like(K11), eye), -1), rows[..., : 2 * len(massive)]), -2
+        )
+        B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(massive) :]), -2)
         return A, B, torch.cat((Y1, V1), -1), Y_u, False, M11
     creep = solve(D00, torch.cat((-K01, -K00, -D01, G0, -M01), -1))
-    creep, pushed = creep[..., : -len(one)], creep[..., -len(one) :]
+    creep, pushed = creep[..., : -len(massive)], creep[..., -len(massive) :]
     zero = torch.zeros_like(K11)
     right = torch.cat((-K11, -K10, -D11, G1), -1) - D10 @ creep
     rows = solve(M11 + D10 @ pushed, right)
     creep = creep + pushed @ rows
-    n = 2 * len(one) + len(none)
+    n = 2 * len(massive) + len(light)
     top = torch.cat((zero, torch.zeros_like(K10), eye), -1)
     # they are 0, and their derivatives are not: q_0'' is that of the creep
     if wants_gradient(M00, M10):
@@ -362,7 +364,7 @@ def _assemble(
     A = torch.cat((top, creep[..., :n], rows[..., :n]), -2)
     B = torch.cat((torch.zeros_like(G1), creep[..., n:], rows[..., n:]), -2)
     C = torch.cat((Y1, Y0, V1), -1) + V0 @ creep[..., :n]
-    first = n - len(one) - states
+    first = n - len(massive) - states
     order = torch.tensor(
         [*range(first), *range(first + states, n), *range(first, first + states)], device=A.device
     )
@@ -386,11 +388,11 @@ def _condensed(X: Tensor, rest: Tensor, none: Tensor, lead: Tensor, back: Tensor
     return upper - back @ lower
 
 
-def _coupled(rows: Tensor, none: Tensor, one: Tensor) -> bool:
+def _coupled(rows: Tensor, light: Tensor, massive: Tensor) -> bool:
     """Whether the columns `none` of some rows are more than rounding beside the columns `one`."""
     rows = rows.detach().abs()
     return rows.numel() > 0 and bool(
-        (rows[..., none] > SINGULAR * rows[..., one].amax((-1, -2), keepdim=True)).any()
+        (rows[..., light] > SINGULAR * rows[..., massive].amax((-1, -2), keepdim=True)).any()
     )
 
 

@@ -27,6 +27,7 @@ from ..equations.steady import Configuration, SteadyProblem
 from ..math.block_chain import BlockChain
 from ..math.quadratic_eigen import DENSE
 from ..math.shapes import broadcast_shapes
+from ..nodal import interactions
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
 from ..nodal.discretise import discretise
@@ -70,8 +71,8 @@ def in_basis(
     moves, see `free_moves`.
     """
     basis = free_moves(model, K, near)
-    own = (None if one is None else dense(model, one, basis) for one in (M, D, K))
-    return augmented(model, *own, lagging, basis), basis
+    matrices = (None if matrix is None else dense(model, matrix, basis) for matrix in (M, D, K))
+    return augmented(model, *matrices, lagging, basis), basis
 
 
 def of_chain(
@@ -141,7 +142,7 @@ def of_nodes(
     M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = total(K, problem.motion.tangent(*x[:2])), total(D, problem.motion.gyroscopic(*x[:2]))
     now, lagging = problem.conditions, None
-    if now.moving or now.between or model.internal_states:
+    if now.moving or now.between or now.interactions or model.internal_states:
         nodes, frame = problem.nodes(x), problem.frame
         still = frame.steady_jacobian()
         eyes = (
@@ -160,6 +161,11 @@ def of_nodes(
             if any(_resists(act.load) for act in now.between):
                 D = total(D, element_matrix(model, nodes, now, moved).each(torch.neg), here)
         by_rates = any(act.reads.intersection(moved) and _resists(act.load) for act in now.moving)
+        K = interactions.matrix(model, nodes, now, still, K)
+        if any(act.reads.intersection(moved) for act in now.interactions):
+            D = _zeros(model, x) if D is None else D
+            D = interactions.matrix(model, nodes, now, moved, D)
+            D = interactions.matrix(model, nodes, now, still, D, 1.0)
         rate = at - external.tangent(model, nodes, now, moved) if by_rates else 0.0
         if not isinstance(rate, float):
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
@@ -169,11 +175,14 @@ def of_nodes(
     K = model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x))
     K = model.tendons.matrix(K, lambda: problem.tendon_motion(x))
     if model.touching.lossy:
-        w = space.unknowns
-        none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
         place = space.public_position(x.position), space.axes(x.rotation)
-        D = model.touching.damping(none if D is None else D, *place)
+        D = model.touching.damping(_zeros(model, x) if D is None else D, *place)
     return M, D, model.touching.matrix(K, lambda: problem.touching_motion(x)), lagging
+
+
+def _zeros(model: Model, x: Configuration) -> Matrix:
+    w = model.space.unknowns
+    return model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
 
 
 def _resists(load: Any) -> bool:
@@ -205,8 +214,8 @@ def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:
 def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
     """(..., n, n) of the free moves, in their `basis`, from a matrix of all nodes."""
     free = model.constraints.moving.flatten().nonzero()[:, 0]
-    own = matrix.dense().index_select(-1, free).index_select(-2, free)
-    return own if basis is None else basis.mT @ own @ basis
+    free_part = matrix.dense().index_select(-1, free).index_select(-2, free)
+    return free_part if basis is None else basis.mT @ free_part @ basis
 
 
 def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:

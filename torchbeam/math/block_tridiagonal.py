@@ -16,17 +16,8 @@ def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
     D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular
     pivot block gives infinities or NaN in that sample alone.
     """
-    return torch.cat(_rows(D, L, U, b[..., None]), -1).mT
-
-
-def block_tridiagonal_columns(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
-    """The same for many right-hand sides: b and x (..., n, k, m)."""
-    return torch.stack(_rows(D, L, U, b), -3)
-
-
-def _rows(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> tuple[Tensor, ...]:
-    """The n rows of x (..., k, m)."""
-    return torch.broadcast_tensors(*backward(*forward(D, L, U, b)))
+    rows = torch.broadcast_tensors(*backward(*forward(D, L, U, b[..., None])))
+    return torch.cat(rows, -1).mT
 
 
 def forward(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> tuple[list[Tensor], list[Tensor]]:

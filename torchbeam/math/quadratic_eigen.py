@@ -308,8 +308,8 @@ def _dense(
     slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
-        own = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
-        left = solve(inverted.mT.to(own.dtype), own.mT).mT
+        inverse = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
+        left = solve(inverted.mT.to(inverse.dtype), inverse.mT).mT
     chosen = eigenvalues.gather(-1, slow)
     near = (
         (chosen[..., :, None] - eigenvalues[..., None, :]).abs()

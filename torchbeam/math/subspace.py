@@ -64,9 +64,12 @@ def subspace(
         wanted = _shift(square, unknown, shift)
         if last is not None:
             # of K, by the motion and those mixed with it; of the projection, by the largest
-            own = unknown * value
-            mixed, spread = (own * own.amax(-1, True)).sqrt(), SPREAD * eps * value[..., :1] / value
-            done = ((value - before).abs() <= value * (own + spread).clamp(min=change)) & (
+            weighted = unknown * value
+            mixed, spread = (
+                (weighted * weighted.amax(-1, True)).sqrt(),
+                SPREAD * eps * value[..., :1] / value,
+            )
+            done = ((value - before).abs() <= value * (weighted + spread).clamp(min=change)) & (
                 left <= (mixed + spread).clamp(min=residual)
             )
             done = done[..., :count].all(-1) & (wanted == shift)

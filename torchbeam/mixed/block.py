@@ -136,8 +136,6 @@ def block_rate(
         return BlockRate(model, t, state.fields)
     n = 24 * model.count + 12
     if not isinstance(state, Tensor) or state.ndim == 0 or state.shape[-1] != n:
-        shape = tuple(getattr(state, "shape", ())) or type(state).__name__
-        raise ValueError(
-            f"a state of shape {shape} was given; a MixedState or (..., {n}) is wanted"
-        )
+        given = f"shape {tuple(state.shape)}" if isinstance(state, Tensor) else type(state).__name__
+        raise ValueError(f"a state of {given} was given; a MixedState or (..., {n}) is wanted")
     return BlockRate(model, t, unpack(state, model.count))

@@ -100,8 +100,8 @@ def simulate_mixed(
     )
     y0 = problem.start(first, *start)
     wide = problem.rates(first, y0).shape  # functions of t and inputs may bring batch axes
-    own = () if begin is None else (*begin.shape, 1)  # as may instants
-    y0 = y0.expand(broadcast_shapes(y0.shape, wide, own))
+    instant_axes = () if begin is None else (*begin.shape, 1)  # as may instants
+    y0 = y0.expand(broadcast_shapes(y0.shape, wide, instant_axes))
     ys, status, evaluations = integrate(
         at(problem.rates),
         y0,
@@ -114,7 +114,7 @@ def simulate_mixed(
         parameters=leaves(at(problem.rates), y0.detach(), t, adjoint),
         after=at(problem.after) if project or method in RESTART_FREE else None,
     )
-    states = [problem.observe(*one) for one in zip(instants, ys, status, strict=True)]
+    states = [problem.observe(*point) for point in zip(instants, ys, status, strict=True)]
     state = MixedState.stack(states)
     reason = {
         FAILED: f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"

@@ -10,14 +10,15 @@ from .sample_check import written
 
 
 class ActingLoad(NamedTuple):
-    """A load; node: the row that it acts on, or the rows along which it does, None = all of them;
+    """A load; node: the row that it acts on, or the rows along which it does, None = all of them,
+    or those of an interaction;
     what it reads of a node's motion; which of the internal states are its own, None = it has none;
     elements: along how many it acts, None = the beam's; functions: what a user wrote in it. Of
     `Conditions` the load holds numbers alone, see `LoadEffect.resolved`.
     """
 
     load: Any
-    node: int | slice | None
+    node: int | slice | tuple[int, ...] | None
     reads: frozenset[str]
     internal: slice | None
     elements: int | None = None
@@ -26,6 +27,8 @@ class ActingLoad(NamedTuple):
     def acts_on(self, row: int) -> bool:
         if isinstance(self.node, slice):
             return self.node.start <= row < self.node.stop
+        if isinstance(self.node, tuple):
+            return row in self.node
         return self.node is None or self.node == row
 
     @property
@@ -43,6 +46,7 @@ def acting(
     acting_loads, at = [], 0
     for load, size in zip(loads, sizes, strict=True):
         place = None if load.node is None else load.node % rows.node_count if node is None else node
+        place = load.nodes if load.kind == "interaction" else place
         internal = slice(at, at + size) if size else None
         acting_loads.append(
             ActingLoad(load, place, rows.depends_on(load), internal, functions=written(load))

@@ -38,7 +38,7 @@ class Conditions:
     instant, None = it does not turn, or follows from a state. elements: of the beam. tendons
     (..., K): tensions N or lengths m that are given of them, None = there are none. between: loads
     that act between nodes, see `element_loads`; `node` of each are the stations along which it
-    does.
+    does. interactions: of several nodes, which are `node` of each.
     """
 
     t: Tensor
@@ -55,6 +55,7 @@ class Conditions:
     joints: JointValues = NO_VALUES
     tendons: Tensor | None = None
     between: tuple[ActingLoad, ...] = ()
+    interactions: tuple[ActingLoad, ...] = ()
 
     @cached
     def moving(self) -> tuple[ActingLoad, ...]:
@@ -76,7 +77,8 @@ class Conditions:
     @cached
     def reads(self) -> frozenset[str]:
         """What the loads read of the nodes' motion."""
-        return frozenset().union(*(load.reads for load in (*self.loads, *self.between)))
+        acts = *self.loads, *self.between, *self.interactions
+        return frozenset().union(*(act.reads for act in acts))
 
 
 def conditions(
@@ -103,7 +105,7 @@ def conditions(
     asked = loads is None or any(act.load.wants_frame for act in acts)
     velocities = motion.frame(t) if asked else (None, None)
     root = motion.root_pose(t) if any(act.load.wants_support for act in acts) else None
-    acts, between = split(acts)
+    acts, between, interactions = split(acts)
     return Conditions(
         t,
         inputs,
@@ -119,14 +121,18 @@ def conditions(
         joints,
         tendons,
         between,
+        interactions,
     )
 
 
 def split(acts: tuple[ActingLoad, ...]) -> tuple[tuple[ActingLoad, ...], ...]:
-    """Those that act at nodes, and those that act between them."""
-    return tuple(
-        tuple(act for act in acts if act.load.between_nodes is between) for between in (False, True)
+    """Those that act at nodes, those that act between those of elements, and interactions."""
+    several = tuple(act for act in acts if isinstance(act.node, tuple))
+    each = [act for act in acts if not isinstance(act.node, tuple)]
+    at, between = (
+        tuple(act for act in each if act.load.between_nodes is own) for own in (False, True)
     )
+    return at, between, several
 
 
 def _valued(model: Model, one: ActingLoad, t: Tensor, inputs: Inputs) -> Any:

@@ -20,6 +20,7 @@ from ..math.quadratic import X, gauss_points, values_at
 from ..scene.effects import Contact, LoadPoint
 from ..scene.stations import Table
 from ..topology.protocols import Blocks, Matrix
+from . import interactions
 from .acting import ActingLoad
 from .conditions import Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
@@ -72,7 +73,8 @@ def at_nodes(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
 def all_loads(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     """The same with the loads that act at nodes."""
     total = external(rows, nodes, now)
-    return total + at_nodes(rows, nodes, now) if now.between else total
+    total = total + at_nodes(rows, nodes, now) if now.between else total
+    return interactions.at_nodes(rows, nodes, now, total)
 
 
 class Way(NamedTuple):

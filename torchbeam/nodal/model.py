@@ -17,7 +17,6 @@ from ..math import quaternions as quat
 from ..scene.effects import INERTIAL, SPIN, VELOCITY, Contact, Inputs
 from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
-from ..topology.chain import Chain
 from ..topology.framework import Framework
 from ..topology.framework_unknowns import FrameworkUnknowns
 from .acting import ActingLoad, acting, by_part
@@ -30,7 +29,6 @@ from .rows import Rows
 torch.serialization.add_safe_globals(
     [
         Assembly,
-        Chain,
         Framework,
         FrameworkUnknowns,
         *(type(element.interpolation) for element in ELEMENTS.values()),
@@ -54,7 +52,9 @@ class Model(Rows):
         """All loads of the scene; of a structure in the pieces in which they act along its
         parts.
         """
-        acts = acting(self, self.scene.loads, self.scene.internal_states)
+        scene = self.scene
+        acts = acting(self, scene.loads, scene.internal_states)
+        acts += acting(self, scene.interactions, (0,) * len(scene.interactions))
         if not self.scene.beam.parts:
             return acts
         return tuple(part for act in acts for part in by_part(self.scene.beam, act))
@@ -69,7 +69,8 @@ class Model(Rows):
         """Whether at rest the work of all loads is independent of the path, as they declare, and
         frame a does not turn: tangents are symmetric.
         """
-        return self.conserves and all(map(self.declared, self.scene.loads))
+        acts = (*self.scene.loads, *self.scene.interactions)
+        return self.conserves and all(map(self.declared, acts))
 
     @property
     def conserves(self) -> bool:

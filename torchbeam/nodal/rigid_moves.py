@@ -59,8 +59,8 @@ def length_of(nodes: Tensor) -> Tensor:
 
 def free_pieces(model: Model) -> list[list[Base]]:
     """What joints, tendons and contacts with each other make of the parts, but for pieces whose
-    momentum not dead loads alone change: by a support, joint or eyelet of the ground, or a load by
-    how it stands or moves. Rotations are about the first node of a piece.
+    momentum not dead loads alone change: by a support, joint or eyelet of the ground, a load by how
+    it stands or moves, or an interaction. Rotations are about the first node of a piece.
     """
     scene, bases = model.scene, bases_of(model)
     links = [joint.ends for joint in scene.joints]
@@ -68,6 +68,7 @@ def free_pieces(model: Model) -> list[list[Base]]:
     links += [(None, node) for node in model.constraints.nodes]
     named = [{None if row is None else _at(bases, row, row + 1)[0] for row in x} for x in links]
     named += [{None, *_of_load(model, load, bases)} for load in model.loads[0]]
+    named += [{None, *(_at(bases, k, k + 1)[0] for k in x.nodes)} for x in scene.interactions]
     named += [{pair.on, pair.partner} for pair in scene.pairs]
     pieces: list[set[str | None]] = [{base.name} for base in bases]
     for link in named:

@@ -19,6 +19,7 @@ from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
+from ..topology.places import added
 from .coordinates.spatial import Spatial
 from .joint_motion import end_moves
 from .rope import Rope, RopeStep, Stretches
@@ -63,6 +64,12 @@ class Tendons(NoTendons):
         parts = enumerate(self._parts)
         return tuple((k, e) for k, own in parts for e in range(own.start, own.stop - 1))
 
+    @property
+    def ties(self) -> tuple[tuple[int, ...], ...]:
+        """The nodes of each tendon."""
+        every = (self.nodes[part] for part in self._parts)
+        return tuple(tuple(node for node in own if node is not None) for own in every)
+
     def eyelets(self, position: Tensor, rotation: Tensor) -> Eyelets:
         """From nodes, in the space's coordinates."""
         at = self._at
@@ -79,7 +86,8 @@ class Tendons(NoTendons):
             -2,
         )
         wrench = self.wrench(motion.acting.lever, force)
-        return self.framework.from_ties(-wrench[..., self._own, :], nodes)
+        at = tuple(node for own in self.ties for node in own)
+        return added(nodes, at, -wrench[..., self._own, :], nodes.shape[-2], 1)
 
     def wrench(self, lever: Tensor, force: Tensor) -> Tensor:
         """(..., n, w) on nodes, of forces (..., n, 3) at eyelets."""
@@ -93,7 +101,8 @@ class Tendons(NoTendons):
         half: Callable[[], Tensor] | None = None,
         rate: float = 1.0,
     ) -> Any:
-        return matrix.with_ties(self.blocks(motion(), None if half is None else half(), rate))
+        blocks = self.blocks(motion(), None if half is None else half(), rate)
+        return matrix.tied_too(self.ties, blocks)
 
     def blocks(self, motion: TendonMotion, half: Tensor | None, rate: float) -> Tensor:
         """(..., n, w, w) of all pairs of the nodes of each tendon."""
@@ -224,7 +233,7 @@ class Tendons(NoTendons):
 
     @property
     def _own(self) -> list[int]:
-        """The eyelets on nodes, in the order of `Framework.tie_nodes`."""
+        """The eyelets on nodes, in the order of `ties`."""
         return [k for k, node in enumerate(self.nodes) if node is not None]
 
 

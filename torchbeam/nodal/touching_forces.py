@@ -94,7 +94,7 @@ class AnyTouching(NoTouching):
         rows = tuple((at[:, :, None] * n + at[:, None, :]).flatten().tolist())
         shape = broadcast_shapes(*(x.shape[:-5] for x in blocks))
         every = torch.cat([x.expand(*shape, *x.shape[-5:]) for x in blocks], -5).flatten(-5, -3)
-        return matrix.tied_too(tuple(tie.tolist()), added(None, rows, every, n * n, 2))
+        return matrix.tied_too((tuple(tie.tolist()),), added(None, rows, every, n * n, 2))
 
     def work(self, motion: Callable[[], TouchingMotion]) -> Tensor | float:
         now = motion()

@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import boolean, tolerance
 from ..core.files import file_of, folder, written
-from ..core.validation import positive
 from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State
@@ -67,7 +67,9 @@ def animate(
     """
     path = file_of("path", path)
     for name, value in (("fps", fps), ("speed", speed)):
-        positive(name, torch.as_tensor(float(value)))
+        tolerance(name, value)
+    boolean("trail", trail)
+    boolean("frames", frames)
     writer, settings = _writer(path, fps)
     folder(path.parent)
     film = _Film.of(*_motion(what), ax, plane, scene, trail, frames)
@@ -87,16 +89,16 @@ def animate(
     return path
 
 
-def _motion(what: Any) -> tuple[Any, Tensor | None]:
+def _motion(motion: Any) -> tuple[Any, Tensor | None]:
     """States, and the times (s) of their first axis; None = that is no time."""
-    if isinstance(what, Solution):
-        return what.state, what.t.detach().double().cpu()
-    if not isinstance(what, State) or not what.batch_shape:
-        given = "a State of one sample" if isinstance(what, State) else type(what).__name__
+    if isinstance(motion, Solution):
+        return motion.state, motion.t.detach().double().cpu()
+    if not isinstance(motion, State) or not motion.batch_shape:
+        kind = "a State of one sample" if isinstance(motion, State) else type(motion).__name__
         raise ValueError(
-            f"{given} was given to animate; a Solution, or a State with a batch, is wanted"
+            f"{kind} was given to animate; a Solution, or a State with a batch, is wanted"
         )
-    return what.broadcast(), None
+    return motion.broadcast(), None
 
 
 def _instants(t: Tensor, step: float) -> Tensor:

@@ -46,12 +46,12 @@ def axis_curves(
 ) -> Tensor:
     """`axis_curve` of each beam, with a gap (not a number) between two."""
     curves = []
-    for own in rows:
-        inner = own if own.stop is None else slice(own.start, own.stop - 1)
+    for row in rows:
+        inner = row if row.stop is None else slice(row.start, row.stop - 1)
         curves.append(
             axis_curve(
-                position[..., own, :],
-                along[..., own, :],
+                position[..., row, :],
+                along[..., row, :],
                 None if length is None else length[..., inner, :],
             )
         )

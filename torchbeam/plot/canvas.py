@@ -10,7 +10,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..core.arguments import boolean, listed, tolerance
+from ..core.arguments import boolean, count, listed, tolerance
 from ..core.files import file_of, folder, written
 from ..core.validation import shown
 
@@ -42,6 +42,20 @@ def check_axes(ax: Any) -> Axes:
     return ax
 
 
+def drawable(name: str, value: Any, kind: str, *needed: str) -> Any:
+    """`value` if it has what is drawn of it; ValueError, that names the kind, otherwise."""
+    if isinstance(value, type) or not all(hasattr(value, one) for one in needed):
+        raise ValueError(f"{name} = {shown(value)} was given; {kind} is wanted")
+    return value
+
+
+def check_label(label: Any) -> Any:
+    """`label` if it is a text or None; ValueError otherwise."""
+    if not isinstance(label, (str, type(None))):
+        raise ValueError(f"label = {shown(label)} was given; a text is wanted")
+    return label
+
+
 def grid(
     rows: int, columns: int, size: tuple[float, float] | None = None, *, three: Sequence[int] = ()
 ) -> list[Axes]:
@@ -54,7 +68,9 @@ def grid(
         >>> ax = tb.plot.energies(solution, left)
         >>> ax = tb.plot.history(solution, tb.sensors.TipPosition(), right)
     """
-    figure = _figure(size or (5.0 * columns, 3.4 * rows))
+    rows, columns = count("rows", rows), count("columns", columns)
+    three = tuple(count("a place of three", i, least=0) for i in listed(three))
+    figure = _figure((5.0 * columns, 3.4 * rows) if size is None else size)
     return [
         _tidy(figure.add_subplot(rows, columns, i + 1, projection="3d" if i in three else None))
         for i in range(rows * columns)
@@ -73,7 +89,7 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
     """
     path, figure = file_of("path", path), check_axes(ax).figure
     tolerance("dpi", dpi)
-    if not path.suffix:
+    if path.suffix[1:].lower() not in figure.canvas.get_supported_filetypes():
         raise ValueError(
             f"the file {path.name!r} was given; one that ends in .png, .pdf, .svg ... is wanted"
         )
@@ -94,21 +110,21 @@ def where_installed() -> Iterator[None]:
         print(f"no picture: {error}", file=sys.stderr)
 
 
-def line_style(given: dict[str, Any], **usual: Any) -> dict[str, Any]:
+def line_style(options: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """Keywords of a line: those that a user gave, and what is usual of the others, whichever of
     matplotlib's names for the same both use (lw, linewidth). Raises ValueError for another keyword.
     """
     from matplotlib.cbook import normalize_kwargs
     from matplotlib.lines import Line2D
 
-    own = normalize_kwargs(given, Line2D)
-    for name in own:
+    style = normalize_kwargs(options, Line2D)
+    for name in style:
         if not hasattr(Line2D, f"set_{name}"):
             raise ValueError(
                 f"the keyword {name!r} was given to a picture; one of its own, or of matplotlib's "
                 "lines, is wanted"
             )
-    return normalize_kwargs(usual, Line2D) | own
+    return normalize_kwargs(usual, Line2D) | style
 
 
 def is_3d(ax: Axes) -> bool:

@@ -9,10 +9,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import instance
+from ..core.arguments import instance, listed, number
+from ..core.validation import converted, finite, shown
 from ..sensors import Sensor
 from ..state.solution import Solution
-from .canvas import GREY, Axes, drawn_on, line_style, numbers
+from .canvas import GREY, Axes, check_label, drawable, drawn_on, line_style, numbers
 
 
 def history(
@@ -48,6 +49,7 @@ def history(
         if values.shape[1] > 1
         else dict(lw=1.5)
     )
+    check_label(label)
     for k, name in enumerate(sensor.labels):
         style = line_style(line, color=ax._get_lines.get_next_color(), **crowd)
         lines = ax.plot(t, numbers(values[..., k]), **style)
@@ -111,7 +113,9 @@ def load_path(
         >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
         >>> ax = tb.plot.load_path(tb.path(arch, 1.0), tb.sensors.TipPosition()["z"])
     """
-    ax = drawn_on(ax)
+    drawable("path", path, "a torchbeam.Path", "factor", "stable", "kind")
+    drawable("sensor", sensor, "a sensor", "flat", "labels")
+    ax, label = drawn_on(ax), check_label(label)
     P = len(path.factor)
     factor, good, valid, kind = (
         torch.as_tensor(x).detach().cpu().reshape(P, -1)
@@ -167,16 +171,24 @@ def campbell(
         >>> ax = tb.plot.campbell(speed, tb.modes(rotating, count=3).frequency)
     """
     ax = drawn_on(ax)
-    x, y = numbers(torch.as_tensor(speed)), numbers(torch.as_tensor(frequency))
+    x, y = (
+        numbers(finite(name, converted(v, torch.float64)))
+        for name, v in (("speed", speed), ("frequency", frequency))
+    )
     if x.ndim != 1 or y.ndim != 2 or len(x) != len(y):
         raise ValueError(
             f"speeds {x.shape} and frequencies {y.shape} were given to campbell; (n,) and (n, "
             "count) are wanted"
         )
+    names = None if names is None else listed(names)
+    if names is not None and (
+        len(names) < y.shape[1] or not all(isinstance(n, str) for n in names)
+    ):
+        raise ValueError(f"names = {shown(names)} was given; {y.shape[1]} texts are wanted")
     for k, curve in enumerate(y.T):
         ax.plot(x, curve, color=f"C{k % 10}", lw=1.6, label=None if names is None else names[k])
     top = 1.05 * y.max()
-    for order in orders:
+    for order in (number("an order", order) for order in listed(orders)):
         end = min(x.max(), top / order)
         ax.plot([0, end], [0, order * end], color=GREY, lw=0.8, ls=":")
         ax.annotate(
@@ -209,6 +221,7 @@ def tried(best: Any, ax: Axes | None = None) -> Axes:
         ... )
         >>> ax = tb.plot.tried(best)
     """
+    drawable("best", best, "a torchbeam.Convergence", "table", "settings")
     ax = drawn_on(ax)
     kinds: dict[tuple[str, str | None], list[Any]] = {}
     for run in best.table:

@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from .canvas import GREY, Axes, axes, grid, numbers
+from .canvas import GREY, Axes, axes, check_axes, drawable, grid, numbers
 
 BAND = 1.96  # deviations to either side
 LABEL = 20  # letters of a line of a name beside a matrix
@@ -31,7 +31,7 @@ def fit(fit: Any) -> list[Axes]:
     """
     shown = [
         (reading, k, name)
-        for reading in fit.readings
+        for reading in drawable("fit", fit, "a torchbeam.Fit", "readings", "names").readings
         if reading.data.ndim and len(reading.data) > 1
         for k, name in enumerate(reading.names)
     ]
@@ -82,8 +82,9 @@ def correlation(fit: Any, ax: Axes | None = None) -> Axes:
         >>> fit = tb.identify(model, 1 + 2 * x + 0.01 * torch.cos(40 * x), {"a": 0.5, "b": 1.0})
         >>> ax = tb.plot.correlation(fit)
     """
+    drawable("fit", fit, "a torchbeam.Fit", "readings", "names")
     p, names = len(fit.names), [textwrap.fill(name, LABEL) for name in fit.names]
-    ax = axes((2.2 + 0.62 * p, 1.8 + 0.62 * p)) if ax is None else ax
+    ax = axes((2.2 + 0.62 * p, 1.8 + 0.62 * p)) if ax is None else check_axes(ax)
     determined = ~fit.open
     values = torch.where(determined[:, None] & determined, fit.correlation, torch.nan)
     ax.set_facecolor("0.85")
@@ -117,7 +118,8 @@ def profile(profile: Any, ax: Axes | None = None) -> Axes:
         ... )
         >>> ax = tb.plot.profile(fit.profile("b")[0])
     """
-    ax = axes((4.6, 3.2)) if ax is None else ax
+    drawable("profile", profile, "one of `Fit.profile`", "interval", "rise", "threshold")
+    ax = axes((4.6, 3.2)) if ax is None else check_axes(ax)
     low, high = profile.interval.tolist()
     good = torch.isfinite(profile.rise)
     ax.plot(numbers(profile.values[good]), numbers(profile.rise[good]), "C0.-", label="profile")

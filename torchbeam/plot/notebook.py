@@ -27,33 +27,33 @@ DPI = 80
 LEFT = ' style="text-align: left"'
 
 
-def in_html(what: Any) -> str:
+def in_html(value: Any) -> str:
     """The picture and the table, of what has a `summary`. A motion is drawn at some instants, a
     batch by some samples, the first darkest.
     """
     rows = "".join(
         f"<tr><th{LEFT}>{escape(name)}</th><td{LEFT}>{escape(text)}</td></tr>"
-        for name, text in what.summary.items()
+        for name, text in value.summary.items()
     )
-    picture = _picture(what)
+    picture = _picture(value)
     seen = f'<img alt="shape" src="data:image/png;base64,{picture}">' if picture else ""
     return (
         '<div style="display: flex; align-items: center; gap: 1em">'
-        f"{seen}<table><caption>{type(what).__name__}</caption>{rows}</table></div>"
+        f"{seen}<table><caption>{type(value).__name__}</caption>{rows}</table></div>"
     )
 
 
 @torch.no_grad()
-def _picture(what: Any) -> str | None:
+def _picture(value: Any) -> str | None:
     """PNG in base64; None without matplotlib, and where there are no numbers to draw (of no
     samples, infinite, or within torch.func).
     """
     try:
-        states = _states(what)
+        states = _states(value)
         nodes = states.nodes.flatten(0, -2)
         if nodes.isinf().any() or nodes.isnan().all(0).any():
             return None
-        figure = (_of_scene(what, states) if isinstance(what, Scene) else shape(states)).figure
+        figure = (_of_scene(value, states) if isinstance(value, Scene) else shape(states)).figure
         file = io.BytesIO()
         figure.savefig(file, dpi=DPI, format="png")
     except (ImportError, RuntimeError):
@@ -61,11 +61,11 @@ def _picture(what: Any) -> str | None:
     return base64.b64encode(file.getvalue()).decode()
 
 
-def _states(what: Any) -> Any:
+def _states(value: Any) -> Any:
     """Those that are drawn."""
-    if isinstance(what, Scene):
-        return _samples(rest(what))
-    return _instants(what) if isinstance(what, Solution) else _samples(what)
+    if isinstance(value, Scene):
+        return _samples(rest(value))
+    return _instants(value) if isinstance(value, Solution) else _samples(value)
 
 
 def _of_scene(scene: Scene, state: State) -> Axes:

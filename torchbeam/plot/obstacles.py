@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import instance
+from ..core.arguments import instance, instant
 from ..core.leaves import map_leaves
-from ..core.validation import broadcast
+from ..core.validation import broadcast, shown
 from ..scene.effects.contact import Contact
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.obstacles import Obstacle, Sphere
@@ -19,7 +19,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .axis import PLANES, nodes_of
-from .canvas import Axes, is_3d, numbers
+from .canvas import Axes, check_axes, is_3d, numbers
 
 CELLS = 300  # of the picture, each way
 
@@ -49,10 +49,11 @@ def obstacles(
         >>> ax = tb.plot.obstacles(lying, ax, plane="xz")
     """
     instance("a scene", scene, Scene)
-    if plane not in PLANES or is_3d(ax):
-        given = f"plane = {plane!r}" if plane not in PLANES else "a three-dimensional picture"
+    known = isinstance(plane, str) and plane in PLANES
+    if is_3d(check_axes(ax)) or not known:
+        kind = f"plane = {shown(plane)}" if not known else "a three-dimensional picture"
         raise ValueError(
-            f"{given} was given to obstacles; flat axes and one of "
+            f"{kind} was given to obstacles; flat axes and one of "
             f"{', '.join(map(repr, PLANES))} are wanted"
         )
     middle = scene.beam.nodes.detach().flatten(0, -2).mean(0)
@@ -89,10 +90,10 @@ def in_axes(surface: Obstacle, centre: Tensor, R: Tensor) -> Callable[[Tensor], 
 def standing(scene: Scene, t: float) -> Iterator[Obstacle]:
     """The obstacles of a scene's contacts at time t (s), each once, of the first sample."""
     beam = scene.beam
-    now, s = torch.as_tensor(t).to(beam.nodes), beam.nodes.new_zeros(1)
+    now, s = instant("t", t, beam.nodes), beam.nodes.new_zeros(1)
     contacts = [load for load in scene.loads if isinstance(load, Contact)]
-    own = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
-    for load in own.values():
+    loads = {id(load.obstacle): load for load in contacts if load.obstacle is not None}
+    for load in loads.values():
         yield map_leaves(
             lambda x, axes: _sample(x, axes, (), 0),
             load.resolved(s, now, {}, beam.element_count).obstacle,
@@ -146,7 +147,7 @@ def _sample(x: Any, axes: int | None, batch: Sequence[int], sample: int) -> Any:
     """
     if not isinstance(x, Tensor) or axes is None:
         return x
-    lead, own = x.shape[: x.ndim - axes], x.shape[x.ndim - axes :]
+    lead, last_axes = x.shape[: x.ndim - axes], x.shape[x.ndim - axes :]
     if batch:
         lead = broadcast("a scene and a state", lead, torch.Size(batch))
-    return x.detach().expand((*lead, *own)).reshape(-1, *own)[sample]
+    return x.detach().expand((*lead, *last_axes)).reshape(-1, *last_axes)[sample]

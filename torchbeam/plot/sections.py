@@ -64,9 +64,9 @@ class Sections:
             radius = radius_of(self.scene, part, s, batch, sample)
             if radius is not None:
                 return rounds(radius.double().cpu())
-        own = self.sides[k]
-        at = torch.linspace(0, len(own), count).long().clamp(max=len(own) - 1)
-        return CORNERS * own[at, None]
+        side = self.sides[k]
+        at = torch.linspace(0, len(side), count).long().clamp(max=len(side) - 1)
+        return CORNERS * side[at, None]
 
 
 def between(values: Tensor, count: int) -> Tensor:

@@ -12,7 +12,7 @@ from ..core.arguments import count as check_count
 from ..linear.modes import Modes
 from ..scene.scene import Scene
 from .axis import PLANES, axis_curves, nodes_of, rows_of
-from .canvas import GREY, Axes, axes, check_axes, is_3d, line_style, numbers
+from .canvas import GREY, Axes, axes, check_axes, check_label, is_3d, line_style, numbers
 from .solid_picture import SolidPicture
 
 TRIAD = ("#c0392b", "#27ae60", "#2c5fb3")  # x, y, z
@@ -57,6 +57,7 @@ def shape(
     """
     position, turn = nodes_of(state)
     boolean("frames", frames), boolean("nodes", nodes)
+    check_label(label)
     if scene is not None:
         instance("scene", scene, Scene)
     ax, seen = _prepared(ax, plane, position)

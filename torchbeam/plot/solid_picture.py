@@ -140,8 +140,8 @@ class SolidPicture:
 
     def _parts(self, *, body: bool) -> list[Any]:
         """Bodies, or beams, of which one by itself is no part."""
-        own = [part for part in self.scene.beam.parts if part.body == body]
-        return own if self.scene.beam.parts or body else [None]
+        parts = [part for part in self.scene.beam.parts if part.body == body]
+        return parts if self.scene.beam.parts or body else [None]
 
     def _each(
         self, state: State, *, body: bool
@@ -161,10 +161,10 @@ class SolidPicture:
         """Colour, axis (p, 3) m, axes across it (p, 3, 2), corners (p, k, 2) m."""
         rows = rows_of(state)
         for shade, i, k, part, x, R in self._each(state, body=False):
-            own = rows[k]
-            axis = axis_curve(x[None, own], R[None, own, :, 0])[0]
+            beam_rows = rows[k]
+            axis = axis_curve(x[None, beam_rows], R[None, beam_rows, :, 0])[0]
             corners = self.sections.corners(k, part, len(axis), state.position.shape[:-2], i)
-            yield shade, axis, across(R[own, :, 1:], len(axis)), corners
+            yield shade, axis, across(R[beam_rows, :, 1:], len(axis)), corners
 
     def _bodies(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle | None]]:
         """Colour, centre and axes, surface, None = it has none."""

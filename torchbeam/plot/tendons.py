@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from ..core.arguments import instance
+from ..core.validation import shown
 from ..scene.scene import Scene
 from ..state.state import State
 from .axis import PLANES
-from .canvas import Axes, is_3d, line_style, numbers
+from .canvas import Axes, check_axes, check_label, is_3d, line_style, numbers
 
 
 def tendons(
@@ -40,11 +41,14 @@ def tendons(
     instance("a scene", scene, Scene)
     if not scene.tendons:
         raise ValueError("a scene without tendons was given to tendons; one with some is wanted")
-    if (plane is None) != is_3d(ax) or plane not in (None, *PLANES):
+    known = plane is None or (isinstance(plane, str) and plane in PLANES)
+    if not known or (plane is None) != is_3d(check_axes(ax)):
         raise ValueError(
-            f"plane = {plane!r} was given to tendons; one of {', '.join(map(repr, PLANES))} is "
+            f"plane = {shown(plane)} was given to tendons; one of {', '.join(map(repr, PLANES))} "
+            "is "
             "wanted of flat axes, None of three-dimensional ones"
         )
+    check_label(label)
     position, rotation = instance("a state", state, State).position, state.rotation
     if position.shape[-2] != scene.beam.nodes.shape[-2]:
         raise ValueError(

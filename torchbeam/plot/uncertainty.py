@@ -9,8 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import listed
 from ..core.validation import Value, converted
-from .canvas import Axes, axes, drawn_on, numbers
+from .canvas import Axes, axes, check_axes, check_label, drawable, drawn_on, numbers
 
 
 def histogram(
@@ -37,8 +38,10 @@ def histogram(
         >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
         >>> ax = tb.plot.histogram(samples, name="deflection / m")
     """
-    ax = drawn_on(ax)
-    mean, quantile = samples.mean_interval(interval), samples.quantile(tuple(levels), interval)
+    drawable("samples", samples, "torchbeam.Samples or a Stream", "mean_interval", "quantile")
+    check_label(label)
+    ax, levels = drawn_on(ax), listed(levels)
+    mean, quantile = samples.mean_interval(interval), samples.quantile(levels, interval)
     if mean.estimate.numel() != 1:
         raise ValueError(
             f"a y {tuple(mean.estimate.shape)} was given to histogram; one number a sample is "
@@ -113,8 +116,10 @@ def convergence(
         >>> samples = tb.monte_carlo(deflection, laws, 1024, replicates=16, by_name=True)
         >>> ax = tb.plot.convergence({"Sobol": samples})
     """
+    drawable("runs", runs, "name -> torchbeam.Samples", "items")
     ax = drawn_on(ax)
     for k, (label, samples) in enumerate(runs.items()):
+        drawable("a run", samples, "torchbeam.Samples", "convergence")
         n, error = samples.convergence(reference)
         if error.ndim != 1:
             raise ValueError(
@@ -151,7 +156,8 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
         ...     tb.tornado(deflection, laws, by_name=True), name="deflection / m"
         ... )
     """
-    ax = axes((6.0, 1.2 + 0.35 * len(table.names))) if ax is None else ax
+    drawable("table", table, "a torchbeam.Tornado", "names", "base", "rows")
+    ax = axes((6.0, 1.2 + 0.35 * len(table.names))) if ax is None else check_axes(ax)
     if table.base.numel() != 1:
         raise ValueError(
             f"a y {tuple(table.base.shape)} was given to tornado; one number is wanted"
@@ -213,7 +219,9 @@ def bands(
     """
     ax = drawn_on(ax)
     t = converted(t, torch.float64)
-    band = samples.bands(level, interval or 0.95)
+    drawable("samples", samples, "torchbeam.Samples", "bands")
+    check_label(label)
+    band = samples.bands(level, 0.95 if interval is None else interval)
     if band.estimate.shape != (3, *t.shape) or t.ndim != 1:
         raise ValueError(
             f"t {tuple(t.shape)} and y {tuple(band.estimate.shape[1:])} were given to bands; "

@@ -261,9 +261,9 @@ def _free_port(host: str, port: int) -> int:
             for family, kind, protocol, _, address in socket.getaddrinfo(
                 host, free, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
             ):
-                with socket.socket(family, kind, protocol) as one:
-                    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                    one.bind(address)
+                with socket.socket(family, kind, protocol) as sock:
+                    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                    sock.bind(address)
             return free
         except OSError as error:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):

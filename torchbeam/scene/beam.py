@@ -16,8 +16,7 @@ from ..core.summary import counted, kind, lines, point, span
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
-from ..topology.chain import Chain
-from ..topology.framework import Graph
+from ..topology.framework import Framework
 from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed, warn_of_batch
 from .beam_recipe import remembered, with_recipe_of
@@ -84,9 +83,9 @@ class Beam(BeamRows):
         )
 
     @property
-    def topology(self) -> Graph:
+    def topology(self) -> Framework:
         """Which nodes the elements lie between."""
-        return Chain(self.order, self.element_count)
+        return Framework(self.order, (self.element_count,))
 
     def station_axes(self, frames: Tensor) -> Tensor:
         """Axes of the elements, or of the stations (..., N, 4), of a beam whose nodes have the axes

@@ -139,7 +139,7 @@ def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
 
 def part_of(parts: tuple[Part, ...], name: Any) -> Part:
     """The part of that name. Raises ValueError where there is none such."""
-    matches = [part for part in parts if part.name == name]
+    matches = [part for part in parts if isinstance(name, str) and part.name == name]
     if not matches:
         names = ", ".join(repr(part.name) for part in parts)
         there = f"there are {names}" if parts else "a scene of one beam has no names"

@@ -38,6 +38,7 @@ from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.contact_defaults import with_defaults
 from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
+from .effects.interaction import Interaction
 from .effects.tendon import Tendon
 from .joined import joints_of
 from .joint import Joint
@@ -46,7 +47,7 @@ from .structure import Structure
 from .supports import Frame, RootMotion, Support
 
 PLANES = (None, "xy", "xz", "auto")
-KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon", "pair")
+KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon", "pair", "interaction")
 
 
 class Precision(Sorted["torch.dtype | None", torch.dtype]):
@@ -85,7 +86,8 @@ class Scene(Tree):
             linear models are computed in double all the same, and rounded
 
     Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies),
-    `eigenstrains`, `tendons`, `pairs` (contacts of two parts), `damping` (one `Damping` or None),
+    `eigenstrains`, `tendons`, `pairs` (contacts of two parts), `interactions`,
+    `damping` (one `Damping` or None),
     `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
 
     Raises:
@@ -245,6 +247,10 @@ class Scene(Tree):
         return self._of("pair")
 
     @cached
+    def interactions(self) -> tuple[Interaction, ...]:
+        return self._of("interaction")
+
+    @cached
     def dampings(self) -> tuple[Damping, ...]:
         return self._of("strain")
 
@@ -290,7 +296,8 @@ class Scene(Tree):
     @cached
     def topology(self) -> Topology:
         """Which nodes the elements lie between, and which ones joints and tendons connect."""
-        own, ties = self.beam.topology, tuple(tendon.nodes for tendon in self.tendons)
+        own = self.beam.topology
+        ties = (*(tendon.nodes for tendon in self.tendons), *(x.nodes for x in self.interactions))
         if not ties and not self.pairs:
             return own
         return Framework(own.order, own.chains, own.singles, own.joints, ties)
@@ -371,7 +378,7 @@ class Scene(Tree):
         """An effect at its node's row. Raises ValueError where there is no such node or part, or
         another number of elements.
         """
-        if isinstance(effect, Tendon):
+        if isinstance(effect, Tendon | Interaction):
             return effect.placed(self.beam)
         if isinstance(effect, ContactTerms):
             effect = effect.placed(self.beam)
@@ -390,7 +397,9 @@ class Scene(Tree):
         return effect
 
     def _where(self, effect: Effect) -> str:
-        """An effect's name and, where it acts at one node or on one part, that."""
+        """An effect's name and, where it acts at some nodes or on one part, that."""
+        if isinstance(effect, Interaction):
+            return f"{effect.called} of nodes {', '.join(map(str, effect.nodes))}"
         if effect.node is None:
             return effect.called + ("" if effect.on is None else f" on {effect.on!r}")
         return (

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean
 from ..core.arguments import function as check_function
-from ..core.validation import Value, as_tensor, broadcast, concrete, shown
+from ..core.validation import Value, as_tensor, broadcast, concrete, finite, shown
 from .sensor import Sensor
 
 NEIGHBOURS = 5  # instants that a slope is found from: fourth order
@@ -83,7 +83,10 @@ def observe(
         sensor.shape if isinstance(sensor, Sensor) else values.shape[len(solution.state.t.shape) :]
     )
     batch = values.shape[1 : values.ndim - len(shape)]
-    times, delay = as_tensor(times, t.dtype, t.device), as_tensor(delay, t.dtype, t.device)
+    times, delay = (
+        as_tensor(times, t.dtype, t.device),
+        finite("delay", as_tensor(delay, t.dtype, t.device)),
+    )
     if times.ndim == 0:
         raise ValueError(
             "one number was given for times; a series (times,) or (times, ...) is wanted"

@@ -144,7 +144,13 @@ class TensorFields(Tree):
 
     @classmethod
     def stack(cls, states: list) -> Any:
-        """States in time order -> one object whose fields have time as their first axis."""
+        """States in time order -> one object whose fields have time as their first axis. Raises
+        ValueError for what is no sequence of them.
+        """
+        if not isinstance(states, (list, tuple)) or not all(isinstance(s, cls) for s in states[:]):
+            raise ValueError(f"states = {shown(states)} was given; a list of states is wanted")
+        if not states:
+            raise ValueError("states = [] was given; one or more are wanted")
         return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
 
 

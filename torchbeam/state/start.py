@@ -84,7 +84,13 @@ def _judge_velocities(state: State, scene: Any, judged: Tensor) -> None:
 
 
 def _judge(
-    off: Tensor, limit: Tensor, judged: Tensor, support: Support, what: str, unit: str, wanted: str
+    off: Tensor,
+    limit: Tensor,
+    judged: Tensor,
+    support: Support,
+    quantity: str,
+    unit: str,
+    wanted: str,
 ) -> None:
     """ValueError where off (..., 3) is larger than limit (...)."""
     bad = (off.abs() > limit[..., None]).any(-1) & judged
@@ -95,6 +101,6 @@ def _judge(
     axis = int(off.argmax())
     which = f" of sample {wrong.nonzero()[0].tolist()}" if wrong.ndim else ""
     raise ValueError(
-        f"initial{which} was given with the {what} {AXES[axis]} of node {support.node}, which is "
-        f"held, {off[axis].item():.3g} {unit} off{wanted}"
+        f"initial{which} was given with the {quantity} {AXES[axis]} of node {support.node}, which "
+        f"is held, {off[axis].item():.3g} {unit} off{wanted}"
     )

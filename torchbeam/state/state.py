@@ -158,7 +158,7 @@ class State(Instant):
         """
         return replace(
             self,
-            t=torch.zeros_like(self.t) + t,
+            t=torch.zeros_like(self.t) + instants("t", t, self.t),
             work=torch.zeros_like(self.work),
             defect=torch.zeros_like(self.defect),
             status=torch.zeros_like(self.status),
@@ -178,7 +178,8 @@ class State(Instant):
     def joint(self) -> tuple[JointReading, ...]:
         """The joints of a structure, as an equilibrium or a step has left them."""
         return tuple(
-            JointReading.of(self.joints[..., k, :], own) for k, own in enumerate(self.coordinates)
+            JointReading.of(self.joints[..., k, :], names)
+            for k, names in enumerate(self.coordinates)
         )
 
     def part(self, name: str) -> State:
@@ -220,6 +221,7 @@ class State(Instant):
 
     def row(self, index: int) -> Point:
         """The node that stands at this place among all."""
+        index = place("index", index, self.position.shape[-2], "there are the nodes")
         q = self.rotation[..., index, :]
         return Point(
             self.position[..., index, :],
@@ -264,8 +266,15 @@ class State(Instant):
         return broadcast("a state's fields", *[x.shape[:-2] for x in moving])
 
     def broadcast(self, shape: tuple[int, ...] | None = None) -> State:
-        """The same with the common batch axes, or those given, in every field."""
-        shape = self.batch_shape if shape is None else shape
+        """The same with the common batch axes, or those given, in every field. Raises ValueError
+        for axes that these do not broadcast to.
+        """
+        shape = self.batch_shape if shape is None else batch("shape", shape)
+        if broadcast("a state and shape", self.batch_shape, shape) != shape:
+            raise ValueError(
+                f"shape = {tuple(shape)} was given for a state of {tuple(self.batch_shape)}; axes "
+                "that it broadcasts to are wanted"
+            )
         return map_leaves(lambda x, axes: x.expand((*shape, *x.shape[x.ndim - axes :])), self)
 
 

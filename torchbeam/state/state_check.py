@@ -34,8 +34,8 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
         raise ValueError(
             f"{name} with {state.position.shape[-2]} nodes was given; the beam has {nodes}"
         )
-    own = dict(position=3, rotation=4, velocity=3, spin=3)
-    for key, shape in (*((key, (nodes, k)) for key, k in own.items()), ("stress", (stresses, 6))):
+    axes = dict(position=3, rotation=4, velocity=3, spin=3)
+    for key, shape in (*((key, (nodes, k)) for key, k in axes.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
             raise ValueError(

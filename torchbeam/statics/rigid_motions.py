@@ -15,6 +15,7 @@ from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..math.block_tridiagonal import in_unit
 from ..math.shapes import broadcast_shapes
+from ..nodal import interactions
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.element_loads import element_matrix
@@ -146,11 +147,13 @@ def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:
         yield _joined(problem, x)
     if loads is not None:
         yield loads.each(torch.neg)
-    if model.scene.tendons or model.scene.pairs:
+    if model.scene.tendons or model.scene.pairs or model.scene.interactions:
         w = model.space.unknowns
         none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
         tied = model.tendons.matrix(none, lambda: problem.tendon_motion(x))
-        yield model.touching.matrix(tied, lambda: problem.touching_motion(x))
+        tied = model.touching.matrix(tied, lambda: problem.touching_motion(x))
+        now, by = problem.conditions, problem.motion_by(None)
+        yield interactions.matrix(model, problem.nodes(x), now, by, tied)
 
 
 def _joined(problem: SteadyProblem, x: Configuration) -> Any:

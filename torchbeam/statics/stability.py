@@ -44,7 +44,7 @@ def asymmetry(problem: SteadyProblem, x: Configuration) -> Tensor:
         return none
     others, between = (
         tuple(act for act in acts if not model.declared(act.load))
-        for acts in (now.loads, now.between)
+        for acts in (now.loads, now.between + now.interactions)
     )
     if between or model.internal_states or not model.conserves:
         return none + torch.inf

@@ -21,7 +21,7 @@ from .protocols import Blocks
 
 
 @dataclass(frozen=True)
-class Graph:
+class Framework:
     """See `protocols.Topology`.
 
     order    of the elements, 1 or 2: those of a line have the nodes 0, 1; 1, 2; ..., or 0, 1, 2;
@@ -89,7 +89,7 @@ class Graph:
         return even(row[node] for node in range(self.node_count))
 
     @cached_property
-    def links(self) -> Graph:
+    def links(self) -> Framework:
         """Of order 1: from each node of an element to the next one."""
         if self.order == 1:
             return self
@@ -106,7 +106,7 @@ class Graph:
         return cut(ends.chains, ends.singles, ends.joints, ends.ties, held)
 
     @cached_property
-    def of_ends(self) -> Graph:
+    def of_ends(self) -> Framework:
         """Of order 1, between these."""
         if self.order == 1:
             return self
@@ -168,19 +168,10 @@ class Graph:
         return added(total, self._joined, push, total.shape[-2], 1)
 
     @cached_property
-    def tie_nodes(self) -> tuple[int, ...]:
-        """The nodes of all ties, one tie after the other."""
-        return tuple(node for nodes in self.ties for node in nodes)
-
-    @cached_property
     def tied(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Nodes of the rows and of the columns of the ties' blocks: of all pairs of each tie."""
         rows, columns = zip(*pairs_of(self.ties), strict=True)
         return rows, columns
-
-    def from_ties(self, push: Tensor, total: Tensor) -> Tensor:
-        """total (..., nodes, w) with (..., n, w) at `tie_nodes` added."""
-        return added(total, self.tie_nodes, push, total.shape[-2], 1)
 
     @cached_property
     def _joined(self) -> tuple[int, ...]:
@@ -216,11 +207,6 @@ class Graph:
         (_, im, ij), (mi, _, mj), (ji, jm, _) = blocks
         near = interleaved(im, mj, 2), interleaved(mi, jm, 2)
         return FrameworkMatrix(self, own, (*near, ij, ji))
-
-
-@dataclass(frozen=True)
-class Framework(Graph):
-    """Of any number of lines."""
 
 
 @lru_cache(maxsize=64)

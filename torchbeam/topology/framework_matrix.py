@@ -43,7 +43,7 @@ class FrameworkMatrix:
     in common: upper and lower (..., links, w, w), from each node of an element to the next one and
     back; of order 2 also far upper and far lower (..., N, w, w), from an element's first node to
     its third and back; tied (..., n, w, w): of all pairs of the nodes of each tie, see
-    `Graph.tied`, None = there are none.
+    `Framework.tied`, None = there are none.
 
     With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its
     constraints.
@@ -73,19 +73,13 @@ class FrameworkMatrix:
         """With the joints."""
         return replace(self, joints=joints)
 
-    def with_ties(self, tied: Tensor) -> FrameworkMatrix:
-        """With the ties."""
-        return replace(self, tied=tied)
-
-    def tied_too(self, nodes: tuple[int, ...], blocks: Tensor) -> FrameworkMatrix:
-        """With one more tie, of these nodes: blocks (..., n^2, w, w) of all their pairs."""
-        ties, every = (nodes,), (blocks,)
+    def tied_too(self, ties: tuple[tuple[int, ...], ...], blocks: Tensor) -> FrameworkMatrix:
+        """With more ties, of these nodes: blocks (..., n, w, w) of all pairs of each."""
         if self.tied is not None:
-            ties, every = (*self.framework.ties, nodes), (self.tied, blocks)
-        framework = replace(self.framework, ties=ties)
-        shape = broadcast_shapes(*(x.shape[:-3] for x in every))
-        tied = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in every], -3)
-        return replace(self, framework=framework, tied=tied)
+            ties, every = (*self.framework.ties, *ties), (self.tied, blocks)
+            shape = broadcast_shapes(*(x.shape[:-3] for x in every))
+            blocks = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in every], -3)
+        return replace(self, framework=_with_ties(self.framework, ties), tied=blocks)
 
     def plus(self, blocks: Tensor) -> FrameworkMatrix:
         return replace(self, diagonal=self.diagonal + blocks)
@@ -218,6 +212,11 @@ class FrameworkMatrix:
         if of.order == 2:
             D, *couplings, midside = condensed(of, D, *couplings)
         return FrameworkSystem(of, unknowns, cut, D, *couplings, joints, midside, tied)
+
+
+@lru_cache(maxsize=64)
+def _with_ties(framework: Any, ties: tuple[tuple[int, ...], ...]) -> Any:
+    return framework if framework.ties == ties else replace(framework, ties=ties)
 
 
 def _paired(size: Tensor, D: Tensor, U: Tensor, L: Tensor, *far: Tensor) -> BlockChain:

@@ -7,7 +7,6 @@ import io
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,10 +14,12 @@ import torch
 from torch import Tensor
 
 from ..core.files import folder, save, write
-from ..core.fingerprint import NoFingerprint, fingerprint
+from ..core.results import versions
+from ..core.surroundings import Surroundings
 from ..core.warning import warn
 
-FORMAT = 2  # of run.json and the chunks
+FORMAT = 3  # of run.json and the chunks
+PACKAGES = ("torchbeam", "torch", "numpy")  # a function's answers depend on them
 NAMES = dict(
     format="files of another release",
     laws="other laws",
@@ -59,8 +60,8 @@ class ChunkFolder:
         says what differs.
 
         The run is known by the laws, in their order, by the settings (seed, chunk, dtype ...), by
-        the version of this library, and by the function: its fingerprint and the versions of what
-        it uses, or `version` where that is given.
+        the version of this library, and by the function: `version`, or where that is None what
+        `Surroundings` sees of it, with a FutureWarning where that is not all.
         """
         path = Path(path)
         label = _label(function, laws, version, settings)
@@ -69,10 +70,10 @@ class ChunkFolder:
             folder(path)
             there = {**label, "run": hashlib.sha256(json.dumps(label).encode()).hexdigest()}
             _write_label(path, there)
-        elif what := _difference(there, label):
+        elif difference := _difference(there, label):
             raise ValueError(
-                f"the folder {str(path)!r} of a run with {what[0]} was given ({what[1]}); another "
-                "folder is wanted"
+                f"the folder {str(path)!r} of a run with {difference[0]} was given "
+                f"({difference[1]}); another folder is wanted"
             )
         return cls(path, there)
 
@@ -93,7 +94,7 @@ class ChunkFolder:
             chunk = stored["theta"], stored["y"], stored["status"]
             if stored["run"] != self.label["run"] or stored["first"] != first:
                 raise ValueError("it is another run's, or stood in another place")
-            if stored["checksum"] != self._checksum(first, chunk):
+            if stored["checksum"] != self.checksum(first, chunk):
                 raise ValueError("its checksum is wrong")
             return chunk
 
@@ -109,7 +110,7 @@ class ChunkFolder:
                 zip(("theta", "y", "status"), chunk, strict=True),
                 run=self.label["run"],
                 first=first,
-                checksum=self._checksum(first, chunk),
+                checksum=self.checksum(first, chunk),
             ),
         )
 
@@ -127,20 +128,34 @@ class ChunkFolder:
         part of the function.
         """
         known, (now, _) = self.label["parts"], _parts(function, laws, self.label["version"])
-        parts = {
-            name: value if now.get(name, value) == value else None for name, value in known.items()
-        }
+        parts = {name: value if now.get(name) == value else None for name, value in known.items()}
         if parts != known:
             _write_label(self.path, {**self.label, "parts": parts})
 
     def _file(self, first: int) -> Path:
         return self.path / f"chunk-{first:09d}.pt"
 
-    def _checksum(self, first: int, chunk: Chunk) -> str:
-        sum_ = hashlib.sha256(f"{self.label['run']} {first}".encode())
-        for x in chunk:
-            sum_.update(f"{x.dtype} {tuple(x.shape)}".encode())
-            sum_.update(x.detach().contiguous().flatten().view(torch.uint8).numpy().tobytes())
+    def checksum(self, *content: Any) -> str:
+        """Digest of this run's content: of tensors and plain values in sequences, dictionaries and
+        objects.
+        """
+        sum_ = hashlib.sha256(self.label["run"].encode())
+
+        def add(value: Any) -> None:
+            if isinstance(value, Tensor):
+                sum_.update(f"{value.dtype} {tuple(value.shape)}".encode())
+                plain = value.detach().contiguous().flatten()
+                sum_.update(plain.view(torch.uint8).numpy().tobytes())
+            elif isinstance(value, (list, tuple)):
+                sum_.update(f"[{len(value)}".encode())
+                for part in value:
+                    add(part)
+            elif isinstance(value, dict) or hasattr(value, "__dict__"):
+                add(sorted((value if isinstance(value, dict) else vars(value)).items()))
+            else:
+                sum_.update(repr(value).encode())
+
+        add(content)
         return sum_.hexdigest()
 
 
@@ -160,53 +175,49 @@ def loaded(path: Path, content: Callable[[dict[str, Any]], T]) -> T | None:
 
 
 def _label(
-    function: Callable, laws: dict[str, Any], version_: str | None, settings: dict[str, Any]
+    function: Callable, laws: dict[str, Any], version: str | None, settings: dict[str, Any]
 ) -> dict[str, Any]:
-    parts, versions = _parts(function, laws, version_)
-    try:
-        own = version("torchbeam")
-    except PackageNotFoundError:  # runs without being installed
-        own = "unknown"
+    parts, unseen = _parts(function, laws, version)
+    if unseen:
+        warn(
+            f"a function or law that reads {unseen[0]}, which may change unseen, was given with a "
+            "folder and no version=; version= is wanted, another one for each change: a later "
+            "release goes on without it only where everything is seen",
+            FutureWarning,
+        )
     return dict(
         format=FORMAT,
         function=getattr(function, "__qualname__", type(function).__name__),
-        version=version_,
+        version=version,
         laws=[[name, _shown(law)] for name, law in laws.items()],
         **settings,
-        versions={**(versions if version_ is None else {}), "torchbeam": own},
+        versions=versions(*(("torchbeam",) if version is not None else PACKAGES)),
         parts=parts,
     )
 
 
 def _parts(
-    function: Callable, laws: dict[str, Any], version_: str | None
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Digests of the laws, and of the function unless a version stands for it, part by part;
-    versions of what they use.
+    function: Callable, laws: dict[str, Any], version: str | None
+) -> tuple[dict[str, str], list[str]]:
+    """Digests of the laws, and of the function unless a version stands for it, by what they read;
+    and what of it cannot be seen.
     """
-    parts, versions = {}, {}
-    given = [(f"the law of {name!r}", law) for name, law in laws.items()]
-    for what, value in given if version_ is not None else [("", function), *given]:
-        try:
-            fingerprint_of, used = fingerprint(value)
-        except NoFingerprint as error:
-            if version_ is not None:
-                continue
-            raise ValueError(
-                f"{what or 'a function'} that holds {error}, which may change unseen, was given "
-                "with a folder; version= is wanted, another one for each change"
-            ) from None
-        parts |= {
-            " ".join(filter(None, (what, name))): digest for name, digest in fingerprint_of.items()
-        }
-        versions |= used
-    return parts, versions
+    parts, unseen = {}, []
+    values = {"its code": function} if version is None else {}
+    for whole, value in {**values, **{f"the law of {n!r}": law for n, law in laws.items()}}.items():
+        around = Surroundings([("it", lambda value=value: value)], strict=False)
+        digests = around.digests()
+        parts[whole] = digests.pop("it")
+        parts |= {k if whole in values else f"{whole}, {k}": x for k, x in digests.items()}
+        unseen += around.unseen if version is None else []
+    return parts, unseen
 
 
 def _shown(law: Any) -> Any:
     if isinstance(law, (tuple, list)):
         return [float(v) for v in law]
-    return repr(law) if hasattr(law, "icdf") else getattr(law, "__qualname__", type(law).__name__)
+    said = hasattr(law, "icdf") and type(law).__repr__ is not object.__repr__
+    return repr(law) if said else getattr(law, "__qualname__", type(law).__name__)
 
 
 def _there(path: Path) -> dict[str, Any] | None:
@@ -242,11 +253,8 @@ def _difference(there: dict[str, Any], label: dict[str, Any]) -> tuple[str, str]
         if there.get(key) != label.get(key):
             return NAMES.get(key, f"another {key}"), _both(there.get(key), label.get(key))
     old, new = there["parts"], label["parts"]
-    pairs = {name: {old.get(name, ""), new.get(name, "")} for name in (*old, *new)}
-    # None: by itself
-    changed = [
-        name or "its code" for name, pair in pairs.items() if len(pair) > 1 and None not in pair
-    ]
+    names = old if None in old.values() else {**old, **new}  # None: the run itself changes it
+    changed = [name for name in names if old.get(name, "") not in (None, new.get(name, ""))]
     laws = [name for name in changed if name.startswith("the law of ")]
     return (
         (

@@ -59,16 +59,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--workers", type=int, default=None, metavar="N", help="processes here, of one thread each"
     )
     parser.add_argument("--quiet", action="store_true", help="no progress on the terminal")
-    given = parser.parse_args(argv)
-    if given.workers is not None and given.workers < 1:
-        parser.error(f"--workers {given.workers} was given; at least 1 is wanted")
+    arguments = parser.parse_args(argv)
+    if arguments.workers is not None and arguments.workers < 1:
+        parser.error(f"--workers {arguments.workers} was given; at least 1 is wanted")
     try:
-        config = read(given.config)
+        config = read(arguments.config)
     except ValueError as error:
         parser.error(str(error))
-    out = results_folder(parser, given.out)
+    out = results_folder(parser, arguments.out)
     try:
-        result = _run(config, given, out / "samples")
+        result = _run(config, arguments, out / "samples")
     except NotWritten:
         raise
     except (ValueError, MemoryError, ImportError) as error:
@@ -87,19 +87,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _run(config: Config, given: argparse.Namespace, out: Path) -> Any:
+def _run(config: Config, arguments: argparse.Namespace, out: Path) -> Any:
     """Samples or stream of a configuration."""
     run: Callable[..., Any] = monte_carlo if config.keep else monte_carlo_stream
     if unknown := [name for name in config.options if name not in signature(run).parameters]:
         raise ValueError(
             f"{unknown[0]!r} was given with keep = {config.keep}; {run.__name__} has no such option"
         )
-    n = config.n if given.n is None else given.n
+    n = config.n if arguments.n is None else arguments.n
     if n is None and "theta" not in config.options:
         raise ValueError("a configuration without n was given; n, or --n, is wanted")
     for trial in range(AGAIN):
         before = _files(out)
-        with _executor(given, config) as executor:
+        with _executor(arguments, config) as executor:
             try:
                 return run(
                     config.function,
@@ -107,21 +107,21 @@ def _run(config: Config, given: argparse.Namespace, out: Path) -> Any:
                     *(() if n is None else (n,)),
                     out=out,
                     executor=executor,
-                    progress=None if given.quiet else True,
+                    progress=None if arguments.quiet else True,
                     **config.options,
                 )
             except BrokenExecutor:
-                if given.workers is None or (trial == AGAIN - 1 and _files(out) == before):
+                if arguments.workers is None or (trial == AGAIN - 1 and _files(out) == before):
                     raise
                 print("\na worker was lost; on with new ones", file=sys.stderr)
     raise BrokenExecutor(f"{AGAIN} pools of workers were lost")
 
 
-def _executor(given: argparse.Namespace, config: Config) -> Any:
-    if given.scheduler is not None:
-        return connected(given.scheduler, config.modules)
-    if given.workers is not None:
-        return _pool(given.workers)
+def _executor(arguments: argparse.Namespace, config: Config) -> Any:
+    if arguments.scheduler is not None:
+        return connected(arguments.scheduler, config.modules)
+    if arguments.workers is not None:
+        return _pool(arguments.workers)
     return nullcontext()
 
 

@@ -58,54 +58,61 @@ def read(path: Path) -> Config:
         )
     if path.suffix == ".py":
         module = load(path)
-        given = {name: getattr(module, name) for name in KNOWN if hasattr(module, name)}
+        entries = {name: getattr(module, name) for name in KNOWN if hasattr(module, name)}
         modules: tuple[ModuleType, ...] = (module,)
     else:
-        given = _parsed(path)
-        function, modules = _function(path, given.pop("function", None))
-        given["function"] = function
-        if isinstance(given.get("laws"), dict):
-            given["laws"] = {name: of_text(name, law) for name, law in given["laws"].items()}
-        if "dtype" in given:
-            if given["dtype"] not in DTYPES:
+        entries = _parsed(path)
+        function, modules = _function(path, entries.pop("function", None))
+        entries["function"] = function
+        if isinstance(entries.get("laws"), dict):
+            entries["laws"] = {name: of_text(name, law) for name, law in entries["laws"].items()}
+        if "dtype" in entries:
+            if entries["dtype"] not in DTYPES:
                 raise ValueError(
-                    f"dtype = {given['dtype']!r} was given; float32 or float64 is wanted"
+                    f"dtype = {entries['dtype']!r} was given; float32 or float64 is wanted"
                 )
-            given["dtype"] = DTYPES[given["dtype"]]
-        if isinstance(given.get("correlation"), dict):
-            given["correlation"] = {
+            entries["dtype"] = DTYPES[entries["dtype"]]
+        if isinstance(entries.get("correlation"), dict):
+            entries["correlation"] = {
                 tuple(name.strip() for name in pair.split(",")): value
-                for pair, value in given["correlation"].items()
+                for pair, value in entries["correlation"].items()
             }
-        if isinstance(given.get("sentences"), dict):
+        if isinstance(entries.get("sentences"), dict):
             codes = [
                 int(code) if code.removeprefix("-").isdecimal() else code
-                for code in given["sentences"]
+                for code in entries["sentences"]
             ]
-            given["sentences"] = dict(zip(codes, given["sentences"].values(), strict=True))
-        if unknown := [name for name in given if name not in KNOWN]:
+            entries["sentences"] = dict(zip(codes, entries["sentences"].values(), strict=True))
+        if unknown := [name for name in entries if name not in KNOWN]:
             raise ValueError(
                 f"{unknown[0]!r} was given in {path.name}; {', '.join(KNOWN)} are there"
             )
     for name in ("function", "laws"):
-        if given.get(name) is None:
+        if entries.get(name) is None:
             raise ValueError(
                 f"{path.name} without {name} was given; function, laws and n are wanted"
             )
-    if not callable(given["function"]):
+    if not callable(entries["function"]):
         raise ValueError(
-            f"function = {given['function']!r} was given in {path.name}; a function is wanted"
+            f"function = {entries['function']!r} was given in {path.name}; a function is wanted"
         )
-    own = {name: given.pop(name) for name in OWN if name in given}
-    own |= {name: _numbers(name, own[name]) for name in ("levels", "thresholds") if name in own}
-    if not all(0 <= level <= 1 for level in own.get("levels", ())):
+    answers = {name: entries.pop(name) for name in OWN if name in entries}
+    answers |= {
+        name: _numbers(name, answers[name]) for name in ("levels", "thresholds") if name in answers
+    }
+    if not all(0 <= level <= 1 for level in answers.get("levels", ())):
         raise ValueError(
-            f"levels = {own['levels']} were given in {path.name}; probabilities are wanted"
+            f"levels = {answers['levels']} were given in {path.name}; probabilities are wanted"
         )
-    level_of("interval", own.get("interval", Config.interval))
-    boolean("keep", own.get("keep", Config.keep))
+    level_of("interval", answers.get("interval", Config.interval))
+    boolean("keep", answers.get("keep", Config.keep))
     return Config(
-        given.pop("function"), given.pop("laws"), given.pop("n", None), given, modules, **own
+        entries.pop("function"),
+        entries.pop("laws"),
+        entries.pop("n", None),
+        entries,
+        modules,
+        **answers,
     )
 
 
@@ -133,19 +140,19 @@ def load(path: Path) -> ModuleType:
     return importlib.import_module(name)
 
 
-def _function(path: Path, given: Any) -> tuple[Any, tuple[ModuleType, ...]]:
+def _function(path: Path, text: Any) -> tuple[Any, tuple[ModuleType, ...]]:
     """Function of "model.py:name", beside the configuration, or of "package.module:name"."""
-    place, _, name = given.rpartition(":") if isinstance(given, str) else ("", "", "")
+    place, _, name = text.rpartition(":") if isinstance(text, str) else ("", "", "")
     if not place or not name:
         raise ValueError(
-            f'function = {given!r} was given in {path.name}; "FILE.py:NAME" or "MODULE:NAME" is '
+            f'function = {text!r} was given in {path.name}; "FILE.py:NAME" or "MODULE:NAME" is '
             "wanted"
         )
     if place.endswith(".py"):
         file = path.parent / place
         if not file.is_file():
             raise ValueError(
-                f"function = {given!r} was given in {path.name}, and {str(file)!r} is not there"
+                f"function = {text!r} was given in {path.name}, and {str(file)!r} is not there"
             )
         module = load(file)
     else:
@@ -153,20 +160,20 @@ def _function(path: Path, given: Any) -> tuple[Any, tuple[ModuleType, ...]]:
             module = importlib.import_module(place)
         except ImportError as error:
             raise ValueError(
-                f"function = {given!r} was given in {path.name}, and {place!r} is not there "
+                f"function = {text!r} was given in {path.name}, and {place!r} is not there "
                 f"({error})"
             ) from None
     if not hasattr(module, name):
         raise ValueError(
-            f"function = {given!r} was given in {path.name}, and {place!r} has no {name!r}"
+            f"function = {text!r} was given in {path.name}, and {place!r} has no {name!r}"
         )
     return getattr(module, name), (module,) if place.endswith(".py") else ()
 
 
-def _numbers(name: str, given: Any) -> tuple[float, ...]:
-    if not isinstance(given, (list, tuple)):
-        raise ValueError(f"{name} = {given!r} was given; a list of numbers is wanted")
-    return tuple(number(name, x) for x in given)
+def _numbers(name: str, values: Any) -> tuple[float, ...]:
+    if not isinstance(values, (list, tuple)):
+        raise ValueError(f"{name} = {values!r} was given; a list of numbers is wanted")
+    return tuple(number(name, x) for x in values)
 
 
 def _parsed(path: Path) -> dict[str, Any]:
@@ -176,20 +183,20 @@ def _parsed(path: Path) -> dict[str, Any]:
         )
     try:
         if path.suffix == ".json":
-            given = json.loads(path.read_text())
+            content = json.loads(path.read_text())
         else:
             import tomllib
 
-            given = tomllib.loads(path.read_text())
+            content = tomllib.loads(path.read_text())
     except ImportError:
         raise ValueError(
             f"the file {path.name!r} was given; TOML wants Python 3.11 or later, JSON does not"
         ) from None
     except ValueError as error:
         raise ValueError(f"{path.name} cannot be read: {error}") from None
-    if not isinstance(given, dict):
+    if not isinstance(content, dict):
         raise ValueError(
-            f"{path.name} that holds a {type(given).__name__} was given; names with values are "
+            f"{path.name} that holds a {type(content).__name__} was given; names with values are "
             "wanted"
         )
-    return given
+    return content

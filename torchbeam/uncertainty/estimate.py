@@ -113,12 +113,12 @@ def about_their_mean(independent: bool, replicates: int, groups: int, n: int) ->
 
 def probabilities(levels: Any) -> Tensor:
     """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
-    given = converted(levels, torch.float64)
-    if given.ndim > 1 or not ((given >= 0) & (given <= 1)).all():
+    values = converted(levels, torch.float64)
+    if values.ndim > 1 or not ((values >= 0) & (values <= 1)).all():
         raise ValueError(
             f"levels = {shown(levels)} were given; probabilities, one or a sequence, are wanted"
         )
-    return given
+    return values
 
 
 def mean(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> Estimate:

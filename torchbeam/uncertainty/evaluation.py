@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -34,37 +34,30 @@ AHEAD = 1024  # chunks that an executor is given before the first of them is bac
 
 @dataclass(frozen=True)
 class Job:
-    """One chunk of work: samples first to last - 1 of a design. Calling it gives theta, y and
-    status, and whether they are written: into the folder, where there is one and this machine sees
-    it. Another process computes on one thread, with the caller's default dtype, and gives its
-    result packed.
+    """One chunk of an evaluation: samples first to last - 1, of its design's part. Calling it gives
+    theta, y and status, and whether they are written: into the folder, where there is one and this
+    machine sees it. Another process computes on one thread, with the caller's default dtype, and
+    gives its result packed.
     """
 
-    function: Function
-    joint: JointLaw
-    design: Any
+    work: Evaluation
     first: int
     last: int
-    dtype: torch.dtype
-    by_name: bool
-    folder: ChunkFolder | None
     caller: tuple[str, int]
     default: torch.dtype
-    total: int
-    reduce: Callable[[Chunk], Any] | None = None
 
     def __call__(self) -> tuple[Any, bool]:
-        elsewhere = _here() != self.caller
+        work, elsewhere = self.work, _here() != self.caller
         if elsewhere:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
-        theta = self.design.theta(self.joint, self.first, self.last).detach().to(self.dtype)
-        with one_of(self.total / (self.last - self.first)):
-            chunk = theta, *evaluated(self.function, self.joint, theta.clone(), self.by_name)
-        written = self.folder is not None and self.folder.reachable
+        theta = work.design.theta(work.joint, self.first, self.last).detach().to(work.dtype)
+        with one_of(work.total / (self.last - self.first)):
+            chunk = theta, *evaluated(work.function, work.joint, theta.clone(), work.by_name)
+        written = work.folder is not None and work.folder.reachable
         if written:
-            self.folder.put(self.first, chunk)
-        result = chunk if self.reduce is None else self.reduce(chunk)
+            work.folder.put(self.first, chunk)
+        result = chunk if work.reduce is None else work.reduce(chunk)
         return packed(result) if elsewhere else result, written
 
 
@@ -113,21 +106,9 @@ class Evaluation:
             todo = [end for end in todo if end[0] not in stored]
             if todo:
                 self.folder.writable()
+        here, default = _here(), torch.get_default_dtype()
         jobs = (
-            Job(
-                self.function,
-                self.joint,
-                self.design.part(a, b),
-                a,
-                b,
-                self.dtype,
-                self.by_name,
-                self.folder,
-                _here(),
-                torch.get_default_dtype(),
-                self.total,
-                self.reduce,
-            )
+            Job(replace(self, design=self.design.part(a, b), executor=None), a, b, here, default)
             for a, b in todo
         )
         results = (
@@ -181,11 +162,11 @@ def called(
     """
     n, named = len(theta), joint.named(theta) if by_name else {}
     checked_function("function", function, *(() if by_name else ("theta",)), named=named)
-    given = function(**named) if by_name else function(theta)
+    result = function(**named) if by_name else function(theta)
     y, status = (
-        given
-        if isinstance(given, tuple) and len(given) == 2
-        else (given, torch.zeros(n, dtype=torch.long))
+        result
+        if isinstance(result, tuple) and len(result) == 2
+        else (result, torch.zeros(n, dtype=torch.long))
     )
     for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
         if not isinstance(value, Tensor):

@@ -42,37 +42,37 @@ KINDS = {
 }
 
 
-def of_text(what: str, given: Any) -> Law:
+def of_text(label: str, law: Any) -> Law:
     """Law of what a file can say: a number, [least, largest], or {"law": "normal", "mean": 1.0,
     "deviation": 0.1}, by the name of a class here and of its fields; {"law": "truncated", "of":
     LAW, "least": 0.5}. Raises ValueError.
     """
-    if isinstance(given, (int, float)):
-        return Constant(given)
-    if not isinstance(given, Mapping):
-        return given
-    given = dict(given)
-    kind = KINDS.get(str(given.pop("law", None)).lower())
+    if isinstance(law, (int, float)):
+        return Constant(law)
+    if not isinstance(law, Mapping):
+        return law
+    law = dict(law)
+    kind = KINDS.get(str(law.pop("law", None)).lower())
     if kind is None:
         raise ValueError(
-            f'the law {given!r} was given for {what!r}; "law" is wanted, one of {", ".join(KINDS)}'
+            f'the law {law!r} was given for {label!r}; "law" is wanted, one of {", ".join(KINDS)}'
         )
     known = ["of" if field.name == "law" else field.name for field in fields(kind)]
-    if unknown := [name for name in given if name not in known]:
+    if unknown := [name for name in law if name not in known]:
         raise ValueError(
-            f"{unknown[0]!r} was given for the law of {what!r}; {kind.__name__} has "
+            f"{unknown[0]!r} was given for the law of {label!r}; {kind.__name__} has "
             f"{', '.join(known)}"
         )
     try:
         return kind(
             **{
-                "law" if name == "of" else name: of_text(what, value) if name == "of" else value
-                for name, value in given.items()
+                "law" if name == "of" else name: of_text(label, value) if name == "of" else value
+                for name, value in law.items()
             }
         )
     except TypeError:
         raise ValueError(
-            f"{', '.join(given) or 'nothing'} was given for the law of {what!r}; {kind.__name__} "
+            f"{', '.join(law) or 'nothing'} was given for the law of {label!r}; {kind.__name__} "
             f"has {', '.join(known)}"
         ) from None
 

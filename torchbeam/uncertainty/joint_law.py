@@ -174,13 +174,13 @@ class JointLaw:
         return not isinstance(law, Constant) and not hasattr(law, "of_scores")
 
 
-def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
+def _correlation(correlation: Correlation, laws: dict[str, Law]) -> Tensor:
     """(p, p) float64; ValueError for what is no correlation of these laws."""
     names = list(laws)
     p = len(names)
-    if isinstance(given, Mapping):
+    if isinstance(correlation, Mapping):
         matrix = torch.eye(p, dtype=torch.float64)
-        for pair, value in given.items():
+        for pair, value in correlation.items():
             if (
                 not isinstance(pair, tuple)
                 or len(pair) != 2
@@ -191,7 +191,7 @@ def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
                     f"a correlation of {shown(pair)} was given; two of {', '.join(names)} are "
                     "wanted"
                 )
-            if pair[::-1] in given:
+            if pair[::-1] in correlation:
                 raise ValueError(
                     f"a correlation of {pair!r} and one of {pair[::-1]!r} were given; one of the "
                     "two is wanted"
@@ -199,7 +199,7 @@ def _correlation(given: Correlation, laws: dict[str, Law]) -> Tensor:
             i, j = map(names.index, pair)
             matrix[i, j] = matrix[j, i] = number(f"the correlation of {pair!r}", value)
     else:
-        matrix = converted(given, torch.float64).cpu()
+        matrix = converted(correlation, torch.float64).cpu()
     finite("correlation", matrix)
     if matrix.shape != (p, p):
         raise ValueError(

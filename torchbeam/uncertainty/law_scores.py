@@ -67,8 +67,8 @@ def has_tails(law: Any) -> bool:
     """Whether a law tells values of scores, and so both tails; a `Truncated` or `ExpTransformed`
     one does as its own law does.
     """
-    own = as_own(law)
-    return hasattr(own, "of_score") and (not hasattr(own, "law") or has_tails(own.law))
+    known = as_own(law)
+    return hasattr(known, "of_score") and (not hasattr(known, "law") or has_tails(known.law))
 
 
 def of_score(law: Any, z: Tensor) -> Tensor:

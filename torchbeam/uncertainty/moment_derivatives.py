@@ -211,13 +211,13 @@ def _sums(
         if y.requires_grad
         else [[None]]
     )
-    if all(one is None for one in by[0]):
+    if all(part is None for part in by[0]):
         raise ValueError(
             "a function whose y carries no gradient by q was given; one of torch operations, and "
             "laws that depend on q, are wanted"
         )
     by = [
-        torch.stack([torch.zeros_like(q) if one is None else one for one in moment], -1)
+        torch.stack([torch.zeros_like(q) if part is None else part for part in moment], -1)
         for moment in by
     ]
     shape = y.shape[1:]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -91,10 +92,10 @@ def monte_carlo(
             another order of them, correlation, design, seed, chunk, dtype, release of this library,
             or function
         dtype: of theta; None = torch.float64
-        version: of the function, a text or number of your own that changes with it. None: the
-            function is known by its code, by what it closes over and by the globals and functions
-            that it uses, and by the versions of packages. What it changes itself while it runs does
-            not count
+        version: of the function, a text or number of your own that changes with it; asked for with
+            `out`. None: the function is known by its code and by what it finds around it, with a
+            FutureWarning where some of that cannot be seen. What it changes itself while it runs
+            does not count
         by_name: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as (N,
             places)
         sentences: what a status of the function means, {3: "buckled"}: reasons of samples that
@@ -124,8 +125,8 @@ def monte_carlo(
     out = None if out is None else path_of("out", out)
     boolean("by_name", by_name)
     reasons = checked_sentences(sentences)
-    auto, own = isinstance(chunk, str) and chunk == "auto", chunk is None
-    chunk = 1 if auto or own else chunk
+    auto, usual = isinstance(chunk, str) and chunk == "auto", chunk is None
+    chunk = 1 if auto or usual else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
     plan = (
@@ -133,25 +134,14 @@ def monte_carlo(
         if theta is not None
         else DESIGNS[design](joint.dimension, seed, points)
     )
-    if own:
+    work = Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n)
+    if usual:
         chunk = chunk_of(out) or usual_chunk(n)
     elif auto:
-        chunk = chunk_of(out) or chunk_size(
-            Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n)
-        )
-    work = Evaluation(
-        function,
-        joint,
-        plan,
-        dtype,
-        chunk,
-        by_name,
-        executor,
-        folder_of(
-            out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label
-        ),
-        n,
-    )
+        chunk = chunk_of(out) or chunk_size(work)
+    label = dict(seed=seed, chunk=chunk, dtype=str(dtype), **plan.label)
+    folder = folder_of(out, function, joint, version, **label)
+    work = replace(work, chunk=chunk, folder=folder)
     done, chunks, at = 0, [], progress_of(progress, n)
     for end in _stages(n, points, until):
         for part in work.chunks(done, end, at):
@@ -292,7 +282,7 @@ def _reached(samples: Samples, until: Until) -> bool:
     error, statistic = (
         until
         if isinstance(until, (tuple, list))
-        else (until, lambda given: given.mean_interval(LEVEL))
+        else (until, lambda drawn: drawn.mean_interval(LEVEL))
     )
     estimate = statistic(samples)
     if not isinstance(estimate, Estimate):

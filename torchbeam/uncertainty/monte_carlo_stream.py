@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from ..core.arguments import boolean, choice
 from ..core.files import NotWritten, path_of, save
@@ -121,11 +119,9 @@ def monte_carlo_stream(
 
 
 def _write(folder: ChunkFolder, stream: Stream, done: int) -> None:
-    state = _state(stream)
-    save(
-        folder.path / FILE,
-        dict(state, done=done, run=folder.label["run"], checksum=_checksum(state, done, folder)),
-    )
+    content = vars(stream), done
+    path = folder.path / FILE
+    save(path, {"stream": stream, "done": done, "checksum": folder.checksum(*content)})
 
 
 def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[Stream, int]:
@@ -134,12 +130,10 @@ def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[
     """
 
     def content(stored: dict[str, Any]) -> tuple[Stream, int]:
-        done = stored.pop("done")
-        if stored.pop("run") != folder.label["run"] or stored.pop("checksum") != _checksum(
-            stored, done, folder
-        ):
+        stream, done = stored["stream"], stored["done"]
+        if stored["checksum"] != folder.checksum(vars(stream), done):
             raise ValueError("it is another run's, or its checksum is wrong")
-        return _stream(stored, joint, independent), done
+        return stream, done
 
     content_of_file = loaded(folder.path / FILE, content)
     if content_of_file is None:
@@ -148,50 +142,4 @@ def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[
     return content_of_file
 
 
-def _stream(saved: dict[str, Any], joint: JointLaw, independent: bool) -> Stream:
-    """Stream that a file holds."""
-    return Stream(
-        joint.names,
-        independent,
-        None if saved["shape"] is None else tuple(saved["shape"]),
-        [None if one is None else Moments(*one) for one in saved["moments"]],
-        [[Sketch(*sketch) for sketch in sketches] for sketches in saved["sketches"]],
-        saved["samples"],
-        saved["reasons"],
-    )
-
-
-def _state(stream: Stream) -> dict[str, Any]:
-    """What a file holds of a stream: numbers, texts and tensors."""
-    # fmt: off
-    return dict(shape=None if stream.shape is None else list(stream.shape), samples=stream.samples,
-                reasons={**stream.reasons},
-                moments=[None if moment is None else [moment.n, moment.mean, moment.second,
-                    moment.third, moment.fourth, moment.least, moment.largest]
-                         for moment in stream.moments],
-                sketches=[[[sketch.most, sketch.keys, sketch.counts, sketch.least, sketch.largest,
-                            sketch.joined] for sketch in sketches]
-                          for sketches in stream.sketches])
-    # fmt: on
-
-
-def _checksum(state: Any, done: int, folder: ChunkFolder) -> str:
-    sum_ = hashlib.sha256(f"{folder.label['run']} {done}".encode())
-
-    def walk(value: Any) -> None:
-        if isinstance(value, Tensor):
-            sum_.update(
-                f"{value.dtype} {tuple(value.shape)}".encode()
-                + value.contiguous().numpy().tobytes()
-            )
-        elif isinstance(value, dict):
-            walk(sorted(value.items()))
-        elif isinstance(value, Sequence) and not isinstance(value, str):
-            sum_.update(f"[{len(value)}".encode())
-            for one in value:
-                walk(one)
-        else:
-            sum_.update(repr(value).encode())
-
-    walk(state)
-    return sum_.hexdigest()
+torch.serialization.add_safe_globals([Stream, Moments, Sketch])

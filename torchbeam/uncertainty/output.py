@@ -106,8 +106,8 @@ class Summary:
         for name, one in summary.items():
             rows += _rows(name, one, interval)
         levels, thresholds = (
-            _several(name, given)
-            for name, given in (("levels", levels), ("thresholds", thresholds))
+            _several(name, values)
+            for name, values in (("levels", levels), ("thresholds", thresholds))
         )
         quantiles = self.quantile(levels, interval)
         for k, level in enumerate(levels):
@@ -154,14 +154,14 @@ def write_found(path: Path, summary: dict[str, Any]) -> None:
         )
 
 
-def _several(name: str, given: Any) -> tuple[float, ...]:
+def _several(name: str, values: Any) -> tuple[float, ...]:
     if (
-        isinstance(given, (str, bytes, Mapping))
-        or not isinstance(given, Iterable)
-        or getattr(given, "ndim", 1) != 1
+        isinstance(values, (str, bytes, Mapping))
+        or not isinstance(values, Iterable)
+        or getattr(values, "ndim", 1) != 1
     ):
-        raise ValueError(f"{name} = {shown(given)} were given; a sequence of numbers is wanted")
-    return tuple(number(name, one) for one in given)
+        raise ValueError(f"{name} = {shown(values)} were given; a sequence of numbers is wanted")
+    return tuple(number(name, value) for value in values)
 
 
 def _rows(name: str, estimate: Any, level: float) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, overload
 
 import torch
@@ -91,24 +91,15 @@ class Samples(output.Summary):
         """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence
         level, an `Estimate` of them: from replicates, or else between order statistics (binomial).
         """
-        given = probabilities(levels)
-        several = given.reshape(-1)
+        wanted = probabilities(levels)
+        several = wanted.reshape(-1)
         if interval is None:
             quantiles = estimate.quantile_of_sorted(self._numbers().sort(0).values, several)
-            return quantiles if given.ndim else quantiles[0]
+            return quantiles if wanted.ndim else quantiles[0]
         quantiles = estimate.quantile(
             self._groups(), several, level_of("interval", interval), self.reasons
         )
-        return (
-            quantiles
-            if given.ndim
-            else replace(
-                quantiles,
-                estimate=quantiles.estimate[0],
-                low=quantiles.low[0],
-                high=quantiles.high[0],
-            )
-        )
+        return quantiles if wanted.ndim else quantiles[0]
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
         """Mean (...), with Student's interval: of the means of replicates, or of the samples. Of a
@@ -255,17 +246,17 @@ class Samples(output.Summary):
         )
 
 
-def checked_sentences(given: Any) -> dict[int, str]:
+def checked_sentences(sentences: Any) -> dict[int, str]:
     """Sentences by status; ValueError for what are none."""
-    if given is None:
+    if sentences is None:
         return {}
-    if not isinstance(given, Mapping) or not all(
-        isinstance(code, int) and isinstance(given[code], str) for code in given
+    if not isinstance(sentences, Mapping) or not all(
+        isinstance(code, int) and isinstance(sentences[code], str) for code in sentences
     ):
         raise ValueError(
-            f"sentences = {shown(given)} were given; a dict, status -> text, is wanted"
+            f"sentences = {shown(sentences)} were given; a dict, status -> text, is wanted"
         )
-    return dict(given)
+    return dict(sentences)
 
 
 def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[str, int]:

@@ -124,7 +124,7 @@ def sobol_indices(
     boolean("by_name", by_name)
     level = level_of("interval", interval)
     out = None if out is None else path_of("out", out)
-    own, chunk = chunk is None, 1 if chunk is None else chunk
+    usual, chunk = chunk is None, 1 if chunk is None else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = points_of(n, replicates, fewest=2, least=2)
     random = joint.random()
@@ -133,7 +133,7 @@ def sobol_indices(
     parts = owner == torch.arange(len(names))[:, None]
     plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
     size = len(names) + 2
-    chunk = (chunk_of(out) or usual_chunk(n * size)) if own else chunk
+    chunk = (chunk_of(out) or usual_chunk(n * size)) if usual else chunk
     work = Evaluation(
         function,
         joint,

@@ -129,8 +129,8 @@ class Stream(Summary):
         """Moments of all good samples."""
         known = self._known()
         whole = known[0]
-        for one in known[1:]:
-            whole = whole.merged(one)
+        for moments in known[1:]:
+            whole = whole.merged(moments)
         return whole
 
     @property
@@ -163,7 +163,7 @@ class Stream(Summary):
         """
         known, whole, level = self._known(), self.all, level_of("level", level)
         if self._groups > 1:
-            half = student_half(torch.stack([one.mean for one in known]), level)
+            half = student_half(torch.stack([moments.mean for moments in known]), level)
         elif whole.n > 1:
             half = (
                 student_quantile((1 + level) / 2, whole.n - 1)
@@ -186,11 +186,11 @@ class Stream(Summary):
         """Quantiles, (...) of one level and (levels, ...) of several, to the relative `error`; with
         `interval` an `Estimate` of them, its interval wider by that error.
         """
-        given = probabilities(levels)
-        several, pooled, n = given.reshape(-1), self._pooled(), self._good
+        wanted = probabilities(levels)
+        several, pooled, n = wanted.reshape(-1), self._pooled(), self._good
         centre = torch.stack([sketch.at_ranks(several * (n - 1)) for sketch in pooled], -1)
         if interval is None:
-            return self._shaped(centre, given)
+            return self._shaped(centre, wanted)
         level = level_of("interval", interval)
         ends = []
         groups = self._groups
@@ -214,7 +214,7 @@ class Stream(Summary):
             )
             ends.append(values)
         low, high = torch.stack(ends, -2).unbind(-1)
-        return self._estimate(*(self._shaped(x, given) for x in (centre, low, high)), level, few)
+        return self._estimate(*(self._shaped(x, wanted) for x in (centre, low, high)), level, few)
 
     def exceedance(self, x: Value, interval: float = 0.95) -> Estimate:
         """Probability that y > x, for thresholds x that broadcast with one y. Samples of a bin that
@@ -301,9 +301,9 @@ class Stream(Summary):
                 whole.merge(sketch)
         return pooled
 
-    def _shaped(self, rows: Tensor, given: Tensor) -> Tensor:
+    def _shaped(self, rows: Tensor, wanted: Tensor) -> Tensor:
         shaped = rows.reshape(-1, *self.shape)
-        return shaped if given.ndim else shaped[0]
+        return shaped if wanted.ndim else shaped[0]
 
     def _estimate(
         self, centre: Tensor, low: Tensor, high: Tensor, level: float, counted: Tensor

@@ -361,7 +361,7 @@ CASES = {
     "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)),
                          r"\(n,\) and \(n, count\)"),
     "another file": (lambda s: tb.plot.animate(s, "motion.avi"), "one that ends in .gif or .mp4"),
-    "no pictures": (lambda s: tb.plot.animate(s, "motion.gif", fps=0.0), "fps = 0 was given"),
+    "no pictures": (lambda s: tb.plot.animate(s, "motion.gif", fps=0.0), "fps = 0.0 was given"),
 }
 # fmt: on
 

@@ -131,8 +131,8 @@ def test_what_a_function_counts_is_not_what_it_is(tmp_path):
 
 
 def test_a_version_stands_for_the_function(tmp_path):
-    """Another function under the same version is taken for the same; one without a fingerprint
-    wants a version.
+    """Another function under the same version is taken for the same; one that is not seen whole
+    is asked for a version.
     """
     first = run(tmp_path / "version", scaled(1.0), version="1")
     assert (run(tmp_path / "version", scaled(2.0), version="1").y == first.y).all()
@@ -145,12 +145,14 @@ def test_a_version_stands_for_the_function(tmp_path):
         def holds(theta):
             return theta.sum(-1) if file else None
 
-        with pytest.raises(
-            ValueError,
-            match=r"holds a _io.TextIOWrapper, which may change unseen.*version= is wanted",
+        with pytest.warns(
+            FutureWarning,
+            match=r"reads 'file' \(TextIOWrapper\), which may change unseen.*version= is wanted",
         ):
             run(tmp_path / "file", holds)
-        assert (run(tmp_path / "file", holds, version=1).y == first.y).all()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert (run(tmp_path / "known", holds, version=1).y == first.y).all()
 
 
 def test_a_damaged_chunk_is_computed_anew(tmp_path):
@@ -237,8 +239,8 @@ def test_foreign_folders(tmp_path):
         "{",
         "[]",
         "{}",
-        '{"format": 2}',
-        '{"format": 2, "parts": {}, "run": 3}',
+        '{"format": 3}',
+        '{"format": 3, "parts": {}, "run": 3}',
         "\x00",
     ):
         (tmp_path / "run.json").write_text(text)
@@ -257,3 +259,22 @@ def test_a_folder_that_cannot_be_written_is_refused_first(tmp_path, monkeypatch)
     run(tmp_path)
     with pytest.raises(ValueError, match=r"which cannot be written \(Permission denied\)"):
         run(tmp_path, n=64)
+
+
+def test_a_law_of_ones_own_is_known_by_its_code_and_numbers(tmp_path):
+    """An object with `icdf`, whose class says what it gives."""
+
+    def law(code, size=2.0):
+        space = {"__name__": "somewhere"}
+        exec(
+            "class Law:\n    def __init__(self, size):\n        self.size = size\n"
+            f"    def icdf(self, u):\n        return {code}",
+            space,
+        )
+        return space["Law"](size)
+
+    run(tmp_path, laws={"a": law("self.size * u"), "b": B})
+    run(tmp_path, laws={"a": law("self.size * u"), "b": B})
+    for other in (law("self.size + u"), law("self.size * u", 3.0)):
+        with pytest.raises(ValueError, match="other laws was given"):
+            run(tmp_path, laws={"a": other, "b": B})

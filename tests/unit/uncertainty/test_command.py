@@ -363,9 +363,9 @@ def test_a_folder_that_workers_do_not_see(tmp_path):
     class Elsewhere:
         def submit(self, job):
             future = Future()
-            there = replace(
-                job, folder=replace(job.folder, path=tmp_path / "nowhere"), caller=("another", 1)
-            )
+            nowhere = replace(job.work.folder, path=tmp_path / "nowhere")
+            work = replace(job.work, folder=nowhere)
+            there = replace(job, work=work, caller=("another", 1))
             torch.set_default_dtype(torch.float32)
             future.set_result(there())
             return future

@@ -69,7 +69,7 @@ def bootstrap(
     drawn for each repeat as the fit knows it, by `redundancy` (channels,): scale
     sqrt(n / chi^2 of n degrees), so that the repeats of a linear model have Student's t.
     """
-    repeats = count("repeats", repeats, least=2)
+    repeats, seed = count("repeats", repeats, least=2), count("seed", seed, least=0)
     with torch.no_grad():
         starts = x.expand(repeats, -1).clone()
         every = torch.zeros(1, dtype=torch.long, device=x.device)

@@ -9,13 +9,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, chosen, count, instance, level_of, number
-from ...core.validation import Value, as_tensor, common_dtype
+from ...core.arguments import boolean, choice, chosen, count, instance, level_of, number
+from ...core.validation import Value, as_tensor, common_dtype, shown
 from . import posterior
 from .experiment import experiments_of
 from .fit import Fit, warn_of
 from .identify import identify
 from .measurement import Measurement, each, sigma_given
+from .noise import NOISES
 from .parameter import Parameter
 from .problem import FitProblem
 from .regularization import CRITERIA, Linearised, Weighing, weigh
@@ -71,9 +72,13 @@ class FieldFit:
     def __getitem__(self, name: str) -> Tensor:
         return self.fit[name]
 
+    def _place(self, name: str) -> tuple[int, tuple[int, ...]]:
+        """Where its numbers begin, and its shape; ValueError where there is none."""
+        return self.fit.shapes[choice("name", name, self.fit.shapes)]
+
     def deviation(self, name: str) -> Tensor:
         """Standard deviation of a parameter or field, of its shape."""
-        first, shape = self.fit.shapes[name]
+        first, shape = self._place(name)
         return self.fit.deviation[first : first + torch.Size(shape).numel()].reshape(shape)
 
     def interval(self, name: str, level: float = 0.95) -> Tensor:
@@ -81,8 +86,8 @@ class FieldFit:
         probability `level`, by itself: the posterior's quantiles. They take the model as right: a
         UserWarning says so where the misfit does not (`Fit.doubts`).
         """
+        first, shape = self._place(name)
         warn_of(self.fit.doubts)
-        first, shape = self.fit.shapes[name]
         if self.samples is None:
             limits = self.fit.interval_without_warning(level)
         else:
@@ -270,12 +275,12 @@ class _Task:
                 "a start and smoothness by name are wanted: {'EI': tb.Parameter(...)}, {'EI': "
                 "tb.Smoothness()}"
             )
-        if not options.get("absolute_sigma", True):
+        if not boolean("absolute_sigma", options.get("absolute_sigma", True)):
             raise ValueError(
                 "absolute_sigma=False was given to identify_fields, whose weights count on sigma; "
                 "data without sigma are wanted, whose noise is found"
             )
-        if options.get("noise", "common") != "common":
+        if choice("noise", options.get("noise", "common"), NOISES) != "common":
             raise ValueError(
                 f"noise={options['noise']!r} was given to identify_fields, which finds one "
                 "deviation of all data; channels weighed by their sigma are wanted"
@@ -335,6 +340,8 @@ class _Task:
         return next(iter(self.target.values()))
 
     def checked(self, weight: Mapping[str, float]) -> Tensor:
+        if not isinstance(weight, Mapping):
+            raise ValueError(f"weight = {shown(weight)} was given; name -> number is wanted")
         if set(weight) != set(self.rows):
             raise ValueError(
                 f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.rows)} "

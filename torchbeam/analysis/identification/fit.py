@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core import files
 from ...core.arguments import choice, level_of
-from ...core.validation import Value
+from ...core.validation import Value, shown
 from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
@@ -149,11 +149,11 @@ class Fit:
 
     def __getitem__(self, name: str) -> Tensor:
         """One parameter by name, of its own shape."""
-        if name in self.shapes:
+        if isinstance(name, str) and name in self.shapes:
             first, shape = self.shapes[name]
             return self.theta[first : first + torch.Size(shape).numel()].reshape(shape)
-        if name not in self.names:
-            raise KeyError(f"{name!r} was asked for; there are {', '.join(self.names)}")
+        if not isinstance(name, str) or name not in self.names:
+            raise KeyError(f"{shown(name)} was asked for; there are {', '.join(self.names)}")
         return self.theta[self.names.index(name)]
 
     def interval(
@@ -247,9 +247,9 @@ class Fit:
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
         """Profile likelihoods of the parameters (all), see `interval`."""
         for name in names:
-            if name not in self.names:
+            if not isinstance(name, str) or name not in self.names:
                 raise ValueError(
-                    f"the parameter {name!r} was given; there are {', '.join(self.names)}"
+                    f"the parameter {shown(name)} was given; there are {', '.join(self.names)}"
                 )
         which = [self.names.index(name) for name in names] or [*range(len(self.names))]
         quantile = self._quantile(level)

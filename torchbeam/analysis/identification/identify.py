@@ -31,7 +31,7 @@ DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
 # times that: another step, which finds the same derivatives where differences are good
 COARSE = 10.0
-TRIES = 3  # steps of differences, each a tenth of the one before
+TRIES = 5  # steps of differences, each a tenth of the one before
 SAME = 1e-3  # of a column of J
 
 
@@ -91,8 +91,8 @@ def identify(
             mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond some
             hundreds; it takes more iterations, one start after the other, no bounds but by logits.
             "auto": differences, where those of ten times the step agree with them to 1e-3 at the
-            start, by a tenth or a hundredth of 1e-4 where those of that do not (responses of many
-            periods); and else, with a RuntimeWarning, forward mode
+            start; of a parameter of which they do not (responses of many periods, models that jump)
+            by shorter steps, to 1e-8; and else, with a RuntimeWarning, forward mode
         tolerance: of the largest step, relative to theta (of log theta, absolute); also, squared,
             of the decrease of the squares
         progress: a line of progress (tqdm)
@@ -193,8 +193,8 @@ def identify(
 
 
 def _chosen(problem: FitProblem, x: Tensor, tries: int) -> FitProblem:
-    """By differences that do not depend on their step at the first start that has a Jacobian: of
-    so many steps, each a tenth of the one before; else by forward mode.
+    """By differences that do not depend on their step at the first start that has a Jacobian: each
+    parameter's of the first of so many, each a tenth of the one before; else by forward mode.
     """
     for k in range(len(x)):
         here, which = x[k : k + 1], torch.tensor([k], device=x.device)
@@ -217,7 +217,9 @@ def _chosen(problem: FitProblem, x: Tensor, tries: int) -> FitProblem:
             if (off <= 0).all():
                 return fine
             if left:
-                fine = replace(fine, relative_step=fine.relative_step / COARSE)
+                shorter = torch.ones_like(x[0])
+                shorter[: len(off)] = torch.where(off > 0, 1 / COARSE, 1.0)
+                fine = replace(fine, relative_step=fine.relative_step * shorter)
                 other, (_, J) = J, fine.linearised(here, which, r)
         else:
             worst = problem.parameters.names[int((off / size).nan_to_num().argmax())]

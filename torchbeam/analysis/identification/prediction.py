@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import function as check_function
-from ...core.validation import Value, as_tensor, broadcast, finite, positive
+from ...core.validation import Value, as_tensor, broadcast, finite, positive, shown
 from ...sensors.observe import observe
 from ...solvers.jacobian import difference, forward
 from ...state.solution import Solution
@@ -96,9 +96,9 @@ def _reader(
 ) -> Callable[[Tensor], Tensor]:
     """theta (N, p) -> readings (N, ...), NaN of samples that failed."""
     names = [e.name for e in problem.experiments if e.measured]
-    if experiment is not None and experiment not in names:
+    if experiment is not None and not (isinstance(experiment, str) and experiment in names):
         raise ValueError(
-            f"experiment = {experiment!r} was given; there are "
+            f"experiment = {shown(experiment)} was given; there are "
             f"{', '.join(filter(None, names)) or 'none by name'}"
         )
     own = next((e for e in problem.parameters.entries if e.experiment is not None), None)

@@ -30,7 +30,7 @@ class FitProblem:
                 until they are
     nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the
                 same, weighted
-    method      "forward" or "difference", of relative_step
+    method      "forward" or "difference", of relative_step, one or (p,)
     """
 
     experiments: tuple[Experiment, ...]
@@ -43,7 +43,7 @@ class FitProblem:
     noise: Noise
     sigma_given: bool
     method: str = "difference"
-    relative_step: float = 1e-4
+    relative_step: float | Tensor = 1e-4
 
     @classmethod
     def of(

@@ -11,6 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.arguments import function
 from ...solvers.least_squares import CONVERGED, FAILED, Found
 from ...solvers.region import Region
 from .problem import FitProblem
@@ -31,10 +32,11 @@ def refined(
             f"models of {', '.join(map(str, model))} were given; those of "
             f"{', '.join(map(str, names))} are wanted"
         )
+    by_name = isinstance(model, Mapping)
     finer = replace(
         problem,
         experiments=tuple(
-            replace(e, model=model[e.name] if isinstance(model, Mapping) else model)
+            replace(e, model=function("model", model[e.name] if by_name else model))
             if e.measured
             else e
             for e in problem.experiments

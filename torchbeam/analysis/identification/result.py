@@ -39,9 +39,10 @@ def conclusions(
     theta, history = T.theta(x), T.theta(search.history)
     region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
     at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))
-    rounding = torch.finfo(x.dtype).eps / (
-        problem.relative_step if problem.method == "difference" else 1
-    )
+    steps = x.new_tensor(1.0)  # relative
+    if problem.method == "difference":
+        steps = torch.as_tensor(problem.relative_step, dtype=x.dtype, device=x.device)
+    rounding = torch.finfo(x.dtype).eps / steps.min()
     target = problem.target
     least_seen = torch.maximum(
         tolerance * torch.linalg.vector_norm(r, dim=-1),
@@ -49,7 +50,7 @@ def conclusions(
     )
     resolution = max(
         torch.finfo(x.dtype).eps ** 0.5,
-        CURVED * problem.relative_step**2 * (problem.method == "difference"),
+        CURVED * steps.max().item() ** 2 * (problem.method == "difference"),
     )
     away, shown, open_ = region.away(x), [], []
     for k in range(len(x)):

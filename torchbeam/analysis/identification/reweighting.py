@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -12,6 +13,7 @@ from .covariance import Spread
 from .problem import FitProblem
 
 ROUNDS = 30
+LINEAR_ROUNDS = 300  # without the model
 SAME = 1e-3  # of the logarithm of a deviation, from one round to the next: a thousandth of it
 Run = Callable[[FitProblem, Tensor, Tensor], Found]  # of coordinates (N, p) of the starts (N,)
 
@@ -29,13 +31,12 @@ def search_by_channel(problem: FitProblem, x: Tensor, run: Run) -> tuple[FitProb
     begun, first = problem, run(problem, x, every)
     least = problem.deviations * torch.finfo(x.dtype).eps ** 0.5
     best = _best(begun, first)
-    search_result = first.of(every[best : best + 1])
+    search_result, settled = first.of(every[best : best + 1]), False
     for _ in range(ROUNDS):
-        factor = _factor(problem, search_result, least)
-        problem, settled = problem.reweighted(factor), bool(factor.log().abs().max() < SAME)
-        search_result = run(problem, search_result.x, every[best : best + 1])
+        problem, settled = _settled_where_linear(problem, search_result, least)
         if settled:
             break
+        search_result = run(problem, search_result.x, every[best : best + 1])
     last = (
         search_result
         if len(x) == 1
@@ -53,6 +54,30 @@ def search_by_channel(problem: FitProblem, x: Tensor, run: Run) -> tuple[FitProb
     return problem, Found(
         last.x, last.r, last.J, status, history, first.raised + last.raised, start
     )
+
+
+def _settled_where_linear(
+    problem: FitProblem, search_result: Found, least: Tensor
+) -> tuple[FitProblem, bool]:
+    """The problem with the noise of what one start found, on which its readings' tangent settles:
+    the rounds, which converge linearly, by Gauss and Newton steps without the model. Whether the
+    first of them was the last: the noise is that of the weights as they are.
+    """
+    region = problem.region(search_result.x)
+    for k in range(LINEAR_ROUNDS):
+        factor = _factor(problem, search_result, least)
+        if factor.log().abs().max() < SAME:
+            return problem, k == 0
+        less = 1 / problem.noise.each(factor)[problem.known]
+        problem = problem.reweighted(factor)
+        x, r, J = search_result.x, search_result.r * less, search_result.J * less[:, None]
+        search_result = replace(search_result, r=r, J=J)
+        free = Spread.of(problem, search_result, 0).free
+        pull = (J.mT @ r[..., None])[..., 0] + problem.prior(x)[1]
+        moved = region.cut(x, x - (free @ pull[..., None])[..., 0])
+        r = r + (J @ (moved - x)[..., None])[..., 0]
+        search_result = replace(search_result, x=moved, r=r)
+    return problem, False
 
 
 def _best(problem: FitProblem, search_result: Found) -> int:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
-from ...core.validation import Value, as_tensor, increasing, shown
+from ...core.validation import Value, as_tensor, finite, increasing, shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +50,8 @@ class Smoothness:
         if type(self.order) is not int or self.order not in (0, 1, 2):
             raise ValueError(f"order = {shown(self.order)} was given; 0, 1 or 2 is wanted")
         boolean("sharp", self.sharp)
+        if self.at is not None:
+            finite("at", as_tensor(self.at, torch.float64))
 
     def rows(self, like: Tensor) -> Tensor:
         """(n - order, n) for a field `like` (n,). Raises ValueError for too few numbers, or other

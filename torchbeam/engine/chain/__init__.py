@@ -1,3 +1,3 @@
-"""Compiled midpoint step: its local functions, and the native pass over the chain that calls
+"""Compiled steps and equilibria: their local functions, and the native drivers that call
 them.
 """

@@ -11,39 +11,26 @@ from ..compiler.derivative import bar, vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import midsides, pairs, stretches, structures
+from . import interactions, midsides, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
-from .layout import (
-    BETWEEN,
-    ELEMENTS,
-    ENDS,
-    INNER,
-    JOINTS,
-    MOVES,
-    NODES,
-    ONE,
-    OWN,
-    PAIRS,
-    STRETCHES,
-    SUPPORTS,
-    TURNS,
-    Layout,
-)
+from .interaction import INTERACTIONS, TIE
+from .layout import BETWEEN, ELEMENTS, INNER, MOVES, NODE_PLACES, NODES, ONE, OWN, SUPPORTS, Layout
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import PAIR_SIDES, SIDES, Kinds, without_side
-from .structure_adjoint import StructureAdjoint
+from .node_kinds import Kinds, without_side
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
+# functions of which what they give is kept together
+OF_NODES = "node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar"
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 
 
 class AdjointProgram(NativeProgram):
     """wanted: names of the constants' fields whose cotangents are asked for."""
 
-    driver, of_structures = AdjointDriver, StructureAdjoint
+    driver = AdjointDriver
 
     def __init__(
         self,
@@ -145,64 +132,21 @@ class AdjointProgram(NativeProgram):
             traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves]
         )
         functions["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
-        if self.order == 2:
-            inner = {
-                "own.D": (w, w),
-                "right": (w,),
-                **{f"element.{name}": whole.outputs[name].shape for name in blocks},
-            }
-            condense = {"condense": traced(partial(local.transposed_condense, False), inner)}
-            if self.held:
-                held = inner | {"free": (w,), "push": (w,)}
-                condense["held condense"] = traced(partial(local.transposed_condense, True), held)
-            restore = traced(
-                local.transposed_restore,
-                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
-            )
-            more, between, _ = midsides.eliminating(condense, restore, own, between)
-            functions |= more
-        row = {
-            "own.D": (w, w),
-            "left.D": (w, w),
-            "right.D": (w, w),
-            "left.U": (w, w),
-            "right.L": (w, w),
-            "right": (w,),
-            "ahead": (w, w),
-            "y": (w,),
-        }
-        near = {
-            f"{name}_{at}": (w,) for name in ("free", "push") for at in ("before", "here", "after")
-        }
-        sides = {"left.D": "j.D", "left.U": "U", "right.D": "i.D", "right.L": "L"}
-
-        def packed(function: Function) -> Function:
-            return between.taken(own.taken(function, {"own.D": "D"}), sides)
-
-        functions["row"] = packed(traced(partial(local.transposed_row, False), row))
+        shapes |= {"own.D": (w, w)}
+        functions |= rows.of_rows(
+            local, traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
+        )
         if self.held:
-            functions["held row"] = packed(traced(partial(local.transposed_row, True), row | near))
             functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        if self.kinds.joints is not None:
-            around = near if self.held else None
-            functions |= structures.of_rows(
-                local, traced, packed, row, around, self.kinds.runs, transposed=True
+        for one in INTERACTIONS:
+            by = [f"{side}.{name}" for side in one.sides for name in start]
+            by += [*wanted, "joints", "last_force", "tension"]
+            functions |= interactions.adjoint_of_interaction(
+                local, traced, one, self.kinds, self.held, by, _derivative
             )
-            by = [name for name in ends if name.partition(".")[0] in (*SIDES[1], "common")]
-            by += ["joints", "last_force", *(name for name in wanted if name.startswith("joint"))]
-            functions |= structures.adjoint_of_joints(
-                local, traced, self.kinds.joints, self.held, by, _derivative
-            )
-            by += [name for name in wanted if name.startswith("stretch")]
-            functions |= stretches.adjoint_of_stretches(
-                local, traced, self.kinds.stretches, self.held, by, _derivative
-            )
-            by = [f"{side}.{name}" for side in PAIR_SIDES for name in start]
-            by += [name for name in wanted if name.startswith(("common", "pair"))]
-            functions |= pairs.adjoint_of_pairs(
-                local, traced, self.kinds.pairs, self.held, by, _derivative
-            )
-        functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
+            if one is TIE:
+                own = self.kinds.stretches
+                functions |= stretches.adjoint_of_stretches(local, traced, own, by, _derivative)
         functions["balance_bar"] = traced(
             local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
         )
@@ -211,14 +155,12 @@ class AdjointProgram(NativeProgram):
     def _layout(self) -> Layout:
         w, k, layout = self.w, self.k, Layout()
         state = [(name, prod(self.shapes[name])) for name in self.state]
-        for kind, rows in (
+        for kind, sort in (
             ("node", NODES),
             ("element", ELEMENTS),
             ("common", ONE),
             *((("support", SUPPORTS),) * self.held),
-            *((("joint", JOINTS),) * bool(self.kinds.joints)),
-            *((("stretch", STRETCHES),) * bool(self.kinds.stretches)),
-            *((("pair", PAIRS),) * bool(self.kinds.pairs)),
+            *((one.constants, one.rows) for one in interactions.present(self.kinds)),
         ):
             # a derivative need not read what it is by
             outputs = (output for name in self.functions for output in self.outputs(name))
@@ -227,8 +169,8 @@ class AdjointProgram(NativeProgram):
                 for out, size in outputs
                 if (name := without_side(out).removesuffix("_bar")).startswith(f"{kind}.")
             }
-            layout.record(kind, rows, self.constants(kind))
-            layout.record(f"{kind}_bar", rows, sorted(fields.items()))
+            layout.record(kind, sort, self.constants(kind))
+            layout.record(f"{kind}_bar", sort, sorted(fields.items()))
         for name in ("state", "state_bar", "state_grad", "start_bar"):
             layout.record(name, NODES, state)
         read = self.functions["solution"].inputs
@@ -241,7 +183,7 @@ class AdjointProgram(NativeProgram):
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
             for name in ("", "_bar", "_grad", "_start_bar"):
                 layout.record(f"element_state{name}", ELEMENTS, own)
-        ends = self.touching, self.kinds.joints, self.kinds.stretches, self.kinds.pairs
+        ends = self.touching, interactions.present(self.kinds)
         if "finish element bar 0" in self.functions or any(ends):
             layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
         if "project" in self.functions:
@@ -254,30 +196,19 @@ class AdjointProgram(NativeProgram):
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
         layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
-        layout.record("at_node", TURNS, self.outputs("block 0", OWN))
-        layout.record("at_end", TURNS, self.largest("block", len(self.kinds.nodes), END))
+        layout.record("at_node", NODE_PLACES, self.outputs("block 0", OWN))
+        layout.record("at_end", NODE_PLACES, self.largest("block", END))
         midsides.record(layout, self.functions, "blocks 0")
         for kind in self.touching:
             layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
-        layout.record("row", ENDS, [("ahead", w * w), ("y", w)])
+        rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
-        change = layout.record("change", ONE, [("gap_bar", k)])
+        layout.record("change", ONE, [("gap_bar", k)])
         for name in self.functions:
-            if name.startswith(
-                ("node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar")
-            ):
-                for out in self.outputs(name):
-                    change.add(*out)
-        of_element = layout.record("of_element", ONE)
-        for kind in range(len(self.kinds.elements)):
-            for name in (
-                f"element bar {kind}",
-                f"finish element bar {kind}",
-                f"element load bar {kind}",
-                f"finish element load bar {kind}",
-            ):
-                for out in self.outputs(name) if name in self.functions else ():
-                    of_element.add(*out)
+            if name.startswith(OF_NODES):
+                layout.record("change", ONE, self.outputs(name))
+        for word in ("element", "finish element", "element load", "finish element load"):
+            layout.record("of_element", ONE, self.largest(f"{word} bar"))
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("free", NODES, [("free", w)])
         if self.held:
@@ -286,11 +217,10 @@ class AdjointProgram(NativeProgram):
                 layout.record("support", SUPPORTS, [(name, w)] * read)
             for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
-        if self.kinds.joints is not None:
-            kinds = len(self.kinds.joints)
-            structures.record_adjoint(layout, self.functions, w, kinds, self.held)
-            stretches.record_adjoint(layout, self.functions, len(self.kinds.stretches))
-            pairs.record_adjoint(layout, self.functions, len(self.kinds.pairs))
+        for one in interactions.present(self.kinds):
+            interactions.record_adjoint(layout, self.functions, one, w)
+        if self.kinds.stretches:
+            stretches.record_adjoint(layout, self.functions)
         return layout
 
 

@@ -17,11 +17,11 @@ from ...core.leaves import with_values
 from ...nodal.model import Model
 from ..compiler.team import in_threads
 from .cells import Cells
-from .chain_code import POINTERS
+from .interaction import INTERACTIONS
 from .layout import counts
 from .native import NativeProgram
 from .node_kinds import Kinds
-from .structure_tables import StructureTables
+from .tables import LISTS, Tables
 from .transfers import ENTRY
 
 CPU = torch.device("cpu")  # whatever the default device is
@@ -44,7 +44,7 @@ class Field(NamedTuple):
     every: int = 1
 
 
-class Chain:
+class ProgramInstance:
     """A model with nodes and elements of these kinds in the memory of a program, or, cell by cell,
     a lane each, one of its cells. free (N+1, w) bool: what supports leave of the nodes.
     """
@@ -59,31 +59,29 @@ class Chain:
             (topology, self.supports, *_), kinds = cells.connectivity, cells.kinds
         self.N = topology.element_count
         records, order, nodes = program.layout.records, program.order, range(topology.node_count)
-        tables = None if kinds.joints is None else StructureTables.of(model, cells)
-        more = {} if tables is None else tables.rows
-        self.counts = counts(order, len(nodes), self.N, len(self.supports), **more)
+        tables = Tables.of(model, cells)
+        self.counts = counts(order, len(nodes), self.N, len(self.supports), **tables.rows)
         bases, self.size = program.layout.bases(self.counts)
         self.base = dict(zip(records, bases, strict=True))
         support_of = [self.supports.index(j) if j in self.supports else -1 for j in nodes]
-        ends = range(0, len(nodes), order) if tables is None else {*topology.ends}
+        ends = {*topology.ends}
         near = [
             int(any(i in self.supports for i in (j - order, j, j + order) if j in ends or i == j))
             for j in nodes
         ]
-        nodes, elements, joints = (
-            [there.index(kind) for kind in own or ()]
-            for there, own in zip(program.kinds[:3], kinds[:3], strict=True)
-        )
-        lists = bases, nodes, elements, near, support_of, [*self.supports, 0]
-        self.lists = dict(zip(POINTERS[1:], map(_integers, lists), strict=True))
-        self.numbers: dict[str, int] = {}
-        if tables is not None:
-            stretches = [program.kinds.stretches.index(kind) for kind in kinds.stretches]
-            pairs = [program.kinds.pairs.index(kind) for kind in kinds.pairs]
-            own = {"joint_kinds": joints, "stretch_kinds": stretches, "pair_kinds": pairs}
-            own |= tables.lists
-            self.lists |= {name: _integers(x, [0]) for name, x in own.items()}
-            self.numbers = {"nodes": len(nodes), **tables.numbers}
+        numbered = {
+            name: [there.index(kind) for kind in own]
+            for name, there, own in zip(
+                ("kinds", "element_kinds", *(f"{one.constants}_kinds" for one in INTERACTIONS)),
+                (*program.kinds[:2], *program.kinds.between),
+                (*kinds[:2], *kinds.between),
+                strict=True,
+            )
+        }
+        own = {"bases": bases, "held": near, "support_of": support_of, **numbered, **tables.lists}
+        own["support_nodes"] = [*self.supports, 0]
+        self.lists = {name: _integers(own[name], [0]) for name in LISTS}
+        self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
     def has(self, record: str, name: str) -> bool:
@@ -147,13 +145,13 @@ class TransferTable:
 
     def __init__(
         self,
-        chain: Chain,
+        instance: ProgramInstance,
         fields: Sequence[Field],
         batch: torch.Size,
         varying: int,
         constants: int = 0,
     ) -> None:
-        self.chain, self.batch = chain, batch
+        self.instance, self.batch = instance, batch
         self.held: list[Tensor] = []
         # of those that vary, and of constants: (which integer, which of these fields, itself where
         # it is copied, bytes from its first number)
@@ -161,7 +159,7 @@ class TransferTable:
         self.constants: list[tuple[int, int, Field | None, int]] = []
         rows: list[int] = []
         for k, field in enumerate(fields):
-            if chain.has(field.record, field.name):
+            if instance.has(field.record, field.name):
                 x = self._fitted(field, field.value)
                 if k < varying + constants:
                     copied = (
@@ -207,43 +205,43 @@ class TransferTable:
         """The tensor as (steps, samples, rows, components), the components one after the other in
         memory.
         """
-        x, record = x.detach(), self.chain.program.layout.records[field.record]
+        x, record = x.detach(), self.instance.program.layout.records[field.record]
         components = record.fields[field.name][1]
         batch = torch.Size((self.batch.numel(),)) if field.flat else self.batch
         lead, own = x.shape[: x.ndim - field.axes], x.shape[x.ndim - field.axes :]
         steps, lead = (lead[0], lead[1:]) if len(lead) > len(batch) else (1, lead)
         samples = lead.numel()
-        if x.dtype != self.chain.dtype:
-            x = x.to(self.chain.dtype)
+        if x.dtype != self.instance.dtype:
+            x = x.to(self.instance.dtype)
         if 1 < samples < batch.numel():
             x, samples = x.reshape(steps, *lead, *own).expand(steps, *batch, *own), batch.numel()
         rows = own.numel() // components
         if not rows and own[0] == 1:  # all stations of all elements have it in common
-            x = x.expand(*x.shape[: x.ndim - field.axes], self.chain.program.order, *own[1:])
+            x = x.expand(*x.shape[: x.ndim - field.axes], self.instance.program.order, *own[1:])
             rows = 1
         x = x.reshape(steps, samples, rows, components)
         return x.contiguous() if components > 1 and x.stride(-1) != 1 else x
 
     def _rows(self, field: Field, x: Tensor) -> list[int]:
-        """Entries of a field, see `Chain.segments`."""
-        chain, table = self.chain, []
-        record = chain.program.layout.records[field.record]
+        """Entries of a field, see `ProgramInstance.segments`."""
+        instance, table = self.instance, []
+        record = instance.program.layout.records[field.record]
         first, components = record.fields[field.name]
         step, sample, row = (
             0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True)
         )
         offsets = self._offsets(field, x)
-        for offset, own in zip(offsets, chain.segments(field.record), strict=True):
+        for offset, own in zip(offsets, instance.segments(field.record), strict=True):
             begin, count, _, cell = own
             table += [x.data_ptr() + offset, sample, step, field.every, row, count]
-            place = chain.base[field.record] + first + begin * record.size
+            place = instance.base[field.record] + first + begin * record.size
             table += [components, place, record.size, row * cell]
         return table
 
     def _offsets(self, field: Field, x: Tensor) -> list[int]:
         """Where the first number of each entry lies, in bytes from the tensor's first."""
         row = 0 if x.shape[2] == 1 else x.stride(2)
-        segments = self.chain.segments(field.record)
+        segments = self.instance.segments(field.record)
         return [first * row * x.element_size() for _, _, first, _ in segments]
 
 
@@ -255,22 +253,24 @@ class Arguments(NamedTuple):
 
 
 class Call:
-    """K steps of a batch of samples of a chain; lanes: None = as this processor has them. It may be
-    run any number of times, also at once by several threads, with tensors of the shapes and strides
-    that it was `bound` to.
+    """K steps of a batch of samples; lanes: None = as this processor has them. It may be run any
+    number of times, also at once by several threads, with tensors of the shapes and strides that it
+    was `bound` to.
     """
 
-    def __init__(self, chain: Chain, batch: torch.Size, K: int, lanes: int | None = None) -> None:
-        self.chain, self.batch, self.K, self.B = chain, batch, K, batch.numel()
-        self.lanes = lanes or chain.lanes(self.B)
-        self.groups = -(-self.B // (self.lanes // chain.lanes_each))
-        self.place = {name: k for k, name in enumerate(chain.program.driver.ARGS)}
+    def __init__(
+        self, instance: ProgramInstance, batch: torch.Size, K: int, lanes: int | None = None
+    ) -> None:
+        self.instance, self.batch, self.K, self.B = instance, batch, K, batch.numel()
+        self.lanes = lanes or instance.lanes(self.B)
+        self.groups = -(-self.B // (self.lanes // instance.lanes_each))
+        self.place = {name: k for k, name in enumerate(instance.program.driver.ARGS)}
         self.tables: dict[str, TransferTable] = {}
         self._arguments: list[Arguments] = []  # that no call uses
 
     def empty(self, *own: int, steps: bool = True) -> Tensor:
         """For a flat field that is written."""
-        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.chain.dtype, device=CPU)
+        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.instance.dtype, device=CPU)
 
     def bound(
         self,
@@ -285,18 +285,18 @@ class Call:
         constants = constants or {}
         self.tables = {
             name: TransferTable(
-                self.chain, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0)
+                self.instance, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0)
             )
             for name, fields in tables.items()
         }
         numbers = {
             "samples": self.B,
             "steps": self.K,
-            "elements": self.chain.N,
-            "supports": len(self.chain.supports),
+            "elements": self.instance.N,
+            "supports": len(self.instance.supports),
             "end_group": self.groups,
-            **self.chain.numbers,
-            **{name: ctypes.addressof(x) for name, x in self.chain.lists.items()},
+            **self.instance.numbers,
+            **{name: ctypes.addressof(x) for name, x in self.instance.lists.items()},
             **{f"{name[:-1]}_count": table.count for name, table in self.tables.items()},
         }
         self._numbers = _integers(numbers.get(name, 0) for name in self.place)
@@ -319,14 +319,14 @@ class Call:
             self.tables[name].fill(arguments.tables[name], tensors, held)
         if "limit" in place:
             numbers[place["limit"]] = limit
-        run = self.chain.program.run(self.lanes, self.chain.lanes_each)
-        work = self.B * max(self.chain.N, 1) * self.K
+        run = self.instance.program.run(self.lanes, self.instance.lanes_each)
+        work = self.B * max(self.instance.N, 1) * self.K
         threads = min(torch.get_num_threads(), self.groups, work // WORK)
         if threads < 2:
-            block = self.chain.taken(self.lanes)
+            block = self.instance.taken(self.lanes)
             numbers[place["memory"]] = block.data_ptr()
             run(numbers)
-            self.chain.given_back(self.lanes, block)
+            self.instance.given_back(self.lanes, block)
         else:
             self._parts(run, numbers, threads, held)
         self._arguments.append(arguments)
@@ -341,7 +341,7 @@ class Call:
     def _parts(self, run: Callable[[Any], None], numbers: Any, threads: int, held: Any) -> None:
         """Some groups of the samples by each of so many threads."""
         ends = [self.groups * k // threads for k in range(threads + 1)]
-        parts, blocks = [], [self.chain.taken(self.lanes) for _ in range(threads)]
+        parts, blocks = [], [self.instance.taken(self.lanes) for _ in range(threads)]
         for block, (first, end) in zip(blocks, pairwise(ends), strict=True):
             part = _copied(numbers)
             part[self.place["first_group"]], part[self.place["end_group"]] = first, end
@@ -349,13 +349,13 @@ class Call:
             parts.append(part)
         in_threads(run, parts, (held, blocks))
         for block in blocks:
-            self.chain.given_back(self.lanes, block)
+            self.instance.given_back(self.lanes, block)
 
 
-def structure_fields(chain: Chain) -> list[Field]:
-    """What bordered runs start from: minus the identity."""
-    eye = torch.eye(chain.free.shape[-1], dtype=chain.dtype, device=CPU)
-    return [Field("edge", "start", -eye, 2)]
+def fixed_fields(instance: ProgramInstance) -> list[Field]:
+    """What supports leave free, and what bordered runs start from: minus the identity."""
+    eye = torch.eye(instance.free.shape[-1], dtype=instance.dtype, device=CPU)
+    return [Field("free", "free", instance.free, 2), Field("edge", "start", -eye, 2)]
 
 
 def like(shape: Sequence[int], dtype: torch.dtype) -> Tensor:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ...topology.framework import Framework
 from .layout import ELEMENTS, JOINTS, NODES, SUPPORTS
 from .node_kinds import Kinds
-from .structure_order import Connectivity, manners_by, order_of
+from .order import Connectivity, manners_by, order_of
 
 LEAST, MOST = 3, 16  # cells: two of them win a tenth; more than 16 numbers need many registers
 
@@ -32,7 +32,7 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
     tendon, a joint that closes a loop within a cell. kinds: of all rows.
     """
     framework = connectivity.framework
-    if framework.ties or kinds.stretches or kinds.touching:
+    if framework.ties or kinds.stretches or kinds.touching or kinds.couplings:
         return None
     chains = len(framework.chains)
     starts = [*framework.starts, framework.node_count - framework.singles]

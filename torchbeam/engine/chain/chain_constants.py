@@ -1,4 +1,4 @@
-"""Trees of a chain's constants: `Rows` and `Conditions` by nodes, elements, supports, and what all
+"""Trees of a model's constants: `Rows` and `Conditions` by nodes, elements, supports, and what all
 have in common.
 """
 

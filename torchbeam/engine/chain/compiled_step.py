@@ -24,7 +24,7 @@ from ...scene.effects.effect import of_library
 from ...state.state import State
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
-from .call import Chain, Field, empty_like, like
+from .call import Field, ProgramInstance, empty_like, like
 from .cells import cells_of
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
@@ -34,6 +34,7 @@ from .extrapolated_functions import OTHER, ExtrapolatedFunctions
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
+from .order import connectivity_of
 from .program import NOTHING, StepProgram, adjoint_of, program_of, traced_of
 from .step_structure import (
     FORMS,
@@ -44,7 +45,6 @@ from .step_structure import (
     key_of,
     known_structure,
 )
-from .structure_order import connectivity_of
 from .user_functions import by_function, by_sample, check_batch, known
 
 EXTRAPOLATION = "extrapolation"  # means of midpoint steps, see `ExtrapolatedFunctions`
@@ -212,11 +212,11 @@ class CompiledStep:
         by_cells = self._by_cells(program, kinds, trees)
         return StepStructure(program, model, kinds, trees, values, self.constants.roles, by_cells)
 
-    def _by_cells(self, program: StepProgram, kinds: Kinds, trees: Trees) -> Chain | None:
+    def _by_cells(self, program: StepProgram, kinds: Kinds, trees: Trees) -> ProgramInstance | None:
         """The model cell by cell, where it has any and nothing else couples them."""
         alone = self.batch.numel() < program.lanes()
         known = self.around is not None and "energy" not in program.layout.records
-        if kinds.joints is None or not alone or not known:
+        if not (kinds.joints and alone and known):
             return None
         connectivity = connectivity_of(self.model)
         cells = cells_of(connectivity, kinds)
@@ -225,7 +225,7 @@ class CompiledStep:
         local, held = self.local(trees), bool(connectivity.supports)
         traced = traced_of(local, kinds, held, self.around)
         own = program_of(local, cells.kinds, held, self.around, known=traced)
-        return Chain(own, self.model, kinds, cells)
+        return ProgramInstance(own, self.model, kinds, cells)
 
     def local(self, trees: Trees) -> LocalFunctions:
         """What programs are traced of."""
@@ -342,9 +342,11 @@ class CompiledStep:
                 one._replace(value=x) for (one, _), x in zip(structure.changing, given, strict=True)
             ]
             known = [*changing, *self.constant]
-            chain = self.adjoint(frozenset(known[k].name for k in wanted if k < len(known)), values)
+            instance = self.adjoint(
+                frozenset(known[k].name for k in wanted if k < len(known)), values
+            )
             adjoint = Adjoint(
-                chain,
+                instance,
                 form.call,
                 form.adjoints,
                 changing,
@@ -453,14 +455,14 @@ class CompiledStep:
             self._forms[key] = form
         return form
 
-    def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> Chain:
+    def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> ProgramInstance:
         """Of the cotangents of constants of these names; values: of those that change. Traced once,
         and no part of the graph: a part of torch.utils.checkpoint that is made again does not find
         it missing there.
         """
 
         @no_derivatives()
-        def make() -> Chain:
+        def make() -> ProgramInstance:
             trees = self.constants.trees(values)
             return adjoint_of(self.program, self.local(trees), names, self.around)
 

@@ -57,6 +57,10 @@ class ConservingFunctions(LocalFunctions):
         work = super().finish_pair(kind, **fields)["work"]
         return {"work": work, "rise": -work}
 
+    def finish_coupling(self, kind: Any, **fields: Tensor) -> Fields:
+        work = super().finish_coupling(kind, **fields)["work"]
+        return {"work": work, "rise": -work}
+
     def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
         work = super().tendon_work(tension, change, start)["work"]
         return {"work": work, "rise": -work}

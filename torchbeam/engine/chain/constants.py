@@ -1,4 +1,4 @@
-"""Constants of a model's steps: where the values of a chain's trees come from."""
+"""Constants of a model's steps: where the values of its trees come from."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ class LoadRoles(NamedTuple):
     @classmethod
     def of(cls, model: Model) -> LoadRoles:
         scene, acts = model.scene, model.acts
-        natively = [k for k, act in enumerate(acts) if act.reads]
+        natively = [k for k, act in enumerate(acts) if act.reads or isinstance(act.node, tuple)]
         natively += [
             k
             for k, act in enumerate(acts)
-            if not act.reads and (act.load.internal or _by_inputs(act.load))
+            if k not in natively and (act.load.internal or _by_inputs(act.load))
         ]
         own = [acts[k] for k in natively]
         loads = [act.load for act in own]

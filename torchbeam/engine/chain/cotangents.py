@@ -13,7 +13,7 @@ from torch._C import _functorch as functorch
 
 from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
-from .call import Call, Chain, Field, empty_like, like, structure_fields
+from .call import Call, Field, ProgramInstance, empty_like, fixed_fields, like
 from .chain_constants import flattened
 from .native import NativeProgram
 
@@ -59,7 +59,7 @@ class Backward(NamedTuple):
 
 
 class Adjoint:
-    """What the cotangents of K steps that a call has made are found from: chain of the adjoint
+    """What the cotangents of K steps that a call has made are found from: instance of the adjoint
     program; fields of the constants, those that change and those that do not; good (K, B): which
     samples moved; wanted: numbers, among these fields and then the parts of the start, of what
     cotangents are asked of; calls: those bound before.
@@ -67,7 +67,7 @@ class Adjoint:
 
     def __init__(
         self,
-        chain: Chain,
+        instance: ProgramInstance,
         call: Call,
         calls: dict[Any, Backward],
         changing: list[Field],
@@ -75,8 +75,18 @@ class Adjoint:
         good: Tensor,
         wanted: list[int],
     ) -> None:
-        self.chain, self.call, self.calls, self.good, self.wanted = chain, call, calls, good, wanted
-        self.changing, self.constant, self.state = changing, constant, state_fields(chain.program)
+        self.instance, self.call, self.calls, self.good, self.wanted = (
+            instance,
+            call,
+            calls,
+            good,
+            wanted,
+        )
+        self.changing, self.constant, self.state = (
+            changing,
+            constant,
+            state_fields(instance.program),
+        )
 
     def cotangents(
         self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]
@@ -102,8 +112,8 @@ class Adjoint:
         K = K if steps is None else steps
         batch = torch.Size((count, *call.batch))
         many = Adjoint(
-            self.chain,
-            Call(call.chain, batch, K),
+            self.instance,
+            Call(call.instance, batch, K),
             self.calls.setdefault(("rows", count, K), {}),
             [
                 one._replace(value=one.value[first].unsqueeze(1)) if self._stepwise(k) else one
@@ -204,7 +214,7 @@ class Adjoint:
             elif self.state[name][0] == "state":
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
-            if self.chain.has(*before):
+            if self.instance.has(*before):
                 first = x.expand(*self.call.batch, *own).reshape(1, B, *own)[:, :samples]
                 yield Field(*before, torch.cat((first, after[:-1])), len(own), flat=True)
 
@@ -222,9 +232,9 @@ class Adjoint:
 
     def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
         """The call with such fields, which are other tensors each time."""
-        chain, known = self.chain, [*self.changing, *self.constant]
-        lanes = None if self.call.chain.cells else self.call.lanes
-        call = Call(chain, self.call.batch, self.call.K, lanes)
+        instance, known = self.instance, [*self.changing, *self.constant]
+        lanes = None if self.call.instance.cells else self.call.lanes
+        call = Call(instance, self.call.batch, self.call.K, lanes)
         outputs: dict[int, Field] = {}
         stepwises: dict[int, Field] = {}
         for k in self.wanted:
@@ -232,13 +242,13 @@ class Adjoint:
                 one = known[k]
                 record, name, axes = f"{one.record}_bar", one.name, one.axes
                 place = one.value.ndim - one.axes
-                if not chain.has(record, name):
+                if not instance.has(record, name):
                     continue
                 rows, steps = one.record != "common", self._stepwise(k)
                 own = one.value.shape[place + rows :]
                 if rows:
-                    components = chain.program.layout.records[record].fields[name][1]
-                    own = (chain.rows(record) * components // own.numel(), *own)
+                    components = instance.program.layout.records[record].fields[name][1]
+                    own = (instance.rows(record) * components // own.numel(), *own)
             else:
                 x, part, steps = start[k - len(known)], [*self.state][k - len(known)], False
                 (record, name), axes = self._place(part, "_bar"), self._axes(part)
@@ -246,8 +256,7 @@ class Adjoint:
             (stepwises if steps else outputs)[k] = Field(
                 record, name, call.empty(*own, steps=steps), axes, flat=True
             )
-        inputs = [*fields, *self.constant, Field("free", "free", chain.free, 2)]
-        inputs += structure_fields(chain)
+        inputs = [*fields, *self.constant, *fixed_fields(instance)]
         call.bound(
             {"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)},
             {"inputs": len(self.constant)},
@@ -258,7 +267,7 @@ class Adjoint:
         return Backward(
             call,
             *(
-                {k: like(one.value.shape, chain.dtype) for k, one in written.items()}
+                {k: like(one.value.shape, instance.dtype) for k, one in written.items()}
                 for written in (outputs, stepwises)
             ),
         )

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import os
 import types
+from collections.abc import Callable
 from functools import cache, partial
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, TypeVar
 
 from ...core.arguments import choice
 from ...core.leaves import own_leaves
-from ...core.surroundings import Unsteady
+from ...core.surroundings import Surroundings, Unsteady
 from ...nodal.model import Model
 from ...nodal.rigid_moves import free_pieces
 from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .compiled_step import FUNCTIONS, CompiledStep
+from .native import NotCompiled
+from .program import NOTHING
 from .touching_step import TouchingStep
 from .user_functions import by_function, by_sample, known, surroundings
 
+T = TypeVar("T")
 ENGINES = ("auto", "eager", "compiled")
 VARIABLE = "TORCHBEAM_ENGINE"  # of the environment: what "auto" means
 MISSING = "llvmlite is not installed: `pip install llvmlite`"
@@ -135,9 +139,7 @@ def compiled_step(model: Model, method: str, **options: Any) -> CompiledStep:
             return _made(model, method, by_function(model), **options)
     except NotTraceable as error:
         reason = str(error)
-    raise ValueError(
-        f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does"
-    )
+    raise ValueError(refused(reason))
 
 
 def automatic_step(
@@ -178,6 +180,46 @@ def _of_known_pairs(
         model,
         known(own),
     )
+
+
+def natively(
+    what: str,
+    model: Model,
+    reason: str | None,
+    make: Callable[[Surroundings | None], T],
+    required: bool,
+) -> T | None:
+    """What native code makes of a model, with what its functions read, unless there is a reason
+    against it; else None, with a warning that `what` is slow where that is not meant. required:
+    raises ValueError in its place.
+    """
+    own = by_function(model)
+    try:
+        if reason is None and not required:
+            reason = unsteady(model)
+        if reason is None:
+            around = (known if required else surroundings)(own) if own else NOTHING
+            return by_sample(make, model, around)
+    except NotTraceable as error:
+        reason = untraceable(own[0], error) if own and not required else str(error)
+    except NotCompiled as error:
+        if required:
+            raise
+        given_up(error, what)
+        return None
+    except Exception:
+        if required or not own:
+            raise
+        return None  # of the user's function: raised eagerly, too
+    if required:
+        raise ValueError(refused(reason))
+    slow_path(what, reason)
+    return None
+
+
+def refused(reason: str | None) -> str:
+    """What is said where native code alone is wanted."""
+    return f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does"
 
 
 def given_up(error: Exception, what: str = "steps are made") -> None:

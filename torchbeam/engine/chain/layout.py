@@ -8,14 +8,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-# rows of a record: ends of elements
-NODES, ENDS, ELEMENTS, SUPPORTS, MOVES = "nodes", "ends", "elements", "supports", "moves"
-# by turns for the two ends of an element, and for each node between them
-ONE, TWO, TURNS = "one", "two", "turns"
-# of a structure: joints, nodes that they sit at, numbers of the system that these make
+from ..compiler.function import Function
+
+# rows of a record
+NODES, ELEMENTS, SUPPORTS, MOVES, ONE = "nodes", "elements", "supports", "moves", "one"
+# joints, nodes that they sit at, numbers of the system that these make
 JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
 STRETCHES, TENDONS = "stretches", "tendons"  # of tendons their stretches, and themselves
 PAIRS = "pairs"  # of what may touch
+COUPLINGS = "couplings"  # interactions of a class of their own
 # where what nodes and elements give is held: by turns while a run of nodes is eliminated, and of
 # those at the interface for as long as the elimination takes
 NODE_PLACES, ELEMENT_PLACES = "node places", "element places"
@@ -54,8 +55,8 @@ class Record:
 
 
 class Layout:
-    """Records by name. Where the records of a chain begin is told by `bases`: the same code serves
-    any number of elements.
+    """Records by name. Where they begin is told by `bases`: the same code serves any number of
+    elements.
     """
 
     def __init__(self) -> None:
@@ -97,18 +98,32 @@ class Layout:
         return layout
 
 
+def sizes(functions: dict[str, Function], name: str) -> dict[str, int]:
+    """Components of a function's outputs."""
+    return {field: len(out.nodes) for field, out in functions[name].outputs.items()}
+
+
+def largest(functions: dict[str, Function], name: str) -> dict[str, int]:
+    """Components of the outputs of the functions of this name of all kinds ("name 0", ...), the
+    most that one of them has.
+    """
+    most: dict[str, int] = {}
+    for called in functions:
+        if called.removeprefix(f"{name} ").isdigit():
+            for field, size in sizes(functions, called).items():
+                most[field] = max(size, most.get(field, 0))
+    return most
+
+
 def counts(order: int, nodes: int, elements: int, supports: int, **more: int) -> dict[str, int]:
     """How many rows there are of each sort, of elements of this order; of the nodes' moves an
-    element's more on either side. more: those of a structure.
+    element's more on either side. more: others.
     """
     return {
         NODES: nodes,
-        ENDS: elements + 1,
         ELEMENTS: elements,
         SUPPORTS: supports,
         MOVES: nodes + 2 * order,
         ONE: 1,
-        TWO: 2,
-        TURNS: order + 1,
         **more,
     }

@@ -23,21 +23,19 @@ from ...nodal.model import Model
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
-from ..compiler.trace import NotTraceable
-from ..engine_use import slow_path
-from .call import Call, Chain, Field, structure_fields
+from .call import Call, Field, ProgramInstance, fixed_fields
 from .chain_constants import Trees
 from .constants import Constants, LoadRoles
 from .cotangents import FORCES, OF_JOINTS, constant_fields
-from .coverage import MISSING, given_up, installed, meaning, unsteady, untraceable
+from .coverage import MISSING, installed, meaning, natively
 from .load_program import JudgedProgram, LoadProgram
-from .native import NativeProgram, NotCompiled
+from .native import NativeProgram
 from .node_kinds import kinds_of
-from .program import NOTHING, ChainProgram, program_of
+from .order import stretches_of
+from .program import NewtonProgram, program_of
 from .steady_functions import SteadyFunctions
 from .step_structure import by_numbers, keep_structure, key_of, known_structure
-from .structure_order import stretches_of
-from .user_functions import by_function, by_sample, check_batch, known, surroundings
+from .user_functions import check_batch
 
 # samples times elements that "auto" compiles for: eager ones then take longer than tracing and
 # loading. Where eager systems are dense, by tendons, each weighs as much as so many more elements.
@@ -75,20 +73,19 @@ def climb(
     tolerance: float | None,
     judged: bool,
     lanes: int | None = None,
+    required: bool = True,
 ) -> Climbed | None:
     """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at
     the end. None where torch alone can do it: within torch.func. Raises ValueError for what native
-    code does not take.
+    code does not take, where it is `required`; else that is warned of, and None.
     """
-    reason = refusal(model)
-    try:
-        if reason is None:
-            return _climbed(model, t, inputs, x, tolerance, judged, lanes)
-    except NotTraceable as error:
-        reason = str(error)
-    raise ValueError(
-        f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' does"
-    )
+    if functorch.peek_interpreter_stack() is not None:
+        return None
+
+    def make(around: Surroundings | None) -> Climbed:
+        return _climbed(model, t, inputs, x, tolerance, judged, lanes, around)
+
+    return natively("equilibria are found", model, refusal(model), make, required)
 
 
 def automatic_climb(
@@ -98,38 +95,17 @@ def automatic_climb(
     calls of a run, but for what may change unnoticed. What is not taken is warned of; None where it
     is to be done eagerly.
     """
-    if meaning() == "compiled":
-        return climb(model, t, inputs, x, tolerance, judged)
+    required = meaning() == "compiled"
     samples = broadcast(
         "a scene, a start and inputs",
         model.scene.batch_shape,
         *(v.shape[:-2] for v in x),
         *(v.shape[:-1] for v in inputs.values()),
     ).numel()
-    samples *= repetitions()
-    if (
-        meaning() == "eager"
-        or samples * _eager_weight(model) < WORTH
-        or model.scene.device.type != "cpu"
-    ):
+    few = samples * repetitions() * _eager_weight(model) < WORTH
+    if not required and (meaning() == "eager" or few or model.scene.device.type != "cpu"):
         return None
-    reason, own = refusal(model), by_function(model)
-    if reason is None and (reason := unsteady(model)) is None:
-        try:
-            return _climbed(
-                model, t, inputs, x, tolerance, judged, None, surroundings(own) if own else NOTHING
-            )
-        except NotCompiled as error:
-            given_up(error, "equilibria are found")
-            return None
-        except NotTraceable as error:
-            reason = untraceable(own[0], error) if own else str(error)
-        except Exception:
-            if own:  # of the user's function: raised eagerly, too
-                return None
-            raise
-    slow_path("equilibria are found", reason)
-    return None
+    return climb(model, t, inputs, x, tolerance, judged, required=required)
 
 
 def _eager_weight(model: Model) -> float:
@@ -137,41 +113,22 @@ def _eager_weight(model: Model) -> float:
     return (model.station_count or model.node_count) + len(model.tendons.stretches) ** 2 / 4
 
 
-@torch.no_grad()
-def _climbed(
-    model: Model,
-    t: Tensor,
-    inputs: Inputs,
-    x: Configuration,
-    tolerance: float | None,
-    judged: bool,
-    lanes: int | None,
-    around: Surroundings | None = None,
-) -> Climbed | None:
-    if functorch.peek_interpreter_stack() is not None:
-        return None
-    if around is None:
-        around = known(by_function(model)) if by_function(model) else NOTHING
-    return by_sample(
-        lambda own: _called(model, t, inputs, x, tolerance, judged, lanes, own), model, around
-    )
-
-
 class LoadStructure(NamedTuple):
     """What load stepping of models of one structure has in common, whatever the values of their
     tensors are; calls: by the shapes and strides of these.
     """
 
-    chain: Chain
+    instance: ProgramInstance
     roles: LoadRoles
     calls: dict[Hashable, Call]
 
     @property
     def program(self) -> NativeProgram:
-        return self.chain.program
+        return self.instance.program
 
 
-def _called(
+@torch.no_grad()
+def _climbed(
     model: Model,
     t: Tensor,
     inputs: Inputs,
@@ -186,14 +143,14 @@ def _called(
     structure, trees = _structure(
         model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )
-    chain, joints = structure.chain, model.joints.count > 0
+    instance, joints = structure.instance, model.joints.count > 0
     exact = same_law(trees[1].C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
     stress, forces = model.joints.split(x.stress)
     start = x._asdict() | {"stress": stress} | ({FORCES: forces} if joints else {})
     place = {"stress": ("start_stress", "stress"), **OF_JOINTS, "reaction": ("support", "last")}
     given = [
-        *fields_at_rest(chain, model, trees, t, inputs),
+        *fields_at_rest(instance, model, trees, t, inputs),
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
@@ -202,14 +159,14 @@ def _called(
     check_batch(model, batch)
     key = lanes, batch, *[(one.value.shape, one.value.stride(), one.value.dtype) for one in given]
     call = structure.calls.get(key)
-    made = call or Call(chain, batch, 1, lanes)
+    made = call or Call(instance, batch, 1, lanes)
     states = {name: made.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
     states["reaction"] = made.empty(*model.constraints.fixed.shape, steps=False)
     outputs = {name: made.empty(steps=False) for name in ("last_status", "indefinite")}
     out = [Field(*place.get(name, ("kept", name)), v, 2, flat=True) for name, v in states.items()]
     out += [Field("sample", name, v, 0, flat=True) for name, v in outputs.items()]
     if call is None:
-        fixed = [Field("free", "free", chain.free, 2), *structure_fields(chain)]
+        fixed = fixed_fields(instance)
         varying = {"inputs": len(given), "outputs": len(out)}
         made.bound(varying, inputs=[*given, *fixed], outputs=out)
         call = keep(structure.calls, key, made, CALLS)
@@ -243,27 +200,27 @@ def _structure(
         constants = Constants(model, steps=False, around=around, roles=roles)
     trees = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     if structure is None:
-        chain = chain_at_rest(SteadyFunctions(model, *trees), constants, around, program_type)
-        structure = LoadStructure(chain, constants.roles, {})
+        instance = instance_at_rest(SteadyFunctions(model, *trees), constants, around, program_type)
+        structure = LoadStructure(instance, constants.roles, {})
         keep_structure(key, structure)
     return structure, trees
 
 
-def chain_at_rest(
+def instance_at_rest(
     local: SteadyFunctions,
     constants: Constants,
     around: Surroundings | None,
-    program_type: type[ChainProgram],
-) -> Chain:
+    program_type: type[NewtonProgram],
+) -> ProgramInstance:
     """A model at rest in a program of this class."""
     model = local.model
     kinds = kinds_of(model, constants.acts, rest=True)
     program = program_of(local, kinds, bool(model.constraints.nodes), around, program_type)
-    return Chain(program, model, kinds)
+    return ProgramInstance(program, model, kinds)
 
 
 def fields_at_rest(
-    chain: Chain, model: Model, trees: Trees, t: Tensor, inputs: Inputs
+    instance: ProgramInstance, model: Model, trees: Trees, t: Tensor, inputs: Inputs
 ) -> list[Field]:
     """The fields that are the same throughout."""
     length, p = model.spans, model.space.dims.position
@@ -279,7 +236,7 @@ def fields_at_rest(
         *_poses(model, t),
         *(Field("common", name, v, 0) for name, v in numbers.items()),
     ]
-    return [one for one in fields if chain.has(one.record, one.name)]
+    return [one for one in fields if instance.has(one.record, one.name)]
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

@@ -1,19 +1,18 @@
-"""Native driver of load stepping: for each group of samples, a lane each, Newton's method on a
-chain under more and more load.
+"""Native driver of load stepping: for each group of samples, a lane each, Newton's method
+under more and more load.
 
 What is computed is in `SteadyFunctions`; here is only in which order, and where the fields lie.
 """
 
 from __future__ import annotations
 
-from .chain_code import ChainCode
 from .driver import Driver
-from .structure_code import COUNTS, TABLES
-from .structure_driver import StructurePasses
 
 
-class LoadSteps(ChainCode):
-    """Equilibria, each sample at its own pace, by the passes of another class."""
+class LoadDriver(Driver):
+    """Equilibria, each sample at its own pace."""
+
+    AT_NODE = "node", "unknown", "pose"
 
     def _group(self, first: str) -> None:
         # whether the balance and elimination at hand are of the shape and load at hand
@@ -28,20 +27,12 @@ class LoadSteps(ChainCode):
             self._copy_to(self.at("sample", 0, "indefinite"), self.at("sums", 0, "indefinite"), 1)
         self._transfer("scatter", "output", first, 0)
 
-    def _of_node(self, field: str, j: str) -> str:
-        for record in ("node", "unknown", "pose"):
-            if field in self.layout.records[record].fields:
-                return self.at(record, j, field)
-        return self.at("common", 0, field)
-
     def _of_sample(self, field: str) -> str:
         return self.at("common" if field == "load_factor" else "sample", 0, field)
 
     def _rule(self, name: str) -> None:
         """A function of samples, which changes what it reads."""
-        self._call(
-            name, lambda f: self.at("ruled", 0, f[2:]) if f[0] == ">" else self._of_sample(f)
-        )
+        self._call(name, self._of_sample, ("ruled", 0))
         for field in self.functions[name].outputs:
             self._copy_to(self._of_sample(field), self.at("ruled", 0, field), 1)
 
@@ -59,11 +50,9 @@ class LoadSteps(ChainCode):
         self._border()
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
-                self._fill(
-                    self.at("support", k, "last"), self.layout.records["support"].fields["last"][1]
-                )
+                self._fill(("support", k, "last"))
         for name in ("reached", "last_status", "turn"):
-            self._fill(self.at("sample", 0, name), 1)
+            self._fill(("sample", 0, name))
         for name in ("load_factor", "over"):
             code.call("opposite", self._of_sample(name), self.at("sample", 0, "reached"))
         self._return()
@@ -71,14 +60,7 @@ class LoadSteps(ChainCode):
         self._pass()
         self._back()
         with code.loop(0, self.args["nodes"]) as j:
-            self._call(
-                "turn",
-                lambda f: (
-                    self.at("change", 0, "turn")
-                    if f[0] == ">"
-                    else self.at("move", self._move_of(j), f)
-                ),
-            )
+            self._call("turn", lambda f: self.at("move", self._move_of(j), f), ("change", 0))
             code.call("largest", self.at("sample", 0, "turn"), self.at("change", 0, "turn"))
         self._rule("first_step")
         self._rule("shares")
@@ -86,15 +68,12 @@ class LoadSteps(ChainCode):
 
     def _return(self) -> None:
         """To the last shape that was in balance."""
-        code, N = self.code, self.args["elements"]
-        size = self.layout.records["unknown"].size
-        with code.loop(0, self.args["nodes"]) as j:
-            self._copy_to(self.at("unknown", j), self.at("kept", j), size)
-        with code.loop(0, N) as e:
-            self._copy_to(
-                self.at("stress", e), self.at("start_stress", e), self.layout.records["stress"].size
-            )
+        with self.code.loop(0, self.args["nodes"]) as j:
+            self._copy_to(("unknown", j), ("kept", j))
+        with self.code.loop(0, self.args["elements"]) as e:
+            self._copy_to(("stress", e), ("start_stress", e))
         self._start_joints()
+        self._start_tendons()
 
     def _place(self) -> None:
         """Supports where they have to be."""
@@ -103,19 +82,9 @@ class LoadSteps(ChainCode):
         code = self.code
         with code.loop(0, self.args["supports"]) as k:
             node = code.load(code.at(self.args["support_nodes"], k))
-            with self._kind(node) as kinds:
-                for kind in kinds:
-                    if f"place {kind}" in self.functions:
-                        self._call(
-                            f"place {kind}",
-                            lambda f: (
-                                self.at("change", 0, f[2:])
-                                if f[0] == ">"
-                                else self._of_node(f, node)
-                            ),
-                        )
-            for name, (_, size) in self.layout.records["unknown"].fields.items():
-                self._copy_to(self.at("unknown", node, name), self.at("change", 0, name), size)
+            self._at_node("place", node, ("change", 0))
+            for name in self.layout.fields("unknown"):
+                self._copy_to(("unknown", node, name), ("change", 0, name))
 
     def _climb(self) -> None:
         code = self.code
@@ -132,37 +101,15 @@ class LoadSteps(ChainCode):
 
     def _turned(self) -> None:
         """The least cosine of the nodes' turns in a load step."""
-        code, cosine = self.code, self.at("sample", 0, "cosine")
-        with code.loop(0, self.args["nodes"]) as j:
-            self._call(
-                "cosine",
-                lambda f: (
-                    self.at("change", 0, "cosine")
-                    if f[0] == ">"
-                    else self.at("kept", j, "rotation")
-                    if f == "before"
-                    else self.at("unknown", j, f)
-                ),
-            )
-            with code.when(code.compare("eq", j, 0)):
-                self._copy_to(cosine, self.at("change", 0, "cosine"), 1)
-            code.call("least", cosine, self.at("change", 0, "cosine"))
+        with self.code.loop(0, self.args["nodes"]) as j:
+            places = {"before": ("kept", j, "rotation")}
+            self._call("cosine", lambda f: self.at("unknown", j, f), ("change", 0), places)
+            self._least_cosine(j)
 
     def _keep(self) -> None:
         """What has gone well."""
-        code, records = self.code, self.layout.records
         good = self.at("sample", 0, "good")
-        with code.loop(0, self.args["nodes"]) as j:
-            self._take(self.at("kept", j), self.at("unknown", j), good, records["unknown"].size)
+        with self.code.loop(0, self.args["nodes"]) as j:
+            self._take(("kept", j), ("unknown", j), good)
         self._keep_forces(good)
         self._keep_joints(good)
-
-
-class LoadDriver(LoadSteps, Driver):
-    """Of a chain."""
-
-
-class StructureLoadDriver(LoadSteps, StructurePasses, Driver):
-    """Of a structure."""
-
-    ARGS = (*Driver.ARGS, *TABLES, *COUNTS)

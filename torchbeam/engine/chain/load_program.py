@@ -1,4 +1,4 @@
-"""Program of load stepping: the functions of Newton's method on a chain, and the rules of the
+"""Program of load stepping: the functions of Newton's method, and the rules of the
 load's steps.
 """
 
@@ -7,9 +7,9 @@ from __future__ import annotations
 from functools import partial
 
 from ..compiler.function import Function
-from .layout import NODES, ONE, SIGNS, Layout
-from .load_driver import LoadDriver, StructureLoadDriver
-from .program import ChainProgram
+from .layout import INTERFACE, NODES, ONE, SIGNS, Layout
+from .load_driver import LoadDriver
+from .program import NewtonProgram
 from .steady_functions import POSE, SteadyFunctions
 from .tracing import Tracing
 
@@ -46,14 +46,14 @@ RULES = {
 }
 
 
-class LoadProgram(ChainProgram):
+class LoadProgram(NewtonProgram):
     """judged: whether it says of each equilibrium if the tangent is positive definite."""
 
-    driver, of_structures = LoadDriver, StructureLoadDriver
+    driver = LoadDriver
     unknown = "position", "rotation"
     varying = ("load_factor",)
-    numbers = (*ChainProgram.numbers, "least_force", "least_moment")
-    judging = (*ChainProgram.judging, "whole", "least_force", "least_moment")
+    numbers = (*NewtonProgram.numbers, "least_force", "least_moment")
+    judging = (*NewtonProgram.judging, "whole", "least_force", "least_moment")
     judged = False
 
     def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
@@ -92,7 +92,7 @@ class LoadProgram(ChainProgram):
         layout.record("ruled", ONE, [output for name in RULES for output in self.outputs(name)])
         if self.judged:
             layout.record("sums", ONE, [("indefinite", 1)])
-        if self.judged and self.kinds.joints is not None:
+        if self.judged and INTERFACE in self.kinds.runs:
             layout.record("signs", SIGNS, [("number", 1)])
         return layout
 

@@ -1,9 +1,10 @@
 """Local functions of an implicit step, the midpoint's as they are: what one node and one element
 do, by named fields.
 
-They are those of `local_problem`; an element condenses its stress. A chain's balance and its blocks
-are the sums of both. The midside node of an element of three nodes is eliminated (`condense`) with
-what the node itself adds: to its row of the chain an element of any order is one between two nodes.
+They are those of `local_problem`; an element condenses its stress. The balance of all and its
+blocks are the sums of both. The midside node of an element of three nodes is eliminated
+(`condense`) with what the node itself adds: to its row an element of any order is one between two
+nodes.
 
 Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of
 `NodeConstants`, `Common` and `SupportConstants`, in order), position, rotation, velocity, spin and
@@ -27,8 +28,10 @@ from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_
 from ...nodal.joints import measured
 from ...solvers.newton import Length, converged, next_secant, step_length
 from ...state.state import State
-from ...topology.chain_unknowns import masked
-from ...topology.midside import condensed, following
+from ...topology.framework_unknowns import masked
+from ...topology.midside_nodes import condensed, following
+from ...topology.protocols import Topology
+from .coupling_functions import CouplingFunctions
 from .joint_functions import JointFunctions
 from .layout import FLAGS
 from .local_problem import INTERNAL, Fields, by_secants, far_fields, unbatched
@@ -38,7 +41,7 @@ from .tendon_functions import TendonFunctions
 
 
 class WholeRow(NamedTuple):
-    """A row of the chain's matrix, however it is eliminated: D, L, U (w, w); what is asked of it
+    """A row of the matrix, however it is eliminated: D, L, U (w, w); what is asked of it
     and left of its balance (w); where supports hold nodes, the whole row and balance by name.
     """
 
@@ -51,7 +54,7 @@ class WholeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
+class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
     adjoint.
     """
@@ -283,12 +286,12 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         outputs = {"rows": rows, "asked": asked[1]} if held else {}
         if held:
             free = _between_free(fields["free"])
-            D, U, L, *far = masked(self.order, free, D, U, L, *far)
+            D, U, L, *far = masked(self._element, free, D, U, L, *far)
             left, asked = left * free[1], asked * free
         inertia = _total(fields.get("own.inertia"), element.get("m.inertia"))
         sizes = self._sizes(fields, inertia, left)
         outputs |= self.pivot(D[1]) | sizes
-        D, L, U, middle = condensed(D, L, U, *far)
+        D, U, L, middle = condensed(self._element, D, U, L, *far)
         ends, own = middle.condense(-asked)
         for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
             same = f"{side}.balance", f"{side}.inertia"
@@ -296,8 +299,13 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             outputs |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": by[0]}
         return outputs | {"U": U[0], "L": L[0], "own": own[0]}
 
+    @property
+    def _element(self) -> Topology:
+        """One."""
+        return self.element_assembly.topology
+
     def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
-        """(D, U, L, far upper, far lower) of a chain of one element, with D of its midside node's
+        """(D, U, L, far upper, far lower) of one element, with D of its midside node's
         own.
         """
         D = torch.stack(
@@ -317,7 +325,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
         """The move (w) of a midside node from those of its element's ends."""
         return {"move": following(own, by_i, by_j, before, after)}
 
-    # Functions of the chain's rows
+    # Functions of rows
 
     def row(self, held: bool, backward: bool = False, **fields: Tensor) -> Fields:
         """A row of the elimination, from the fields of `node` (own.) and of the elements on either
@@ -461,8 +469,8 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions):
             free, push = _between_free(fields["free"]), fields["push"][:, None]
             right = (right + (D[1].mT @ push)[:, 0]) * free[1]
             sides = torch.stack(((L[0].mT @ push)[:, 0], (U[1].mT @ push)[:, 0]))
-            D, U, L, *far = masked(self.order, free, D, U, L, *far)
-        D, U, L, middle = condensed(D.mT, U.mT, L.mT, *(x.mT for x in reversed(far)))
+            D, U, L, *far = masked(self._element, free, D, U, L, *far)
+        D, L, U, middle = condensed(self._element, D.mT, L.mT, U.mT, *(x.mT for x in reversed(far)))
         ends, own = middle.condense(
             torch.stack((torch.zeros_like(right), right, torch.zeros_like(right)))
         )
@@ -674,7 +682,7 @@ def _between_free(free: Tensor) -> Tensor:
 
 
 def _masked_row(D: Tensor, L: Tensor, U: Tensor, fields: Fields) -> tuple[Tensor, Tensor, Tensor]:
-    """A row of the chain's matrix, see `masked`."""
+    """A row of the matrix, see `masked`."""
     before, free, after = (fields[f"free_{name}"] for name in ("before", "here", "after"))
     return (
         D * free[:, None] * free + torch.diag_embed(1 - free),

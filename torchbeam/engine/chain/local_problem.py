@@ -28,7 +28,6 @@ from ...nodal.rows import ElementRows, Held, NodeRows, Rows
 from ...nodal.touching_pairs import TouchingPairs
 from ...scene.effects import Pose
 from ...state.state import State
-from ...topology.chain import Chain
 from ...topology.framework import Framework
 from ..compiler.trace import NotTraceable
 from .chain_constants import (
@@ -46,6 +45,7 @@ from .chain_constants import (
 )
 from .node_kinds import (
     SIDES,
+    CouplingKind,
     ElementKind,
     EndKind,
     JointKind,
@@ -56,7 +56,7 @@ from .node_kinds import (
 )
 
 Fields = dict[str, Tensor]
-BetweenKind = JointKind | StretchKind | PairKind
+BetweenKind = JointKind | StretchKind | PairKind | CouplingKind
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
 
@@ -123,7 +123,7 @@ class LocalProblems:
     def element_assembly(self) -> Assembly:
         """Of one element."""
         space = self.model.space
-        return Assembly(Chain(self.order, 1), space.interpolation, space.dims.position)
+        return Assembly(Framework(self.order, (1,)), space.interpolation, space.dims.position)
 
     @property
     def sides(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from ..compiler.function import Function
 from ..compiler.packing import Packing
-from .layout import BETWEEN, ELEMENTS, INNER, MIDDLE, ONE, TWO, Layout
+from .layout import BETWEEN, ELEMENT_PLACES, ELEMENTS, INNER, MIDDLE, ONE, Layout, sizes
 from .node_kinds import SIDES
 
 BLOCKS = ("U", "L", "far_U", "far_L")  # of an element, beside those of its nodes
@@ -42,24 +42,12 @@ def eliminating(
 
 def record(layout: Layout, functions: dict[str, Function], element: str) -> None:
     """Records of what elements give, by the function of that name, and of their midside nodes."""
-
-    def size(function: str, field: str) -> list[tuple[str, int]]:
-        return [(field, len(functions[function].outputs[field].nodes))]
-
-    if "condense" not in functions:
-        layout.record("between", TWO, size(element, BETWEEN))
+    last = "condense" if "condense" in functions else element
+    layout.record("between", ELEMENT_PLACES, [(BETWEEN, sizes(functions, last)[BETWEEN])])
+    if last == element:
         return
-    layout.record("inner", ONE, size(element, INNER))
-    layout.record("between", TWO, size("condense", BETWEEN))
-    layout.record("middle", ELEMENTS, size("condense", MIDDLE))
-    for name in ("condense", "held condense"):
-        if name in functions:
-            layout.record(
-                "at_middle",
-                ONE,
-                [
-                    (field, len(out.nodes))
-                    for field, out in functions[name].outputs.items()
-                    if field not in (BETWEEN, MIDDLE)
-                ],
-            )
+    layout.record("inner", ONE, [(INNER, sizes(functions, element)[INNER])])
+    layout.record("middle", ELEMENTS, [(MIDDLE, sizes(functions, last)[MIDDLE])])
+    for name in (last, f"held {last}"):
+        own = sizes(functions, name).items() if name in functions else ()
+        layout.record("at_middle", ONE, [x for x in own if x[0] not in (BETWEEN, MIDDLE)])

@@ -19,9 +19,9 @@ from ..compiler.library import Library
 from ..compiler.llvm import Module
 from ..compiler.object_cache import ObjectCache
 from ..compiler.shared_ends import share_ends
-from .chain_code import ChainCode
 from .disk_key import store_layout, stored_layout
-from .layout import Layout
+from .driver_code import DriverCode
+from .layout import Layout, largest, sizes
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, without_side
 from .tracing import Traced, Tracing
@@ -49,8 +49,7 @@ class NativeProgram:
     seconds    that tracing took
     """
 
-    driver: type[ChainCode]
-    of_structures: type[ChainCode]  # their driver
+    driver: type[DriverCode]
 
     def __init__(
         self,
@@ -63,8 +62,6 @@ class NativeProgram:
         known = {} if known is None else known
         self.traced = known if key is None else None
         self.kinds, self.held, self.dtype = kinds, held, local.model.length.dtype
-        if kinds.joints is not None:
-            self.driver = self.of_structures
         self.state, self.element_state, self.sample_state = (
             local.state,
             local.element_state,
@@ -112,7 +109,7 @@ class NativeProgram:
 
     def run(self, lanes: int, cells: int = 1) -> Callable[[Any], None]:
         """The native function for so many lanes, of which each sample has as many as it has cells:
-        it takes an array of its arguments, see `ChainCode.ARGS`. Raises NotCompiled where the
+        it takes an array of its arguments, see `DriverCode.ARGS`. Raises NotCompiled where the
         compiler fails.
         """
         form = lanes if cells == 1 else (lanes, cells)
@@ -157,29 +154,15 @@ class NativeProgram:
         """Numbers of the kinds of elements between whose nodes loads act."""
         return [k for k, kind in enumerate(self.kinds.elements) if kind.loads]
 
-    def given(self, record: str) -> list[tuple[str, int]]:
-        """(field, its number among the constants) of those that a record holds."""
-        return [
-            (name, int(name.rpartition(".")[2]))
-            for name in self.layout.records[record].fields
-            if "." in name
-        ]
-
     def outputs(self, name: str, *fields: str) -> list[tuple[str, int]]:
         """(field, components) of a function's outputs, all or those of `fields` that it has."""
-        sizes = {field: len(out.nodes) for field, out in self.functions[name].outputs.items()}
-        return [(field, sizes[field]) for field in fields or sizes if field in sizes]
+        there = sizes(self.functions, name)
+        return [(field, there[field]) for field in fields or there if field in there]
 
-    def largest(self, name: str, count: int, field: str) -> list[tuple[str, int]]:
-        """(field, components) of a record that takes this output of the functions "name 0", "name
-        1" ... of all kinds.
-        """
-        return [
-            (
-                field,
-                max(size for k in range(count) for _, size in self.outputs(f"{name} {k}", field)),
-            )
-        ]
+    def largest(self, name: str, *fields: str) -> list[tuple[str, int]]:
+        """The same of the functions "name 0", "name 1" ... of all kinds, the most of each."""
+        there = largest(self.functions, name)
+        return [(field, there[field]) for field in fields or there if field in there]
 
     def with_ends(
         self,

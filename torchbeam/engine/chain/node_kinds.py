@@ -4,7 +4,7 @@ called.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from torch import Tensor
@@ -13,8 +13,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.centreline import piece_nodes
 from ...nodal.fixed_touching import FixedTouching
 from ...nodal.model import Model
-from ...topology.framework import Framework
-from .structure_order import MANNERS, manners_of
+from .order import MANNERS, manners_of
 
 
 class SupportKind(NamedTuple):
@@ -144,6 +143,17 @@ class PairKind(NamedTuple):
     sides = property(lambda self: PAIR_SIDES)
 
 
+class CouplingKind(NamedTuple):
+    """What code of an `Interaction` depends on: what holds its nodes; its number among the loads in
+    `CommonConditions`.
+    """
+
+    ends: tuple[EndKind, ...]
+    load: int
+
+    sides = property(lambda self: PAIR_SIDES[: len(self.ends)])
+
+
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
 PAIR_SIDES = ("a", "b", "c", "d", "e", "f")  # those of a pair that may touch
 
@@ -159,50 +169,52 @@ def without_side(field: str) -> str:
 
 
 class Kinds(NamedTuple):
-    """Of all nodes, of all elements and of all joints; or those that there are. joints: None = the
-    nodes are those of one chain; runs: of a structure, how some of its nodes are eliminated, see
-    `structure_order.manners_of`; stretches: of tendons; pairs: that may touch, which are of the
-    `touching` kinds.
+    """Of all nodes, of all elements and of all joints; or those that there are. runs: how nodes are
+    eliminated, see `order.manners_of`; stretches: of tendons; pairs: that
+    may touch, which are of the `touching` kinds.
     """
 
     nodes: tuple[NodeKind, ...]
     elements: tuple[ElementKind, ...]
-    joints: tuple[JointKind, ...] | None = None
+    joints: tuple[JointKind, ...] = ()
     runs: tuple[str, ...] = ()
     stretches: tuple[StretchKind, ...] = ()
     pairs: tuple[PairKind, ...] = ()
     touching: tuple[PairKind, ...] = ()
+    couplings: tuple[CouplingKind, ...] = ()
+
+    @property
+    def between(self) -> tuple[tuple[Any, ...], ...]:
+        """Those of each of `INTERACTIONS`."""
+        return self.joints, self.stretches, self.pairs, self.couplings
 
     @classmethod
     def of(
-        cls, nodes: list[NodeKind], model: Model, loads: Callable[[int], tuple[int, ...]]
+        cls,
+        nodes: list[NodeKind],
+        model: Model,
+        loads: Callable[[int], tuple[int, ...]],
+        several: dict[int, tuple[int, ...]],
     ) -> Kinds:
         """From those of all nodes of a model, and the numbers of the loads between those of each
-        element.
+        element; several: the nodes of those that act on several.
         """
         held, topology = [node.end for node in nodes], model.topology
-        if not isinstance(topology, Framework):
-            order = topology.order
-            ends = (tuple(held[i : i + order + 1]) for i in range(0, len(held) - 1, order))
-            return cls(tuple(nodes), _of_elements(ends, loads))
         ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
-        elements = _of_elements(ends, loads)
+        elements = tuple(ElementKind(own, loads(e)) for e, own in enumerate(ends))
         joints, stretches = _of_joints(model, held), _of_stretches(model, held)
         pairs, touching = _of_pairs(model, held)
         runs = MANNERS if touching else manners_of(model)  # pairs come and go
-        return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching)
+        couplings = tuple(
+            CouplingKind(tuple(held[node] for node in own), k) for k, own in several.items()
+        )
+        return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching, couplings)
 
     def distinct(self) -> Kinds:
         """Each once; where there are bodies alone, a kind of elements that none is of."""
-        kinds = Kinds(*(None if own is None else tuple(dict.fromkeys(own)) for own in self))
+        kinds = Kinds(*(tuple(dict.fromkeys(own)) for own in self))
         kinds = kinds._replace(pairs=kinds.touching)
         return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
-
-
-def _of_elements(
-    ends: Iterable[tuple[EndKind, ...]], loads: Callable[[int], tuple[int, ...]]
-) -> tuple[ElementKind, ...]:
-    return tuple(ElementKind(own, loads(e)) for e, own in enumerate(ends))
 
 
 def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
@@ -280,6 +292,7 @@ def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:
 def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) -> Kinds:
     """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
+    several = {k: act.node for k, act in enumerate(loads) if isinstance(act.node, tuple)}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
     for support, fixed in zip(
         model.scene.supports, map(tuple, model.constraints.fixed.tolist()), strict=True
@@ -292,7 +305,9 @@ def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) ->
 
     def kind(j: int) -> NodeKind:
         acting = tuple(
-            k for k, act in enumerate(loads) if not act.load.between_nodes and act.acts_on(j)
+            k
+            for k, act in enumerate(loads)
+            if k not in several and not act.load.between_nodes and act.acts_on(j)
         )
         return (
             NodeKind(acting, placed=supports.get(j))
@@ -309,4 +324,4 @@ def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) ->
             and (act.node is None or act.node.start <= first < act.node.stop)
         )
 
-    return Kinds.of([kind(j) for j in range(nodes)], model, between)
+    return Kinds.of([kind(j) for j in range(nodes)], model, between, several)

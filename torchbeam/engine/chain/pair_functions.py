@@ -8,17 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
+from .interaction import PAIR
+from .interaction_functions import transposed
 from .local_problem import Fields, LocalProblems, by_secants, far_fields
 from .node_kinds import PAIR_SIDES, PairKind
-
-# blocks of a pair, with whose rows and columns they have
-PAIR_BLOCKS = {f"{i}{j}": (i, j) for i in PAIR_SIDES for j in PAIR_SIDES}
 
 
 @dataclass(frozen=True)
@@ -48,8 +46,8 @@ class PairFunctions(LocalProblems):
         passed = touching.passed(lambda: problem.touching_way(kinematics))
         outputs = {"passed": passed.to(push)}
         outputs |= {f"{side}.push": x for side, x in zip(PAIR_SIDES, push[:, :q], strict=True)}
-        for name, sides in PAIR_BLOCKS.items():
-            row, column = map(PAIR_SIDES.index, sides)
+        for name in PAIR.blocks:
+            row, column = map(PAIR_SIDES.index, name)
             outputs[name] = blocks[row, column, :q, :q]
         return outputs
 
@@ -60,40 +58,15 @@ class PairFunctions(LocalProblems):
         dims = self.model.space.dims
         return self.model.space.unknowns if kind.rubs or kind.surface else dims.position
 
-    def free_pair(self, **fields: Tensor) -> Fields:
-        """Blocks of a pair (q, q), of what is `free` (w) of supports at its nodes."""
-        free = {side: fields[f"{side}.free"] for side in PAIR_SIDES}
-        outputs = {}
-        for name, (row, column) in PAIR_BLOCKS.items():
-            q = len(fields[name])
-            outputs[name] = fields[name] * free[row][:q, None] * free[column][:q]
-        return outputs
-
-    def pair_reaction(self, side: str, end_free: Tensor, **fields: Tensor) -> Fields:
-        """What a pair adds to the reaction of the support (w) of its node there, by its blocks and
-        the moves of its nodes.
-        """
-        q = len(fields[2 * side])
-        push = sum(fields[side + other] @ fields[f"{other}.move"][:q] for other in PAIR_SIDES)
-        return {"reaction": (1 - end_free) * pad(push, (0, len(end_free) - len(push)))}
-
     def finish_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
         """Its work over the step."""
         problem, kinematics = self.of_pair(fields, kind)
         return {"work": problem.model.touching.work(lambda: problem.touching_way(kinematics))}
 
     def transposed_pair(self, held: bool, kind: PairKind, **fields: Tensor) -> Fields:
-        """Blocks in the transposed matrix; where supports hold nodes, with what cotangents of their
-        reactions are to the balances (`reaction`) of the nodes, what is asked of their moves
-        (`asked`, q).
-        """
-        pushes = {side: fields.pop(f"{side}.reaction") for side in PAIR_SIDES if held}
-        blocks, q = self.pair(kind, **fields), self.coupled(kind)
-        outputs = {name: blocks[name[::-1]].mT for name in PAIR_BLOCKS}
-        for side in pushes:
-            asked = (push[:q] @ blocks[other + side] for other, push in pushes.items())
-            outputs[f"{side}.asked"] = sum(asked)
-        return outputs
+        """See `interaction_functions.transposed`."""
+        reactions = {side: fields.pop(f"{side}.reaction") for side in PAIR_SIDES if held}
+        return transposed(self.pair(kind, **fields), reactions)
 
     def of_pair(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
         """The problem of one pair, whose nodes have no loads, and how they move."""

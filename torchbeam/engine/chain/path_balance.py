@@ -19,22 +19,17 @@ from ...nodal.balance import same_law
 from ...nodal.joints import stacked
 from ...scene.effects import Inputs
 from ...state.state import rest
-from ...topology.framework import Framework
 from ...topology.places import take
 from ...topology.protocols import System
 from ..compiler.derivative import dot
-from ..compiler.trace import NotTraceable
-from ..engine_use import slow_path
-from .call import Call, Field, structure_fields
+from .call import Call, Field, fixed_fields
 from .chain_constants import Trees
 from .constants import Constants
 from .cotangents import FORCES, OF_JOINTS, constant_fields
-from .coverage import given_up, meaning, unsteady, untraceable
-from .load_climb import chain_at_rest, fields_at_rest, refusal
-from .native import NotCompiled
+from .coverage import meaning, natively
+from .load_climb import fields_at_rest, instance_at_rest, refusal
 from .path_program import PIVOT, RATE, PathFunctions, PathProgram, by_rows
-from .program import NOTHING
-from .user_functions import by_function, by_sample, check_batch, known, surroundings, written
+from .user_functions import check_batch, written
 
 Answer = tuple[Tensor, Tensor, Tensor]
 
@@ -82,8 +77,8 @@ class NativeBalance:
         constants = Constants(model, steps=False, around=around)
         trees, rising, rises, led = self._trees(constants, problem, load)
         local = PathFunctions(model, *trees, rising=rising, led=led is not None)
-        self.chain = chain_at_rest(local, constants, around, PathProgram)
-        fields = fields_at_rest(self.chain, model, trees, problem.t, problem.inputs)
+        self.instance = instance_at_rest(local, constants, around, PathProgram)
+        fields = fields_at_rest(self.instance, model, trees, problem.t, problem.inputs)
         self.exact, self.load = same_law(local.elements.C, model.law.C), load
         self.rising = [one for one in fields if one.name in rises]
         self.fields = [one for one in fields if one.name not in rises]
@@ -91,7 +86,7 @@ class NativeBalance:
             one._replace(name=dot(one.name), value=rises[one.name]) for one in self.rising
         ]
         self.fields += [] if led is None else [Field("node", RATE, led, 2)]
-        self.chain.program.run(1)  # raises where it cannot be compiled
+        self.instance.program.run(1)  # raises where it cannot be compiled
         self._calls: dict[torch.Size, Call] = {}
 
     @staticmethod
@@ -120,7 +115,7 @@ class NativeBalance:
         self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor
     ) -> NativePoint:
         """At position, rotation (..., N+1, *) and stress (..., N, k), under a factor (...)."""
-        batch, order, x = factor.shape, self.chain.program.order, (position, rotation, stress)
+        batch, order, x = factor.shape, self.instance.program.order, (position, rotation, stress)
         stress, forces = self.model.joints.split(stress)
         share = factor if self.load is None else torch.ones_like(factor)
         given = [
@@ -140,9 +135,9 @@ class NativeBalance:
             rate = next(x.value for x in self.fields if x.name == dot(one.name))
             wide = factor[(...,) + (None,) * one.axes]
             given.append(one._replace(value=(one.value + wide * rate).contiguous()))
-        size = self.chain.program.w, self.chain.program.w
+        size = self.instance.program.w, self.instance.program.w
         rows = {
-            ("move", "move"): (self.chain.rows("move"), size[0]),
+            ("move", "move"): (self.instance.rows("move"), size[0]),
             ("stress", "stress"): stress.shape[-2:],
             ("support", "found"): self.model.constraints.fixed.shape,
             ("sample", "size"): (),
@@ -150,7 +145,7 @@ class NativeBalance:
         if forces is not None:
             rows["joint_unknown", "force"] = forces.shape[-2:]
         if self.by_rows:
-            rows["row", PIVOT] = (self.chain.rows("row"), *size)
+            rows["row", PIVOT] = (self.instance.rows("row"), *size)
         if self.by_rows and order == 2:
             rows["middle pivot", PIVOT] = (self.model.scene.beam.element_count, *size)
         call = self._calls.get(batch)
@@ -161,9 +156,8 @@ class NativeBalance:
         if call is None:
             check_batch(self.model, batch)
             slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
-            fixed = [Field("common", "slope", slope, 0), Field("free", "free", self.chain.free, 2)]
-            fixed += structure_fields(self.chain)
-            call = self._calls[batch] = Call(self.chain, batch, 2).bound(
+            fixed = [Field("common", "slope", slope, 0), *fixed_fields(self.instance)]
+            call = self._calls[batch] = Call(self.instance, batch, 2).bound(
                 {"inputs": len(given), "outputs": len(out)},
                 inputs=[*given, *self.fields, *fixed],
                 outputs=out,
@@ -179,14 +173,8 @@ class NativeBalance:
         return NativePoint(Size(measure[0]), self.exact, *answers, own)
 
     def _pivots(self, rows: Tensor, middle: Tensor | None = None) -> Tensor:
-        """Pivots (..., n, w, w): of a chain those of `FrameworkSystem.pivots`, of others also
-        those of nodes that supports hold, 1.
-        """
-        topology, rows = self.model.topology, rows[0]
-        if isinstance(topology, Framework):
-            rows = take(rows, topology.ends, 2)
-        elif middle is None:
-            rows = self.model.constraints.unknowns.of_nodes(rows, 2)
+        """Pivots (..., n, w, w), also those of nodes that supports hold, 1."""
+        rows = take(rows[0], self.model.topology.ends, 2)
         return rows if middle is None else torch.cat((middle[0], rows), -3)
 
     def _system(self, position: Tensor, rotation: Tensor, stress: Tensor, factor: Tensor) -> System:
@@ -234,30 +222,13 @@ def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> Nat
     engine = meaning() if engine == "auto" else engine
     if engine == "eager" or functorch.peek_interpreter_stack() is not None:
         return None
-    model = problem.model
-    reason, own = path_refusal(problem, load), by_function(model)
-    required = engine == "compiled"
-    try:
-        if reason is None and not required and (reason := unsteady(model)) is not None:
-            slow_path("a path is found", reason)
-            return None
-        if reason is None:
-            around = (known if required else surroundings)(own) if own else NOTHING
-            return by_sample(lambda one: NativeBalance(problem, load, one), model, around)
-    except NotTraceable as error:
-        reason = str(error)
-        if not required:
-            slow_path("a path is found", untraceable(own[0], error) if own else reason)
-    except NotCompiled as error:
-        if required:
-            raise
-        given_up(error, "a path is found")
-    except Exception:
-        if required or not own:  # else of the user's function: raised eagerly, too
-            raise
-    if required:
-        raise ValueError(
-            f"engine = 'compiled' was given, which does not take this scene ({reason}); 'eager' "
-            "does"
-        )
-    return None
+    required, reason = engine == "compiled", path_refusal(problem, load)
+    if reason is not None and not required:
+        return None
+    return natively(
+        "a path is found",
+        problem.model,
+        reason,
+        lambda around: NativeBalance(problem, load, around),
+        required,
+    )

@@ -14,18 +14,17 @@ from torch import Tensor
 from ...equations.balance_problem import BalanceProblem
 from ...nodal.balance import mixed, scaled
 from ...nodal.model import Model
-from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS, Driver
-from .layout import ELEMENTS, ENDS, NODES, ONE, Layout
-from .load_driver import LoadSteps
+from .interaction import JOINT, Interaction
+from .layout import ELEMENTS, NODES, ONE, Layout
+from .load_driver import LoadDriver
 from .local_problem import Fields
 from .node_kinds import SIDES, ElementKind, JointKind, NodeKind, without_side
-from .program import ChainProgram
+from .program import NewtonProgram
+from .rows import given_by_rows
 from .steady_functions import POSE, SteadyFunctions
-from .structure_code import COUNTS, TABLES
-from .structure_driver import StructurePasses
 from .tracing import Tracing
 
 PIVOT, RATE = "pivot", "node.rate"
@@ -89,7 +88,7 @@ def by_rows(model: Model) -> bool:
     """Whether the pivots of the elimination are those of rows and midside nodes, without an
     interface.
     """
-    return not (isinstance(model.topology, Framework) and model.topology.cut.interface)
+    return not model.topology.cut.interface
 
 
 def _led(fields: Fields, side: str) -> Fields:
@@ -121,49 +120,38 @@ def _or_else(
     return whole.with_constants({dot("load_factor"): (1.0,)}).only(whole.outputs)
 
 
-class PathSteps(LoadSteps):
+class PathDriver(LoadDriver):
     """One pass a step: in the first `slope` is 0, in the second 1."""
 
     def _group(self, first: str) -> None:
         code = self.code
         with code.loop(0, self.args["steps"]) as step:
             self._transfer("gather", "input", first, step)
-            self._fill(self.at("sample", 0, "over"), 1)
+            self._fill(("sample", 0, "over"))
             self._return()
             self._place()
             self._hoisted()
             self._border()
-            super(LoadSteps, self)._pass()
+            Driver._pass(self)
             self._judge()
             with code.loop(0, self.args["elements"]) as e:  # of which the change is wanted
-                self._fill(self.at("stress", e), self.layout.records["stress"].size)
-            self._clear_records("joint_unknown")
+                self._fill(("stress", e))
+            self._clear(JOINT, "joint_unknown")
             self._back()
             self._transfer("scatter", "output", first, step)
 
     def _condense(self, e: str) -> None:
         super()._condense(e)
         if "middle pivot" in self.layout.records:
-            size = self.layout.records["middle pivot"].size
-            self._copy_to(self.at("middle pivot", e), self.at("at_middle", 0, PIVOT), size)
+            self._copy_to(("middle pivot", e), ("at_middle", 0, PIVOT))
 
 
-class PathDriver(PathSteps, Driver):
-    """Of a chain."""
-
-
-class StructurePathDriver(PathSteps, StructurePasses, Driver):
-    """Of a structure."""
-
-    ARGS = (*Driver.ARGS, *TABLES, *COUNTS)
-
-
-class PathProgram(ChainProgram):
+class PathProgram(NewtonProgram):
     """Of nodes the balance, of elements what they ask of their nodes and their gap: or the slopes
     of these by the load factor.
     """
 
-    driver, of_structures = PathDriver, StructurePathDriver
+    driver = PathDriver
     unknown = "position", "rotation"
     varying = "load_factor", "reached", "slope"
     numbers = "total", "longest", "least_force", "least_moment"
@@ -209,22 +197,26 @@ class PathProgram(ChainProgram):
         }
         return _or_else(element, slope.inputs, {"gap": slopes[dot("gap")], **others})
 
-    def _of_joint(self, traced: Tracing, local: PathFunctions, kind: JointKind) -> Function:
+    def _of_interaction(
+        self, traced: Tracing, local: PathFunctions, one: Interaction, kind: Any
+    ) -> Function:
         given = {name: () for name in self.varying}
         if local.led:
             given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
-        joint = traced(partial(local.joint, self.held, kind), traced.joint | given)
-        asked = ["right", *(f"{side}.push" for side in kind.sides)]
-        slope = self._slopes(joint, local, asked)
+        function = partial(getattr(local, one.name), kind)
+        whole = traced(function, getattr(traced, one.constants) | given)
+        asked = [*(f"{side}.push" for side in kind.sides), *["right"] * one.unknowns]
+        slope = self._slopes(whole, local, asked)
         others = {name: slope.outputs[dot(name)].nodes for name in asked}
-        return _or_else(joint, slope.inputs, others)
+        return _or_else(whole, slope.inputs, others)
 
     def _layout(self) -> Layout:
         layout = super()._layout()
         layout.record("pose", NODES, self.constants("pose"))
         layout.record("kept", NODES, self.outputs("update 0"))
-        if pivot := self.outputs("row", PIVOT):
-            layout.record("row", ENDS, pivot)
+        pivot = PIVOT in given_by_rows(self.functions)
+        if pivot:
+            layout.record("row", NODES, [(PIVOT, self.w**2)])
         if pivot and self.order == 2:
             layout.record("middle pivot", ELEMENTS, self.outputs("condense", PIVOT))
         layout.record("sample", ONE, [("over", 1), ("size", 1)])

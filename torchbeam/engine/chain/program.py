@@ -1,6 +1,4 @@
-"""Program of a step: the functions of Newton's method on a chain; one for all scenes of a
-structure.
-"""
+"""Program of a step: the functions of Newton's method; one for all scenes of a structure."""
 
 from __future__ import annotations
 
@@ -20,31 +18,31 @@ from ..compiler.function import Function
 from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from ..compiler.split import HOISTED, split
-from . import midsides, pairs, stretches, structures
+from ..compiler.split import split
+from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk
 from .driver import SQUARES, SUMS, Driver
+from .interaction import COUPLING, INTERACTIONS, JOINT, PAIR, TIE, Interaction
 from .layout import (
     BETWEEN,
     ELEMENTS,
-    ENDS,
     FLAGS,
     INNER,
+    INTERFACE,
     JOINTS,
     LAW,
     MOVES,
+    NODE_PLACES,
     NODES,
     ONE,
     OWN,
     SUPPORTS,
-    TURNS,
     Layout,
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import SIDES, ElementKind, JointKind, Kinds
-from .structure_driver import StructureDriver
+from .node_kinds import ElementKind, Kinds
 from .tracing import Traced, Tracing
 
 T = TypeVar("T")
@@ -66,8 +64,8 @@ LENGTH = "merit", "share", "last_near"
 LENGTHS = (*LENGTH, "back", "short", "forth", "still", "ratio")
 
 
-class ChainProgram(NativeProgram):
-    """Newton's method on a chain. Subclasses say what nodes do (`_of_nodes`), and add records of
+class NewtonProgram(NativeProgram):
+    """Newton's method. Subclasses say what nodes do (`_of_nodes`), and add records of
     their own (`_layout`).
 
     unknown  fields that an iteration changes, of a node; varying: others that are not the same
@@ -81,7 +79,7 @@ class ChainProgram(NativeProgram):
     judging = (*SUMS, *numbers, "before", "over", "done", "status", "iterations")
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        """Functions that are not of all chains, `node` and `update` of each kind among them."""
+        """Functions that differ by what is solved, `node` and `update` of each kind among them."""
         raise NotImplementedError
 
     def _of_element(self, traced: Tracing, local: LocalFunctions, kind: ElementKind) -> Function:
@@ -90,10 +88,13 @@ class ChainProgram(NativeProgram):
             partial(local.element, kind), traced.element | {name: () for name in self.varying}
         )
 
-    def _of_joint(self, traced: Tracing, local: LocalFunctions, kind: JointKind) -> Function:
-        """`joint` of a kind."""
-        given = {name: () for name in self.varying}
-        return traced(partial(local.joint, self.held, kind), traced.joint | given)
+    def _of_interaction(
+        self, traced: Tracing, local: LocalFunctions, one: Interaction, kind: Any
+    ) -> Function:
+        """What gives pushes and blocks, of a kind."""
+        varying = dict.fromkeys(self.varying, ()) | (stretches.TOLD if one is TIE else {})
+        given = getattr(traced, one.constants) | varying
+        return traced(partial(getattr(local, one.name), kind), given)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, functions = self.w, self._of_nodes(traced, local)
@@ -116,48 +117,10 @@ class ChainProgram(NativeProgram):
             local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves}
         )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
-        given = {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
-        if self.order == 2:
-            inner = given | {f"element.{name}": shapes[name] for name in between.fields}
-            condense = {"condense": traced(partial(local.condense, False), inner)}
-            if self.held:
-                condense["held condense"] = traced(
-                    partial(local.condense, True), inner | {"free": (w,)}
-                )
-            restore = traced(
-                local.restore,
-                {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)},
-            )
-            more, between, shapes = midsides.eliminating(condense, restore, own, between)
-            functions |= more
-        row = dict(given)
-        sides = {
-            f"{side}.{name.removeprefix(f'{end}.')}": name
-            for side, end, block in (("left", "j", "L"), ("right", "i", "U"))
-            for name in between.fields
-            if name.startswith(f"{end}.") or name == block
-        }
-        row |= {called: shapes[name] for called, name in sides.items()}
-        row |= {"ahead": (w, w), "y": (w,)}
-
-        def packed(function: Function) -> Function:
-            return between.taken(
-                own.taken(function, {f"own.{name}": name for name in own.fields}), sides
-            )
-
-        functions["row"] = packed(traced(partial(local.row, False), row))
-        functions["back"] = traced(local.back, {"ahead": (w, w), "y": (w,), "next": (w,)})
-        free = {f"free_{name}": (w,) for name in ("before", "here", "after")}
-        if self.kinds.joints is not None:
-            around = free if self.held else None
-            functions |= structures.of_rows(local, traced, packed, row, around, self.kinds.runs)
-            functions |= self._joints(traced, local)
-            functions |= stretches.of_stretches(
-                local, traced, self.kinds.stretches, self.held, self.varying
-            )
-            functions |= pairs.of_pairs(local, traced, self.kinds.pairs, self.held, self.varying)
+        shapes |= {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        functions |= rows.of_rows(local, traced, own, between, shapes, self.held, self.kinds.runs)
+        functions |= self._interactions(traced, local)
         if self.held:
-            functions["held row"] = packed(traced(partial(local.row, True), row | free))
             functions["reaction"] = traced(
                 local.reaction,
                 {
@@ -165,7 +128,7 @@ class ChainProgram(NativeProgram):
                     **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
                 },
             )
-        judging = (*self.judging, *(structures.JUDGED if self.kinds.joints else ()))
+        judging = (*self.judging, *((*interactions.GAPS, "joint_size") * bool(self.kinds.joints)))
         functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
         if local.searches:
             functions |= self._searching(local, traced, judging)
@@ -189,14 +152,22 @@ class ChainProgram(NativeProgram):
             functions[f"part {name}"] = traced(local.part, numbers)
         return functions
 
-    def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        """Functions of joints."""
-        of_joint = partial(self._of_joint, traced, local)
-        functions = structures.of_joints(local, traced, self.kinds.joints, self.held, of_joint)
-        changing = [f"{side}.{name}" for side in SIDES[1] for name in self.unknown]
-        for k in range(len(self.kinds.joints)):
+    def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        """Functions of what acts between nodes."""
+        functions, w, kinds = {}, self.w, self.kinds
+        for one in INTERACTIONS:
+            own = partial(self._of_interaction, traced, local, one)
+            functions |= interactions.of_interaction(local, traced, one, kinds, self.held, own)
+        changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
+        for k in range(len(kinds.joints)):
             joint = functions[f"joint {k}"]
             _split(functions, f"joint {k}", joint, (*changing, "force", *self.varying))
+        if kinds.joints:
+            functions["joint update"] = traced(local.joint_update, {"force": (w,), "move": (w,)})
+        shapes = dict.fromkeys(self.varying, ()) | stretches.TOLD
+        functions |= stretches.of_tensions(local, traced, kinds.stretches, shapes)
+        for k, kind in enumerate(kinds.pairs):
+            functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
         return functions
 
     def _of_loads_between(
@@ -240,7 +211,7 @@ class ChainProgram(NativeProgram):
 
     def _layout(self) -> Layout:
         inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
-        layout, row = Layout(), "held row" if self.held else "row"
+        layout, row = Layout(), rows.given_by_rows(self.functions)
         layout.record("node", NODES, inputs("node"))
         layout.record("element", ELEMENTS, inputs("element"))
         layout.record(
@@ -251,12 +222,10 @@ class ChainProgram(NativeProgram):
         layout.record("unknown", NODES, outputs("update 0"))
         for name in ("stress", "start_stress"):
             layout.record(name, ELEMENTS, [("stress", k)])
-        for name, rows, kinds in zip(
-            ("before node", "before element"), (NODES, ELEMENTS), self.kinds[:2], strict=True
-        ):
-            layout.record(name, rows, self.largest(name, len(kinds), HOISTED))
-        layout.record("at_node", TURNS, outputs("node 0", OWN))
-        layout.record("at_end", TURNS, self.largest("node", len(self.kinds.nodes), END))
+        for name, sort in (("before node", NODES), ("before element", ELEMENTS)):
+            layout.record(name, sort, self.largest(name))
+        layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
+        layout.record("at_end", NODE_PLACES, self.largest("node", END))
         layout.record(
             "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
         )
@@ -265,11 +234,8 @@ class ChainProgram(NativeProgram):
             for word in ("far", "element load"):
                 layout.record("at_load", ONE, outputs(f"{word} {kind}"))
                 layout.record("sums", ONE, outputs(f"{word} {kind}", *FLAGS))
-        layout.record("sums", ONE, outputs(row, *FLAGS))
-        layout.record("row", ENDS, outputs(row, "ahead", "y"))
-        layout.record(
-            "at_row", ONE, [output for output in outputs(row) if output[0] not in ("ahead", "y")]
-        )
+        layout.record("sums", ONE, [(flag, row[flag]) for flag in FLAGS if flag in row])
+        rows.record(layout, self.functions, w)
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
@@ -280,8 +246,8 @@ class ChainProgram(NativeProgram):
             layout.record("sums", ONE, [(name, 1) for name in SQUARES])
             layout.record("judged", ONE, outputs("search"))
             layout.record("sample", ONE, [(name, 1) for name in LENGTHS])
-            for name, rows in (("unknown", NODES), ("stress", ELEMENTS)):
-                _beside(layout, name, rows)
+            for name, sort in (("unknown", NODES), ("stress", ELEMENTS)):
+                _beside(layout, name, sort)
         if self.held:
             layout.record("free", NODES, [("free", w)])
             layout.record(
@@ -289,27 +255,25 @@ class ChainProgram(NativeProgram):
                 SUPPORTS,
                 [
                     *inputs("support"),
-                    *outputs(row, "rows", "asked"),
+                    *((name, row[name]) for name in ("rows", "asked")),
                     *((name, w) for name in ("reaction", "found", "last")),
                 ],
             )
-        if self.kinds.joints is not None:
-            own, kinds = inputs("joint"), len(self.kinds.joints)
-            structures.record(layout, self.functions, own, w, kinds, self.held)
-            stretch = len(self.kinds.stretches)
-            stretches.record(layout, self.functions, inputs("stretch"), w, stretch)
-            layout.record("common", ONE, [("joint_size", 1)] if kinds else [])
-            if "part joint_unknown" in self.functions:
-                _beside(layout, "joint_unknown", JOINTS)
-            own = inputs("pair")
-            pairs.record(layout, self.functions, own, w, len(self.kinds.pairs))
+        if INTERFACE in self.kinds.runs:
+            layout.record("push", NODES, [("push", w)])
+        for one in interactions.present(self.kinds):
+            interactions.record(layout, self.functions, one, inputs(one.constants), w)
+        if self.kinds.stretches:
+            stretches.record(layout, self.functions)
+        if "part joint_unknown" in self.functions:
+            _beside(layout, "joint_unknown", JOINTS)
         return layout
 
 
-class StepProgram(ChainProgram):
+class StepProgram(NewtonProgram):
     """Steps forwards; `adjoints` by the constants that want a gradient."""
 
-    driver, of_structures = Driver, StructureDriver
+    driver = Driver
     unknown = "u", "m"
 
     def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
@@ -321,14 +285,14 @@ class StepProgram(ChainProgram):
         super().__init__(local, *args, **named)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
-    def _joints(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        functions = super()._joints(traced, local)
-        for k, kind in enumerate(self.kinds.joints):
-            functions[f"finish joint {k}"] = traced(partial(local.finish_joint, kind), traced.joint)
+    def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        functions = super()._interactions(traced, local)
+        for one in (JOINT, PAIR, COUPLING):
+            for k, kind in interactions.kinds_of(self.kinds, one):
+                finish = partial(getattr(local, f"finish_{one.name}"), kind)
+                functions[f"finish {one.name} {k}"] = traced(finish, getattr(traced, one.constants))
         if self.kinds.stretches:
             functions[stretches.WORK] = stretches.of_work(local, traced)
-        for k, kind in enumerate(self.kinds.pairs):
-            functions[f"finish pair {k}"] = traced(partial(local.finish_pair, kind), traced.pair)
         return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -401,7 +365,7 @@ def _split(
 
 
 # by structure, with the surroundings that its key is made of
-PROGRAMS: dict[tuple, tuple[ChainProgram, Surroundings]] = {}
+PROGRAMS: dict[tuple, tuple[NewtonProgram, Surroundings]] = {}
 TRACED: dict[tuple, tuple[Traced, Surroundings]] = {}  # likewise, what their programs share
 NOTHING = Surroundings()
 KEPT, KEPT_TRACED = 64, 8  # of them; the one that was not asked for for longest goes first
@@ -412,9 +376,9 @@ def program_of(
     kinds: Kinds,
     held: bool,
     around: Surroundings | None = NOTHING,
-    made: type[ChainProgram] = StepProgram,
+    made: type[NewtonProgram] = StepProgram,
     known: Traced | None = None,
-) -> ChainProgram:
+) -> NewtonProgram:
     """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes
     and elements; around: what users' functions read, which is part of it; None = that is not known,
     and the program one of its own. known: functions of `local` that were traced; None = those of
@@ -425,7 +389,7 @@ def program_of(
         return made(local, kinds, held)
     key = made, around.key, *structure(local, kinds, held)
 
-    def new() -> ChainProgram:
+    def new() -> NewtonProgram:
         traced = traced_of(local, kinds, held, around) if known is None else known
         return made(local, kinds, held, key_on_disk(key), traced)
 

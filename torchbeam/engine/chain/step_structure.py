@@ -14,11 +14,9 @@ from ...core.remembered import keep, structure_of
 from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
-from ...topology.chain import Chain as ChainTopology
-from ...topology.framework import Framework
 from . import program as programs
 from .adjoint import AdjointProgram
-from .call import Call, Chain, Field, like, structure_fields
+from .call import Call, Field, ProgramInstance, fixed_fields, like
 from .chain_constants import Trees, reader_of
 from .constants import LoadRoles
 from .cotangents import constant_fields, state_fields
@@ -43,7 +41,7 @@ class Form(NamedTuple):
 class StepStructure:
     """Of the trees of a model's constants, which `values` by name are in, each a tensor of its own:
     those of a step, the other fields hold for all steps. roles: of the model's loads; by_cells: the
-    model's chain cell by cell, None = it has none.
+    model cell by cell, None = it has none.
     """
 
     def __init__(
@@ -54,9 +52,13 @@ class StepStructure:
         trees: Trees,
         values: dict[str, Tensor],
         roles: LoadRoles,
-        by_cells: Chain | None = None,
+        by_cells: ProgramInstance | None = None,
     ) -> None:
-        self.program, self.kinds, self.chain = program, kinds, Chain(program, model, kinds)
+        self.program, self.kinds, self.instance = (
+            program,
+            kinds,
+            ProgramInstance(program, model, kinds),
+        )
         self.by_cells, self.roles = by_cells, roles
         self.none, self.all = model.length.new_zeros(()), model.length.new_ones(())
         self.state = state_fields(program)
@@ -78,10 +80,10 @@ class StepStructure:
             if id(field.value) in names
         ]
         self.takes_time = roles.asks or any(
-            self.chain.has(one.record, one.name) for one, name in self.changing if name == "t"
+            self.instance.has(one.record, one.name) for one, name in self.changing if name == "t"
         )
         self.forms: dict[Any, Form] = {}
-        self.adjoints: dict[frozenset[str], Chain] = {}
+        self.adjoints: dict[frozenset[str], ProgramInstance] = {}
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
@@ -94,10 +96,10 @@ class StepStructure:
 
     def adjoint(
         self, names: frozenset[str], model: Model, program: Callable[[], AdjointProgram]
-    ) -> Chain:
+    ) -> ProgramInstance:
         """Of the cotangents of constants of these names."""
         if names not in self.adjoints:
-            self.adjoints[names] = Chain(program(), model, self.kinds)
+            self.adjoints[names] = ProgramInstance(program(), model, self.kinds)
         return self.adjoints[names]
 
     def form(
@@ -143,7 +145,7 @@ class StepStructure:
                 f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted"
             )
         changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
-        none = torch.zeros((), dtype=self.chain.dtype)
+        none = torch.zeros((), dtype=self.instance.dtype)
         numbers = {
             "tolerance": torch.full_like(none, tolerance),
             "least": torch.full_like(none, least),
@@ -155,9 +157,8 @@ class StepStructure:
             *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()),
             *constants,
             *(Field("common", name, x, 0) for name, x in numbers.items()),
-            Field("free", "free", self.chain.free, 2),
             Field("sample", "last_status", none, 0),
-            *structure_fields(self.chain),
+            *fixed_fields(self.instance),
         ]
         leads = [
             field.value.shape[: field.value.ndim - field.axes]
@@ -167,10 +168,10 @@ class StepStructure:
         batch = broadcast_shapes(
             *(lead if K is None else lead[len(lead) > dims :] for lead in leads)
         )
-        chain = self.chain
+        instance = self.instance
         if lanes is None and self.by_cells and self.by_cells.pays(batch.numel()):
-            chain = self.by_cells
-        call = Call(chain, batch, K or 1, lanes)
+            instance = self.by_cells
+        call = Call(instance, batch, K or 1, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[: dims - axes].numel() == 1:
             own = batch[dims - axes :]
@@ -189,7 +190,7 @@ class StepStructure:
             outputs=outputs,
         )
         templates = [
-            like((*(() if K is None else (K // each,)), *own, *part), self.chain.dtype)
+            like((*(() if K is None else (K // each,)), *own, *part), self.instance.dtype)
             for part, each in parts
         ]
         return Form(call, templates, {})
@@ -201,7 +202,7 @@ _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whateve
 def by_numbers(model: Model) -> bool:
     """Whether the kinds of a model's rows follow from numbers: those of joints, tendons, pairs."""
     own = model.topology
-    return isinstance(own, Framework) and bool(own.joints or own.ties or model.scene.pairs)
+    return bool(own.joints or own.ties or model.scene.pairs)
 
 
 def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
@@ -210,8 +211,7 @@ def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:
     is asked for what it gives. kinds: where they follow `by_numbers`; None = the rest tells them.
     """
     scene, space = model.scene, model.space
-    known = isinstance(model.topology, (ChainTopology, Framework))
-    if scene.numbers is None or scene.pairs or not known:
+    if scene.numbers is None or scene.pairs:
         return None
     plane = space.section_axes if isinstance(space, Planar) else None
     key = (

@@ -9,7 +9,6 @@ from ..compiler.function import Function
 from .layout import ONE, STRETCHES, TENDONS, Layout
 from .local_functions import LocalFunctions
 from .node_kinds import SIDES, StretchKind, alike
-from .structures import largest, reactions
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 
@@ -42,30 +41,10 @@ def _distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, Stre
     return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
 
 
-def of_stretches(
-    local: LocalFunctions,
-    traced: Tracing,
-    kinds: tuple[StretchKind, ...],
-    held: bool,
-    varying: tuple[str, ...],
-) -> dict[str, Function]:
-    """Functions of an iteration, by kind."""
-    shapes = {name: () for name in varying}
-    functions = of_tensions(local, traced, kinds, shapes | TOLD)
-    shapes = traced.stretch | shapes
-    for k, kind in _distinct(kinds, "tie"):
-        functions[f"tie {k}"] = tie = traced(partial(local.tie, held, kind), shapes)
-        if held:
-            ends = (*kind.sides, *["joint"] * kind.coupled)
-            functions |= reactions(local, traced, f"tie reaction {k}", tie, kind.sides, ends)
-    return functions
-
-
 def adjoint_of_stretches(
     local: LocalFunctions,
     traced: Tracing,
     kinds: tuple[StretchKind, ...],
-    held: bool,
     by: list[str],
     derivative: Callable[[Function, list[str]], Function],
 ) -> dict[str, Function]:
@@ -85,12 +64,6 @@ def adjoint_of_stretches(
             whole = functions[f"{name} {k}"]
             wanted = whole.outputs if word == "stretch" else ["tension"]
             functions[f"{name} {k} bar"] = derivative(whole.only(wanted), own)
-    for k, kind in _distinct(kinds, "tie"):
-        tie = traced(partial(local.tie, False, kind), traced.stretch)
-        tie = tie.only([f"{side}.push" for side in kind.sides])
-        functions[f"tie {k} bar"] = derivative(tie, [*by, "tension"])
-        blocks = partial(local.transposed_tie, held, kind)
-        functions[f"tie blocks {k}"] = traced(blocks, traced.stretch)
     if kinds:
         work = of_work(local, traced)
         functions["tendon work bar"] = derivative(work, ["tension", "change", "start"])
@@ -105,32 +78,18 @@ def of_work(local: LocalFunctions, traced: Tracing) -> Function:
     return traced(local.tendon_work, {"tension": (), "change": ()} | start)
 
 
-def record(
-    layout: Layout,
-    functions: dict[str, Function],
-    constants: list[tuple[str, int]],
-    w: int,
-    kinds: int,
-) -> None:
-    """Records of an iteration, and of a step where there is `tendon work`; kinds: how many there
-    are.
-    """
-    if not kinds:
-        return
-    layout.record("stretch", STRETCHES, constants)
-    _record(layout, functions, "tie")
+def record(layout: Layout, functions: dict[str, Function]) -> None:
+    """Records of an iteration, and of a step where there is `tendon work`."""
+    _record(layout)
     if any("told" in function.outputs for function in functions.values()):
         layout.record("told", STRETCHES, [("told", 2)])
-    layout.record("tie_reaction", ONE, [("reaction", w)])
     if WORK in functions:
         layout.record("tendon_change", ONE, dict.fromkeys(functions[WORK].outputs, 1).items())
 
 
-def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -> None:
+def record_adjoint(layout: Layout, functions: dict[str, Function]) -> None:
     """Records of the adjoint, but for those of constants."""
-    if not kinds:
-        return
-    _record(layout, functions, "tie blocks")
+    _record(layout)
     for name in ("tendon_state_bar", "tendon_state_grad", "tendon_start_bar"):
         layout.record(name, TENDONS, [("tendons", READINGS)])
     layout.record("at_stretch_bar", STRETCHES, AT_STRETCH.items())
@@ -138,14 +97,13 @@ def record_adjoint(layout: Layout, functions: dict[str, Function], kinds: int) -
     layout.record("pull_bar", STRETCHES, [("tension", 1)])
     layout.record("sums_bar", ONE, dict.fromkeys(SUMMED, 1).items())
     for name, function in functions.items():
-        if name.endswith(" bar") and name.startswith(("stretch", "tension", "tie", "tendon")):
+        if "bar" in name.split() and name.startswith(("stretch", "tension", "tendon")):
             sizes = [(field, len(out.nodes)) for field, out in function.outputs.items()]
-            layout.record("of_stretch", ONE, sizes)
+            layout.record("of tie", ONE, sizes)
 
 
-def _record(layout: Layout, functions: dict[str, Function], blocks: str) -> None:
+def _record(layout: Layout) -> None:
     layout.record("at_stretch", STRETCHES, AT_STRETCH.items())
     layout.record("beyond", STRETCHES, dict.fromkeys(SUMMED, 1).items())
     layout.record("pull", STRETCHES, PULL.items())
     layout.record("tendon_state", TENDONS, [("tendons", READINGS)])
-    layout.record("ties", STRETCHES, largest(functions, blocks).items())

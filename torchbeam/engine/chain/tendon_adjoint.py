@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from ..compiler.derivative import bar
+from .driver_code import Place, Places
+from .interaction import TIE
+from .interaction_adjoint import InteractionAdjoint
+from .interaction_driver import Entry
 from .node_kinds import SIDES
 from .tendon_driver import FIRST, LAST, TENDON, TendonCode
 from .tendon_functions import SUMMED
@@ -11,46 +15,37 @@ STATE = "tendon_state_bar"
 BARS = "pull_bar", "at_stretch_bar", "beyond_bar"
 
 
-class TendonAdjoint(TendonCode):
+class TendonAdjoint(TendonCode, InteractionAdjoint):
     """Cotangents of tendons' states and constants, and of what they do to nodes."""
 
     def _clear_tendons(self) -> None:
         self._fill_tendons(STATE)
-        self._stretches(
-            lambda s, entry: self._fill(
-                self.at("stretch_bar", s), self.layout.records["stretch_bar"].size
-            )
-        )
 
     def _add_tendons(self) -> None:
         """To the cotangents of tendons' states those of what a step has made."""
         self._fill_tendons("tendon_start_bar")
 
         def add(s: str, entry: list[str]) -> None:
-            k, size = entry[TENDON], self.layout.records[STATE].size
             with self.code.when(self.code.compare("ne", entry[FIRST], 0)):
-                self._add(self.at(STATE, k), self.at("tendon_state_grad", k), size)
+                self._add((STATE, entry[TENDON]), ("tendon_state_grad", entry[TENDON]))
 
         self._stretches(add)
 
     def _take_tendons(self, good: str) -> None:
         """Cotangents of their states at the start, of what has gone well."""
 
-        def take(s: str, entry: list[str]) -> None:
-            k, size = entry[TENDON], self.layout.records[STATE].size
-            self._take(self.at(STATE, k), self.at("tendon_start_bar", k), good, size)
-
-        self._stretches(take)
+        self._stretches(
+            lambda s, entry: self._take(
+                (STATE, entry[TENDON]), ("tendon_start_bar", entry[TENDON]), good
+            )
+        )
 
     def _fill_tendons(self, record: str) -> None:
-        def fill(s: str, entry: list[str]) -> None:
-            self._fill(self.at(record, entry[TENDON]), self.layout.records[record].size)
-
-        self._stretches(fill)
+        self._stretches(lambda s, entry: self._fill((record, entry[TENDON])))
 
     def _clear_stretch(self, s: str) -> None:
         for name in BARS:
-            self._fill(self.at(name, s), self.layout.records[name].size)
+            self._fill((name, s))
 
     def _tendon_ends(self) -> None:
         """What the cotangents of readings and of the work ask of the start, and of the moves."""
@@ -66,10 +61,11 @@ class TendonAdjoint(TendonCode):
                 self._add(self.at("beyond_bar", s, "length"), self._number(state, 2), 1)
             with code.when(code.compare("ne", entry[LAST], 0)):
                 self._add(tension, self._number(state, 1), 1)
-            places = {bar("work"): self.at("sample", 0, "work_bar")}
-            if "energy" in self.layout.records:
-                places[bar("rise")] = self.at("energy", 0, bar("rise"))
-            places["start"] = self.at("tendon_state", entry[TENDON], "tendons")
+            places = {
+                bar("work"): ("sample", 0, bar("work")),
+                bar("rise"): ("energy", 0, bar("rise")),
+                "start": ("tendon_state", entry[TENDON], "tendons"),
+            }
             self._bar("tendon work bar", s, places, True)
 
         self._stretches(read)
@@ -79,53 +75,27 @@ class TendonAdjoint(TendonCode):
         """To what the energy rises by: less the work of tendons."""
         self._stretches(lambda s, entry: self._work("ended tendon", "change", s, entry))
 
-    def _tie_blocks(self) -> None:
-        """Blocks of the transposed matrix, and what is asked of the moves of nodes."""
-
-        def blocks(s: str, entry: list[str], kind: int) -> None:
-            def where(f: str) -> str:
-                side, _, name = f.partition(".")
-                if f[0] == ">":
-                    return self.at("ties", s, f[2:])
-                if name == "reaction":
-                    return self.at("push", self._move_of(self._stretch_node(s, side)))
-                return self._of_stretch(f, s)
-
-            self._call(f"tie blocks {kind}", where)
-            for side in self.kinds.stretches[kind].sides if self.held else ():
-                self._add(
-                    self.at("asked", self._move_of(self._stretch_node(s, side))),
-                    self.at("ties", s, f"{side}.asked"),
-                    self.layout.records["move"].size,
-                )
-
-        self._each_stretch("tie", blocks)
-
     def _tie_bars(self) -> None:
         """What the solution asks of the start and of the constants."""
-        if not self.kinds.stretches:
-            return
 
-        def bars(s: str, entry: list[str], kind: int) -> None:
-            self._clear_stretch(s)
-            places = {
-                bar(f"{side}.push"): self.at("found", self._move_of(self._stretch_node(s, side)))
-                for side in SIDES[1]
-            }
-            self._bar(f"tie {kind} bar", s, places, False)
+        def bars(entry: Entry) -> None:
+            self._clear_stretch(entry.number)
+            self._bar(f"tie bar {entry.function}", entry.number, self._pushed_bars(entry), False)
 
-        self._each_stretch("tie", bars)
+        self._each_of(TIE, bars)
         self._tension_bars(moves=False)
 
     def _tension_bars(self, moves: bool) -> None:
         """From the cotangents of tensions, and of sums; moves: whether those of the step's moves
         are asked for.
         """
+        if not self.kinds.stretches:
+            return
         code, size = self.code, len(SUMMED)
         tension = bar("tension")
 
         def back(s: str, entry: list[str]) -> None:
-            places = {tension: self.at("pull_bar", s, "tension")}
+            places = {tension: ("pull_bar", s, "tension")}
             for name, place in (("first", "ne"), ("next", "eq")):
                 with code.when(code.compare(place, entry[FIRST], 0)):
                     self._of_kind(
@@ -141,7 +111,7 @@ class TendonAdjoint(TendonCode):
             self._add(sums, self.at("beyond_bar", s), size)
             self._add(own, sums, size)
             places = {
-                bar(name): self.at("at_stretch_bar", s, name)
+                bar(name): ("at_stretch_bar", s, name)
                 for name in self.layout.fields("at_stretch_bar")
             }
             self._of_kind(s, "stretch", lambda k: self._bar(f"stretch {k} bar", s, places, moves))
@@ -149,47 +119,36 @@ class TendonAdjoint(TendonCode):
         self._stretches(back, backward=True)
         self._stretches(forth)
 
-    def _bar(self, name: str, s: str, places: dict[str, str], moves: bool) -> None:
+    def _bar(self, name: str, s: str, places: Places, moves: bool) -> None:
         """A derivative of stretch s, with cotangents at `places`, and what it gives added to
-        those of where its fields are.
+        those of where its fields are: of this step, or of all.
         """
-
-        def where(f: str) -> str:
-            if f[0] == ">":
-                return self.at("of_stretch", 0, f[2:])
-            return places[f] if f in places else self._of_stretch(f, s)
-
-        self._call(name, where)
+        self._call(name, lambda f: self._of_stretch(f, s), ("of tie", 0), places)
         for out in self.functions[name].outputs:
-            to, size = self._cotangent(out.removesuffix("_bar"), s, moves)
-            source = self.at("of_stretch", 0, out)
-            if size is None:
-                self._add(to, source, self.layout.fields("of_stretch")[out][1])
-            elif size:
-                self._sum(to, source, self.at("sample", 0, "good"), size)
+            field, source = out.removesuffix("_bar"), ("of tie", 0, out)
+            if own := self._of_this_step(field, s):
+                self._add(own, source)
+            elif place := self._cotangent(field, s, moves):
+                size = 1 if field == "start" else None  # the first number of what a tendon has
+                self._sum(place, source, self.at("sample", 0, "good"), size)
 
-    def _cotangent(self, field: str, s: str, moves: bool) -> tuple[str, int | None]:
-        """Where the cotangent of a field of stretch s is added up, and how many components it has:
-        0 where nobody asks for it, None where it is of this step.
-        """
-        records, (side, _, own), at = self.layout.records, field.partition("."), s
+    def _of_this_step(self, field: str, s: str) -> Place | None:
+        """Where the cotangent of a tension, or of what it is made from, is added up."""
+        side, _, own = field.partition(".")
         if side == "beyond":
-            return self.at("beyond_bar", s, own), None
-        if side in ("own", "last") or field in ("tension", "change"):
-            at = self.code.sub(s, 1) if side == "last" else s
-            own = own or field
-            return self.at("pull_bar" if own == "tension" else "at_stretch_bar", at, own), None
+            return "beyond_bar", s, own
+        if side not in ("own", "last") and field not in ("tension", "change"):
+            return None
+        at, own = self.code.sub(s, 1) if side == "last" else s, own or field
+        return "pull_bar" if own == "tension" else "at_stretch_bar", at, own
+
+    def _cotangent(self, field: str, s: str, moves: bool) -> Place | None:
+        """Of another field; None where nobody asks for it."""
+        side, _, own = field.partition(".")
         if field == "start":
-            tendon = self._integers("stretch", s)[TENDON]
-            return self.at("tendon_start_bar", tendon), 1
+            return "tendon_start_bar", self._integers("stretch", s)[TENDON]
         if side not in SIDES[1]:
-            record, at = f"{side}_bar", 0 if side == "common" else s
-        elif own in ("u", "m"):
-            record, field, at = "unknown_bar", bar(own), self._stretch_node(s, side)
-        else:
-            at, field = self._stretch_node(s, side), own
-            record = f"{own.partition('.')[0]}_bar" if "." in own else "start_bar"
-            at = self._support_of(at) if record == "support_bar" else at
-        if field not in records[record].fields or (record == "unknown_bar" and not moves):
-            return "", 0
-        return self.at(record, at, field), records[record].fields[field][1]
+            return self._own_bar(field, s)
+        if own in ("u", "m") and not moves:
+            return None
+        return self._node_bar(own, self._stretch_node(s, side))

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .joint_functions import BLOCKS
+from .interaction import TIE
+from .interaction_driver import Entry, InteractionCode
 from .node_kinds import SIDES, alike
-from .structure_code import StructureCode
-from .tendon_functions import CHAINED, SUMMED
+from .tendon_functions import SUMMED
 
-FIRST, LAST, TENDON, PLACES = 2, 3, 4, 5  # in an entry of the table
+FIRST, LAST, TENDON = 2, 3, 4  # in an entry of the table
 
 
-class TendonCode(StructureCode):
-    """Where the fields of stretches lie, and loops over them."""
+class TendonCode(InteractionCode):
+    """Where the fields of stretches lie, and loops over them; tensions, and what a state has of
+    tendons.
+    """
 
     def _each_stretch(self, word: str, then: Callable[[str, list[str], int], None]) -> None:
         """then(stretch, its entry of the table, the number of its functions of this word) of
@@ -40,6 +42,11 @@ class TendonCode(StructureCode):
             for k in kinds:
                 then(alike(self.kinds.stretches, k, word))
 
+    def _of_interaction(self, field: str, entry: Entry) -> str:
+        if entry.of is TIE:
+            return self._of_stretch(field, entry.number)
+        return super()._of_interaction(field, entry)
+
     def _of_stretch(self, field: str, s: str) -> str:
         """A field that is held by stretch s, at one of its ends, by what lies beyond, by the
         stretch before, or by all.
@@ -51,10 +58,7 @@ class TendonCode(StructureCode):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
             return self.at("beyond", s, name)
-        for record in ("pull", "told", "at_stretch", "stretch"):
-            if field in self.layout.fields(record):
-                return self.at(record, s, field)
-        return self.at("common", 0, field)
+        return self._first_of((*TIE.state, TIE.constants, "tie blocks"), field, s)
 
     def _of_pull(self, name: str, s: str) -> str:
         named = (x for x in ("pull", "told") if name in self.layout.fields(x))
@@ -69,35 +73,27 @@ class TendonCode(StructureCode):
 
     def _work(self, name: str, record: str, s: str, entry: list[str]) -> None:
         """Of a stretch, and what that adds to the energies."""
-        start = self.at("tendon_state", entry[TENDON], "tendons")
-        self._call(
-            name,
-            lambda f: (
-                self.at(record, 0, f[2:])
-                if f[0] == ">"
-                else start
-                if f == "start"
-                else self._of_stretch(f, s)
-            ),
-        )
+        places = {"start": ("tendon_state", entry[TENDON], "tendons")}
+        self._call(name, lambda f: self._of_stretch(f, s), (record, 0), places)
         if "energy" in self.layout.records:
-            self._add(self.at("energy", 0, "rise"), self.at(record, 0, "rise"), 1)
+            self._add(("energy", 0, "rise"), (record, 0, "rise"))
 
     def _start_tendons(self) -> None:
         """Nothing is told to the first iteration."""
         if "told" in self.layout.records:
-            size = self.layout.records["told"].size
-            self._stretches(lambda s, _: self._fill(self.at("told", s), size))
+            self._stretches(lambda s, _: self._fill(("told", s)))
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""
+        if not self.kinds.stretches:
+            return
         code, size = self.code, len(SUMMED)
 
         def sums(s: str, entry: list[str]) -> None:
             self._of_kind(
                 s, "stretch", lambda k: self._call(f"stretch {k}", lambda f: self._put(f, s))
             )
-            self._fill(self.at("pull", s), self.layout.records["pull"].size)
+            self._fill(("pull", s))
             self._copy_to(self.at("beyond", s), self.at("at_stretch", s), size)
             with code.when(code.compare("eq", entry[LAST], 0)):
                 self._add(self.at("beyond", s), self.at("beyond", code.add(s, 1)), size)
@@ -117,74 +113,6 @@ class TendonCode(StructureCode):
     def _put(self, field: str, s: str) -> str:
         return self._of_pull(field[2:], s) if field[0] == ">" else self._of_stretch(field, s)
 
-    def _tie_to(self, name: str, s: str) -> None:
-        """A function that gives blocks."""
-        self._call(
-            name, lambda f: self.at("ties", s, f[2:]) if f[0] == ">" else self._of_stretch(f, s)
-        )
-
-    def _join_ties(self) -> None:
-        """Blocks of stretches."""
-        code, own = self.code, self.layout.fields("ties")
-
-        def join(s: str, entry: list[str]) -> None:
-            for i, name in enumerate((*BLOCKS, *CHAINED)):
-                if name not in own:
-                    continue
-                first, stride = entry[PLACES + 2 * i : PLACES + 2 * i + 2]
-                with code.when(code.compare("sge", first, 0)):
-                    self._add_block(first, stride, self.at("ties", s, name))
-            if "right" in own:
-                first, stride, _ = entry[-3:]
-                with code.when(code.compare("sge", first, 0)):
-                    self._add_column(first, stride, self.at("ties", s, "right"))
-
-        self._stretches(join)
-
-
-class TendonPasses(TendonCode):
-    """Balance of nodes that tendons pull, and the state of tendons after a step."""
-
-    def _tie(self) -> None:
-        """Pushes on the nodes, and blocks."""
-        if not self.kinds.stretches:
-            return
-        self._tensions()
-
-        def tie(s: str, entry: list[str], kind: int) -> None:
-            self._tie_to(f"tie {kind}", s)
-            for side in self.kinds.stretches[kind].sides:
-                push = self.at("push", self._stretch_node(s, side))
-                size = self.layout.records["push"].size
-                self._add(push, self.at("ties", s, f"{side}.push"), size)
-
-        self._each_stretch("tie", tie)
-
-    def _tie_reactions(self, support: str, node: str) -> None:
-        """What stretches add to the reaction of a support, at a node."""
-        code, w = self.code, self.layout.records["move"].size
-
-        def reaction(s: str, entry: list[str], kind: int) -> None:
-            own = self.kinds.stretches[kind]
-            moves = {
-                f"{side}.move": self.at("move", self._move_of(self._stretch_node(s, side)))
-                for side in SIDES[1]
-            } | {"joint.move": self._matrix(entry[-1])}
-
-            def where(f: str) -> str:
-                if f == "end_free":
-                    return self.at("free", node, "free")
-                if f[0] == ">":
-                    return self.at("tie_reaction", 0, f[2:])
-                return moves[f] if f in moves else self.at("ties", s, f)
-
-            for side in own.sides:
-                with code.when(code.compare("eq", self._stretch_node(s, side), node)):
-                    self._call(f"tie reaction {kind} {side}", where)
-                    self._add(self.at("support", support, "reaction"), self.at("tie_reaction"), w)
-
-        self._each_stretch("tie", reaction)
-
     def _finish_tendons(self, good: str) -> None:
         """Work and readings."""
         if not self.kinds.stretches:
@@ -194,7 +122,7 @@ class TendonPasses(TendonCode):
 
         def work(s: str, entry: list[str]) -> None:
             self._work("tendon work", "tendon_change", s, entry)
-            self._sum(self.at("sample", 0, "work"), self.at("tendon_change", 0, "work"), good, 1)
+            self._sum(("sample", 0, "work"), ("tendon_change", 0, "work"), good)
 
         def read(s: str, entry: list[str]) -> None:
             to = self.at("tendon_state", entry[TENDON], "tendons")

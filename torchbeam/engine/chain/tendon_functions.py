@@ -27,14 +27,12 @@ from ...nodal.rope import Rope, Stretches, along_stretch
 from ...nodal.tendon_motion import TendonMotion
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
-from .joint_functions import BLOCKS, TRANSPOSED
+from .interaction_functions import transposed
 from .local_problem import Fields, LocalProblems
 from .node_kinds import SIDES, EndKind, StretchKind
 
 # what a tension follows from, of all stretches from one on
 SUMMED = "length", "before", "change", "rate"
-# what unknowns of a stretch have in common with those of the one before, and the other way round
-CHAINED = "back", "ahead"
 
 
 @dataclass(frozen=True)
@@ -101,11 +99,10 @@ class TendonFunctions(LocalProblems):
             "turned": along_stretch(turn, ends[0], fields["last.length"][None]),
         } | ({} if told is None or grip.told is None else {"told": grip.told[0]})
 
-    def tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
+    def tie(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """What a stretch gives its nodes, see `JointFunctions.joint`: its push (w) by end, blocks
         (w, w); where other stretches matter (`coupled`) those of its own unknowns, too, and with
-        those of the one before (`back`, and `ahead` in its rows). Where supports hold nodes
-        (`held`), the ends' whole rows.
+        those of the one before.
         """
         if not kind.sides:  # between points of the ground
             return self._own_blocks(fields) if kind.coupled else {}
@@ -120,38 +117,31 @@ class TendonFunctions(LocalProblems):
         unit = tendons.loaded(T.new_zeros(n, w), lambda: motion._replace(given=T.new_ones(1)))
         pulled = motion._replace(given=T[None])
         blocks = tendons.blocks(pulled, half, problem.RATE).unflatten(0, (n, n))
-        outputs, own = {}, {}
+        outputs = {}
         if kind.coupled:
             outputs = self._own_blocks(fields)
             own = self._own_rows(tendons, motion, half, problem.RATE, fields)
-        free = {side: fields[f"{side}.free"] for side in kind.sides} if held else {}
+            outputs |= {f"o{side}": own[side] for side in kind.sides}
         for k, side in enumerate(kind.sides):
-            rows = {f"{side}{other}": blocks[k, m] for m, other in enumerate(kind.sides)}
-            if kind.coupled:
-                rows[f"{side}.force"] = torch.nn.functional.pad(unit[k][:, None], (0, w - 1))
             outputs[f"{side}.push"] = T * unit[k]
-            if held:
-                outputs[f"{side}.row"] = torch.cat([*rows.values()], -1)
-            rows |= {f"{side}.constraint": own[side]} if kind.coupled else {}
-            for name, block in rows.items():
-                row, column = BLOCKS[name]
-                block = block * free[row][:, None] if row in free else block
-                outputs[name] = block * free[column] if column in free else block
+            if kind.coupled:
+                outputs[f"{side}o"] = torch.nn.functional.pad(unit[k][:, None], (0, w - 1))
+            outputs |= {side + other: blocks[k, m] for m, other in enumerate(kind.sides)}
         return outputs
 
     def _own_blocks(self, fields: Fields) -> Fields:
         """Of dT, dS, dA by themselves, by those of the stretch before, and of dS there."""
         w, T = self.model.space.unknowns, fields["tension"]
         entries = {
-            "idle": {(0, 1): -fields["slope"]},
-            "back": {(0, 0): -fields["ratio"], (0, 2): -T},
-            "ahead": {(1, 1): -torch.ones_like(T)},
+            "oo": {(0, 1): -fields["slope"]},
+            "op": {(0, 0): -fields["ratio"], (0, 2): -T},
+            "po": {(1, 1): -torch.ones_like(T)},
         }
         blocks = {}
         for name, there in entries.items():
             rows = [[there.get((i, j), torch.zeros_like(T)) for j in range(w)] for i in range(w)]
             blocks[name] = torch.stack([torch.stack(row) for row in rows])
-        blocks["idle"] = blocks["idle"] + torch.eye(w, dtype=T.dtype)
+        blocks["oo"] = blocks["oo"] + torch.eye(w, dtype=T.dtype)
         return blocks
 
     def _own_rows(
@@ -180,22 +170,9 @@ class TendonFunctions(LocalProblems):
         return by_side
 
     def transposed_tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
-        """Blocks in the transposed matrix; where supports hold nodes, with what cotangents of their
-        reactions are to the balances (`reaction`) of the ends, what is asked of the ends (`asked`,
-        w), and of its own unknowns (`right`, w).
-        """
-        pushes = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        outputs = self.tie(held, kind, **fields)
-        pairs = TRANSPOSED | dict(zip(CHAINED, CHAINED[::-1], strict=True))
-        names = [name for name in (*BLOCKS, *CHAINED) if name in outputs]
-        turned = {name: outputs[pairs.get(name, name)].mT for name in names}
-        asked: Fields = {}
-        for side, push in pushes.items():
-            parts = (push @ outputs[f"{side}.row"]).split(self.model.space.unknowns)
-            names = [f"{end}.asked" for end in kind.sides] + ["right"] * kind.coupled
-            for name, part in zip(names, parts, strict=True):
-                asked[name] = asked.get(name, 0.0) + part
-        return turned | asked
+        """See `interaction_functions.transposed`."""
+        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
+        return transposed(self.tie(kind, **fields), reactions)
 
     def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""

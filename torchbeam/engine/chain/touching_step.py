@@ -31,8 +31,6 @@ from ...nodal.touching import Nearby, spread
 from ...nodal.touching_motion import TouchingMotion
 from ...scene.effects import Inputs
 from ...state.state import State
-from ...topology.chain import Chain
-from ...topology.framework import Framework
 from .clearance import Clearance
 from .compiled_step import CompiledStep, Steps, Whole
 
@@ -214,16 +212,10 @@ class TouchingStep:
 
 
 def with_pairs(model: Model, near: list[Nearby]) -> Model:
-    """A model with these pairs alone; their nodes are of the interface. A rod of which no part
-    touches another has none: it is a chain.
-    """
+    """A model with these pairs alone; their nodes are of the interface."""
     touching, topology = fixed(model.touching, near), model.topology
-    if isinstance(topology, Chain):
-        topology = Framework(topology.order, (topology.element_count,))
     nodes = sorted({node for own in touching.nodes for node in own})
     topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
-    if topology == Framework(topology.order, topology.chains[:1]):
-        topology = Chain(topology.order, *topology.chains)
     return replace(model, touching=touching, topology=topology)
 
 

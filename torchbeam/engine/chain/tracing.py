@@ -20,7 +20,8 @@ from .tendon_functions import SUMMED
 
 Shapes = dict[str, tuple[int, ...]]
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
-OF_LOADS = ("node", "finish")  # functions that ask loads, and so what users wrote
+# functions that ask loads, and so what users wrote
+OF_LOADS = ("node", "finish", "coupling", "transposed_coupling", "finish_coupling")
 
 
 class Tracing:
@@ -97,6 +98,7 @@ class Tracing:
         self.stretch |= of_stretch()
         self.pair = {**self.constants["pair"], **self.constants["common"]}
         self.pair |= _at_sides(own | free, PAIR_SIDES)
+        self.coupling = self.pair
 
         own = [x for one in local.common.captured for x, _ in flattened(one)]
         self.captured = {

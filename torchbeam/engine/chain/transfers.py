@@ -28,7 +28,7 @@ ENTRY = (
 
 class Transfers:
     """Text of the functions `gather`, `scatter`, and `drain` (scatter, and leave zeros), which
-    `ChainCode` calls.
+    `DriverCode` calls.
     """
 
     NAMES = "gather", "scatter", "drain"

@@ -13,6 +13,7 @@ from torch import Tensor
 from ...core.leaves import AXES, own_leaves, with_values
 from ...core.python_values import Read, of_class
 from ...core.surroundings import Surroundings, Unsteady
+from ...nodal import interactions
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
@@ -31,6 +32,7 @@ Made = TypeVar("Made")
 def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
+    loads += model.scene.interactions
     return [load for load in loads if written(load)]
 
 
@@ -41,14 +43,15 @@ def written(effect: Any) -> bool:
 
 def check_batch(model: Model, batch: tuple[int, ...]) -> None:
     """See `check_samples`: of functions of the motion that native code evaluates for a batch."""
-    own = [load for load in by_function(model) if not tried(functions_of(load))]
-    if not own or torch.Size(batch).numel() < 2:
+    loads = [load for load in by_function(model) if not tried(functions_of(load))]
+    if not loads or torch.Size(batch).numel() < 2:
         return
     with torch.no_grad():
         still = Constants(model).still
         nodes, t, inputs = _moving(model, still, torch.zeros_like(still.position))
-        now = conditions(model, t, inputs, loads=tuple(own))
-        for acting, point in load_points(model, nodes, now, now.loads):
+        now = conditions(model, t, inputs, loads=tuple(loads))
+        several = interactions.points(model, nodes, now)
+        for acting, point in (*load_points(model, nodes, now, now.loads), *several):
             check_samples(acting.load, point, t, inputs, batch)
 
 
@@ -58,11 +61,11 @@ def surroundings(loads: list[Any]) -> Surroundings:
     """
     reads: list[Read] = []
     for load in loads:
-        own = not of_library(load)
+        users = not of_library(load)
         functions = {leaf.name for leaf in own_leaves(load) if leaf.axes is None}
-        for one in fields(load):
-            if one.name in functions or (own and AXES not in one.metadata):
-                reads.append((one.name, lambda load=load, name=one.name: getattr(load, name)))
+        for field in fields(load):
+            if field.name in functions or (users and AXES not in field.metadata):
+                reads.append((field.name, lambda load=load, name=field.name: getattr(load, name)))
         reads += of_class(type(load))
     return Surroundings(reads)
 
@@ -138,14 +141,14 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
         and all(n in (1, size) for n, size in zip(x.shape, batch, strict=False))
     }
 
-    def given(stand: dict[int, Tensor], shift: Tensor) -> Tensor:
+    def answers(stand: dict[int, Tensor], shift: Tensor) -> Tensor:
         """What functions give (..., numbers), with the axes of the batch."""
         lead = shift.shape[:axes]
         with Readings(lambda x: False, stand):
             load, internal = _in_motion(model, still, shift)
         parts = [
-            x.expand(*lead, *x.shape[x.ndim - own :]).flatten(axes)
-            for x, own in ((load, 2), (internal, 1))
+            x.expand(*lead, *x.shape[x.ndim - last :]).flatten(axes)
+            for x, last in ((load, 2), (internal, 1))
             if isinstance(x, Tensor)
         ]
         return torch.cat(parts, -1)
@@ -154,19 +157,21 @@ def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]
         return x[tuple(slice(None) if n == 1 else slice(k, k + 1 or None) for n in x.shape[:axes])]
 
     stand = {name: x for name, (_, x) in numbers.items()}
-    whole, separable = given(stand, shift), []
+    whole, separable = answers(stand, shift), []
     for name, x in stand.items():
         other = x.clone()
-        own = torch.zeros(*(1 if n == 1 else size for n, size in zip(x.shape, batch, strict=False)))
+        mask = torch.zeros(
+            *(1 if n == 1 else size for n, size in zip(x.shape, batch, strict=False))
+        )
         row(other, 0).add_(sizes[name])
-        row(own, 0).add_(1.0)
-        changed = (given({**stand, name: other}, shift) != whole).any(-1)
-        if changed.any() and not (changed & (own == 0)).any():
+        row(mask, 0).add_(1.0)
+        changed = (answers({**stand, name: other}, shift) != whole).any(-1)
+        if changed.any() and not (changed & (mask == 0)).any():
             separable.append(name)
     for now in (stand, {name: x for name, (x, _) in numbers.items()}):
-        whole = given(now, shift)
+        whole = answers(now, shift)
         for k in (0, -1):
-            alone = given(now | {name: row(now[name], k) for name in separable}, row(shift, k))
+            alone = answers(now | {name: row(now[name], k) for name in separable}, row(shift, k))
             if not torch.allclose(row(whole, k), alone, rtol=1e-6, equal_nan=True):
                 return []
     return [numbers[name][0] for name in separable]
@@ -202,8 +207,8 @@ def _site_by_site(model: Model) -> bool:
     its number and the other sites are, as native code takes them: tried in some motion, at some
     instant, with some inputs.
     """
-    own = tuple(load for load in by_function(model) if load.node is None)
-    if not own:
+    loads = tuple(load for load in by_function(model) if load.node is None)
+    if not loads:
         return True
     still, generator = Constants(model).still, torch.Generator().manual_seed(0)
 
@@ -213,7 +218,7 @@ def _site_by_site(model: Model) -> bool:
     nodes, t, inputs = _moving(model, still, drawn(still.position))
     nodes, t = nodes._replace(internal=drawn(nodes.internal)), t + 0.37
     inputs = {name: drawn(x) for name, x in inputs.items()}
-    now = conditions(model, t, inputs, loads=own)
+    now = conditions(model, t, inputs, loads=loads)
     return all(
         (_alone if isinstance(acting.load, Load) else _alike)(acting.load, point, t, inputs)
         for acting, point in load_points(model, nodes, now, now.loads)
@@ -235,16 +240,16 @@ def _alone(load: Load, point: LoadPoint, t: Tensor, inputs: Inputs) -> bool:
     """
     load = load.at_sites(point.s, t, inputs, point.elements) or load
 
-    def given(load: Load, point: LoadPoint) -> list[Tensor]:
+    def answers(load: Load, point: LoadPoint) -> list[Tensor]:
         rates = [load.rates(point, point.internal, t, inputs)] if load.internal else []
         return [together(load.wrench(point, t, inputs), point.R), *rates]
 
-    whole, count = given(load, point), point.s.shape[-1]
+    whole, count = answers(load, point), point.s.shape[-1]
     for k in {0, count // 2, count - 1}:
         values = {name: x[..., k : k + 1] for name, x in (load.values or {}).items()}
-        one = with_values(load, values=values) if values else load
+        alone_load = with_values(load, values=values) if values else load
         try:
-            alone = given(one, replace(_sites(point, slice(k, k + 1)), elements=1))
+            alone = answers(alone_load, replace(_sites(point, slice(k, k + 1)), elements=1))
         except (ValueError, IndexError, RuntimeError):  # it wants as many sites as there are
             return False
         for x, y in zip(whole, alone, strict=True):
@@ -272,12 +277,12 @@ def _sites(point: LoadPoint, rows: list[int] | slice) -> LoadPoint:
     """Sites along the beam of these numbers."""
     by_axes = {"R": 2, "mass": 2, "s": 0}
     by_axes |= {name: 1 for name in (*MOTION, INTERNAL) if name != ROTATION}
-    given = {name: getattr(point, name) for name in by_axes}
+    values = {name: getattr(point, name) for name in by_axes}
     return replace(
         point,
         **{
             name: x[(..., rows, *(slice(None),) * by_axes[name])]
-            for name, x in given.items()
+            for name, x in values.items()
             if x is not None
         },
     )

@@ -97,3 +97,32 @@ def test_samples_of_a_solution_that_fail():
     fit = tb.identify(model, data, {"EI": tb.Parameter(0.3, "log")}, sigma=1e-3)
     assert fit.status == 0 and fit.history.max() < 1.2
     assert_close(fit["EI"], torch.tensor(1.1), rtol=1e-5, atol=0)
+
+
+@pytest.mark.steps
+def test_a_free_decay_asks_for_no_forward_mode():
+    """Eight periods of a strip let go from a large bend, its strain at the clamp read:
+    differences of 1e-4 depend on their step, shorter ones do not; forward mode would be eager
+    steps, hundreds of times as long.
+    """
+    T, steps, passes = 8 * 0.613, 160, []
+    times = torch.linspace(0, T, steps + 1)
+
+    def strip(E, tau, *effects):
+        section = tb.Section.rectangle(0.03, 0.002, E=E, nu=0.33, rho=2700.0)
+        return tb.Scene(tb.Beam.straight(1.0, 8, section), [tb.Damping(tau), *effects])
+
+    bent = tb.equilibrium(strip(69e9, 2e-5, tb.TipLoad(force=(0, 0, 20.0))))
+    gauge = tb.sensors.Gauge(0.05, strip(69e9, 2e-5).beam, z=0.001)
+
+    def strain(theta):
+        passes.append(len(theta))
+        moved = tb.simulate(strip(*theta.T), times, initial=bent, step=T / steps)
+        return tb.observe(moved, gauge, times)[..., 0].mT, moved.status
+
+    clean = strain(torch.tensor([[69e9, 2e-5]]))[0][0]
+    noise = torch.randn(steps + 1, generator=torch.Generator().manual_seed(0))
+    data = clean + 0.01 * clean.std() * noise
+    fit = tb.identify(strain, data, (1.1 * 69e9, 1.4e-5), log=True)  # a warning would be an error
+    assert fit.derivatives == "difference" and len(passes) < 60
+    assert_close(fit.theta[0].item(), 69e9, rtol=1e-3, atol=0)

@@ -159,6 +159,32 @@ def test_numbers_that_the_model_has_fitted(noise):
     assert_close(by_model.interval()[0], by_search.interval()[0], rtol=1e-3, atol=0)
 
 
+def test_a_line_in_the_channels_costs_few_runs():
+    """Two channels of a decaying oscillation, both with a line next to its frequency that the model
+    misses: rounds in turn with the noise, which converge slowly, ask for no runs but where the
+    tangent has settled (484 samples of the model where each round asked, 49 of a common noise).
+    """
+    t, samples = torch.linspace(0, 5, 161), [0]
+    factors = torch.tensor([1.0, -2.0])
+
+    def ringing(theta):
+        samples[0] += len(theta["w"])
+        phase = theta["w"][:, None] * t
+        return (torch.exp(-theta["d"][:, None] * t) * torch.cos(phase))[..., None] * factors
+
+    clean = ringing({"w": torch.tensor([10.0]), "d": torch.tensor([0.1])})[0]
+    noise = 0.02 * torch.stack(drawn((161, 161), (1.0, 2.0), 4), -1)
+    data = clean + noise + 0.05 * torch.sin(10.05 * t)[:, None] * factors.abs()
+    runs = {}
+    for kind in ("common", "channel"):
+        samples[0] = 0
+        start = {"w": tb.Parameter(10.3, "log"), "d": tb.Parameter(0.07, "log")}
+        fit = tb.identify(ringing, tb.Measurement(data, times=t, name="a"), start, noise=kind)
+        assert fit.status == 0
+        runs[kind] = samples[0]
+    assert runs["channel"] < 3 * runs["common"]
+
+
 # fmt: off
 REFUSED = {
     "one reading": (dict(data=[tb.Measurement(CLEAN), tb.Measurement(1.0, name="ruler")]),

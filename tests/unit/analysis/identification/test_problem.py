@@ -130,6 +130,24 @@ def test_differences_of_many_periods_are_those_of_a_shorter_step():
         assert tb.identify(decay, decay(exact), start, relative_step=1e-4).derivatives == "forward"
 
 
+def test_differences_of_a_model_that_jumps_are_those_of_a_shorter_step():
+    """A model that jumps by 1e-5, as where a step's parts are one more, next to the start: steps
+    down to 1e-6 see the jump, which is the whole of their difference, those of 1e-7 and 1e-8 do
+    not; b, which has none, keeps the step that was right, whose rounding is a ten-thousandth.
+    """
+    seen = []
+
+    def jumping(theta):
+        seen.append(theta["b"].unique())
+        return wave(theta) + 1e-5 * (theta["a"] > 1 + 3e-7)[:, None] * torch.cos(T)
+
+    fit = tb.identify(jumping, CLEAN, {"a": 1.0, "b": 1.0})  # a SlowPathWarning would be an error
+    assert fit.derivatives == "difference"
+    assert_close(fit.theta, torch.tensor([2.0, 0.7]), rtol=1e-4, atol=0)
+    chosen = seen[5]  # after two passes to begin with and four shorter ones
+    assert_close((chosen - 1).abs().max().item(), 1e-4, rtol=1e-6, atol=0)
+
+
 def test_automatic_derivatives():
     """Differences where they are good; forward mode, with a warning, where noise of the model, here
     1e-5, spoils them.

@@ -8,7 +8,7 @@ import torchbeam as tb
 from torchbeam.engine.chain.cells import cells_of
 from torchbeam.engine.chain.layout import JOINTS
 from torchbeam.engine.chain.node_kinds import kinds_of
-from torchbeam.engine.chain.structure_order import Connectivity, connectivity_of, order_of
+from torchbeam.engine.chain.order import Connectivity, connectivity_of, order_of
 from torchbeam.nodal.discretise import discretise
 from torchbeam.topology.framework import Framework
 

@@ -19,13 +19,13 @@ def test_long_tendons_cost_as_many_numbers_more_as_they_are_longer():
     """The system of the interface is sparse: friction couples all nodes, but its numbers grow with
     the eyelets, not with their square.
     """
-    from torchbeam.engine.chain.structure_tables import StructureTables
+    from torchbeam.engine.chain.tables import Tables
     from torchbeam.nodal.discretise import discretise
 
     def numbers(count):
         own = tb.Beam.straight(1.0, count, section(torch.tensor(1.0)))
         pull = tb.Tendon.along(own, (0, 0, 0.02), tension=1.0, friction=0.1, slip_speed=0.1)
-        return StructureTables.of(discretise(tb.Scene(own, [pull]))).numbers["entry_count"]
+        return Tables.of(discretise(tb.Scene(own, [pull]))).numbers["entry_count"]
 
     assert numbers(40) < 2.1 * numbers(20)
 

@@ -4,7 +4,7 @@ properties/test_parity.py.
 
 import random
 
-from torchbeam.engine.chain.structure_order import Connectivity, order_of, ordered
+from torchbeam.engine.chain.order import Connectivity, order_of, ordered
 from torchbeam.topology.cut import cut
 from torchbeam.topology.framework import Framework
 

@@ -7,8 +7,8 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.compiled_cases import cases
+from tests.cases.evaluate import evaluate
 from torchbeam.engine.compiler.derivative import bar, dot, jvp, vjp
-from torchbeam.engine.compiler.evaluate import evaluate
 from torchbeam.engine.compiler.trace import trace
 
 

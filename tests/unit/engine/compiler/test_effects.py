@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch.testing import assert_close
 
+from tests.cases.evaluate import evaluate
 from tests.cases.nodal_cases import spd
 from torchbeam.core.leaves import bound
-from torchbeam.engine.compiler.evaluate import evaluate
 from torchbeam.engine.compiler.trace import trace
 from torchbeam.math import quaternions as quat
 from torchbeam.scene import effects as fx

@@ -11,9 +11,9 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.compiled_cases import cases, native
+from tests.cases.evaluate import evaluate
 from torchbeam.engine.compiler.derivative import bar, vjp
 from torchbeam.engine.compiler.elementary import elementary
-from torchbeam.engine.compiler.evaluate import evaluate
 from torchbeam.engine.compiler.function import Function, Output
 from torchbeam.engine.compiler.graph import Graph
 from torchbeam.engine.compiler.llvm import Module

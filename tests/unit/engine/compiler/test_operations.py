@@ -9,8 +9,8 @@ import torch
 from torch.nn import functional as F
 from torch.testing import assert_close
 
+from tests.cases.evaluate import evaluate
 from torchbeam.engine.compiler.derivative import bar, vjp
-from torchbeam.engine.compiler.evaluate import evaluate
 from torchbeam.engine.compiler.trace import NotTraceable, trace
 
 EDGES = torch.tensor([-1.0, -0.4, 0.1, 0.5, 1.2])

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from torchbeam.engine.compiler.evaluate import evaluate
+from tests.cases.evaluate import evaluate
 from torchbeam.engine.compiler.packing import Packing
 from torchbeam.engine.compiler.trace import trace
 

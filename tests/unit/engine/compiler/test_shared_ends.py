@@ -3,7 +3,7 @@
 import torch
 from torch.testing import assert_close
 
-from torchbeam.engine.compiler.evaluate import evaluate
+from tests.cases.evaluate import evaluate
 from torchbeam.engine.compiler.shared_ends import END, share_ends
 from torchbeam.engine.compiler.trace import trace
 

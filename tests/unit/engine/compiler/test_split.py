@@ -7,7 +7,7 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.compiled_cases import cases
-from torchbeam.engine.compiler.evaluate import evaluate
+from tests.cases.evaluate import evaluate
 from torchbeam.engine.compiler.split import HOISTED, split
 from torchbeam.engine.compiler.trace import trace
 

@@ -10,7 +10,7 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.compiled_cases import cases
-from torchbeam.engine.compiler.evaluate import evaluate
+from tests.cases.evaluate import evaluate
 from torchbeam.engine.compiler.trace import NotTraceable, trace
 from torchbeam.math import quaternions as quat
 from torchbeam.scene.effects.load_point import jacobians

@@ -14,9 +14,13 @@ from ...nodal.model import Model
 from ...nodal.tendon_motion import NoTendons
 from ...topology.cut import Cut, Joints, Run
 from ...topology.framework import Framework
+from .layout import INTERFACE
 
-# how runs are eliminated, see `manners_of`
-MANNERS = ("backward", "bordered", "following backward", "following forward", "forward")
+# how nodes are eliminated, see `manners_of`
+MANNERS = (
+    *("backward", "bordered", "following backward", "following forward", "forward"),
+    INTERFACE,
+)
 Couplings = list[tuple[int, int]]
 
 
@@ -34,8 +38,8 @@ class Stretch(NamedTuple):
 
 class Connectivity(NamedTuple):
     """What the order follows from: the framework, the nodes that supports hold, how much each joint
-    holds, the stretches of tendons, the nodes of pairs that touch, and how many of the last nodes
-    cells share.
+    holds, the stretches of tendons, the nodes of pairs that touch, how many of the last nodes
+    cells share, and the nodes of couplings.
     """
 
     framework: Framework
@@ -44,6 +48,7 @@ class Connectivity(NamedTuple):
     stretches: tuple[Stretch, ...] = ()
     pairs: tuple[tuple[int, ...], ...] = ()
     shared: int = 0
+    couplings: tuple[tuple[int, ...], ...] = ()
 
 
 class Order(NamedTuple):
@@ -73,13 +78,14 @@ def connectivity_of(model: Model) -> Connectivity:
     held = tuple(map(int, joints.held.sum(-1))) if joints.count else ()
     pairs = getattr(model.touching, "nodes", ())
     supports, stretches = model.constraints.nodes, stretches_of(model.tendons)
-    return Connectivity(model.topology, supports, held, stretches, pairs)
+    couplings = tuple(one.nodes for one in model.scene.interactions)
+    return Connectivity(model.topology, supports, held, stretches, pairs, couplings=couplings)
 
 
 def manners_of(model: Model) -> tuple[str, ...]:
-    """How runs of nodes are eliminated, as many as there are of: "forward" or "backward" from a
-    free end, "following forward" or "following backward" from an end that is eliminated before,
-    "bordered" otherwise.
+    """How nodes are eliminated, as many as there are of: runs "forward" or "backward" from a free
+    end, "following forward" or "following backward" from an end that is eliminated before,
+    "bordered" otherwise; what is at the "interface".
     """
     return manners_by(model.topology, order_of(connectivity_of(model)))
 
@@ -89,7 +95,8 @@ def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
     manners = {run.manner for runs in framework.cut.runs for run in runs} - {"between"}
     for run, place in order.following:
         manners.add(f"following {'forward' if place == run.before else 'backward'}")
-    return tuple(sorted(manners | ({"bordered"} if order.bordered else set())))
+    more = {"bordered": order.bordered, INTERFACE: framework.cut.interface}
+    return tuple(sorted(manners | {name for name, own in more.items() if own}))
 
 
 def stretches_of(tendons: NoTendons) -> tuple[Stretch, ...]:
@@ -106,7 +113,7 @@ def stretches_of(tendons: NoTendons) -> tuple[Stretch, ...]:
 @lru_cache(maxsize=64)
 def order_of(connectivity: Connectivity) -> Order:
     """The order of a structure."""
-    framework, supports, held, stretches, pairs, shared = connectivity
+    framework, supports, held, stretches, pairs, shared, couplings_of = connectivity
     how, ends = framework.cut, framework.ends
     nodes = [ends[end] for end in how.interface]
     couplings = _of_joints(how)
@@ -119,7 +126,7 @@ def order_of(connectivity: Connectivity) -> Order:
             couplings += [(place, unit) for place in there]
             couplings += [] if stretch.first else [(unit - 1, unit)]
     place = {node: k for k, node in enumerate(nodes)}
-    touching = {frozenset(place[node] for node in pair) for pair in pairs}
+    touching = {frozenset(place[node] for node in own) for own in (*pairs, *couplings_of)}
     couplings += sorted({pair for own in touching for pair in combinations(sorted(own), 2)})
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supports)
     between = [run for runs in how.runs for run in runs if run.manner == "between"]

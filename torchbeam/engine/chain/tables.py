@@ -16,8 +16,9 @@ from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
-from .joint_functions import BLOCKS
+from .interaction import COUPLING, INTERACTIONS, JOINT, OWN, TIE, Interaction
 from .layout import (
+    COUPLINGS,
     ELEMENT_PLACES,
     ENTRIES,
     INTERFACE,
@@ -28,15 +29,42 @@ from .layout import (
     STRETCHES,
     TENDONS,
 )
-from .structure_order import Connectivity, connectivity_of, order_of
+from .node_kinds import PAIR_SIDES
+from .order import Connectivity, connectivity_of, order_of
 
+# tables of integers that code reads, and numbers, by name
+LISTS = (
+    *("bases", "kinds", "element_kinds", "held", "support_of", "support_nodes"),
+    *(f"{one.constants}_{what}" for one in INTERACTIONS for what in ("kinds", "table")),
+    *("element_nodes", "left_elements", "right_elements", "node_places", "element_places"),
+    *("kept_nodes", "kept_elements", "interface", "direct", "elimination", "substitution"),
+    *("forward", "backward", "bordered", "following"),
+)
+COUNTS = (
+    *("nodes", "kept_node_count", "kept_element_count", "interface_count", "direct_count"),
+    *("forward_count", "backward_count", "bordered_count", "following_count"),
+    *(*(f"{one.constants}_count" for one in INTERACTIONS), "entry_count", "group_count"),
+    *("first_groups", "last_groups", "last_table"),
+    *("shared_groups", "shared_table", "shared_first", "shared_size"),
+    *("own_nodes", "own_interface", "own_joints"),
+)
+# integers of an entry
+WIDTH = {
+    "interface": 6,
+    "direct": 6,
+    "forward": 7,
+    "backward": 7,
+    "bordered": 16,
+    "following": 20,
+    **{one.constants: one.width for one in INTERACTIONS},
+}
 NONE = (-1, -1)  # the place of a block that is not there
 BYTES = 4  # of a number, at least
 ELEMENT_TURNS = 2  # places of elements along a run
 
 
 @dataclass(frozen=True)
-class StructureTables:
+class Tables:
     """rows: how many there are of a structure's records; lists: tables of integers; numbers: how
     many entries they have.
     """
@@ -46,15 +74,15 @@ class StructureTables:
     numbers: dict[str, int]
 
     @staticmethod
-    def of(model: Model, cells: Cells | None = None) -> StructureTables:
+    def of(model: Model, cells: Cells | None = None) -> Tables:
         """Of a model, or of one of its cells with what all share."""
         w = model.space.unknowns
         return _tables(w, connectivity_of(model) if cells is None else cells.connectivity)
 
 
 @lru_cache(maxsize=64)
-def _tables(w: int, connectivity: Connectivity) -> StructureTables:
-    framework, _, held, stretches, pairs, shared = connectivity
+def _tables(w: int, connectivity: Connectivity) -> Tables:
+    framework, _, held, stretches, pairs, shared, couplings_of = connectivity
     order = order_of(connectivity)
     how, ends, own_units = framework.cut, framework.ends, order.own_units
     nodes, J = [ends[end] for end in how.interface], len(how.joints)
@@ -84,34 +112,31 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     def between(row: int, column: int) -> tuple[int, int]:
         return pattern.place(equation[row], column)
 
+    def row(one: Interaction, units: dict[str, int | None], more: list[int]) -> list[int]:
+        """Of an interaction, whose ends and unknowns are these; None = there are none."""
+        table = [0 if units[side] is None else nodes[units[side]] for side in one.sides] + more
+        own = units[OWN]
+        for block in one.blocks:
+            at = [units[name] for name in block]
+            there = None not in at and (block != "oo" or equation[own] == own)  # a weld has none
+            table += between(*at) if there else NONE
+        if own is None:
+            return [*table, *NONE, -1] if one.unknowns else table
+        return [*table, *pattern.right(equation[own]), pattern.solution(own)]
+
     def joint(k: int) -> list[int]:
-        pair, row = how.joints[k], len(nodes) + k
-        place = dict(zip("ij", pair, strict=True))
-        table = [0 if place[side] is None else nodes[place[side]] for side in "ij"]
-        for name in BLOCKS:
-            rows, columns = (row if side == "" else place[side] for side in BLOCKS[name])
-            there = rows is not None and columns is not None
-            there = there and (name != "idle" or equation[row] == row)  # a weld has none
-            table += between(rows, columns) if there else NONE
-        return [*table, *pattern.right(equation[row]), pattern.solution(row)]
+        return row(JOINT, dict(zip("ijo", (*how.joints[k], len(nodes) + k), strict=True)), [])
 
     def stretch(s: int) -> list[int]:
         own, unit = stretches[s], own_units.get(s)
-        at = {
-            side: None if x is None else nodes.index(x)
-            for side, x in zip("ij", own.nodes, strict=True)
-        }
-        at[""] = unit
-        table = [node or 0 for node in own.nodes]
-        table += [int(own.first), int(own.last), own.tendon]
-        pairs = [tuple(at[side] for side in BLOCKS[name]) for name in BLOCKS]
+        at = [None if node is None else at_nodes[node] for node in own.nodes]
         before = None if unit is None or own.first else unit - 1
-        pairs += [(unit, before), (before, unit)]
-        for pair in pairs:
-            table += NONE if None in pair else between(*pair)
-        return table + (
-            [*NONE, -1] if unit is None else [*pattern.right(unit), pattern.solution(unit)]
-        )
+        units = dict(zip("ijop", (*at, unit, before), strict=True))
+        return row(TIE, units, [int(own.first), int(own.last), own.tendon])
+
+    def coupling(own: tuple[int, ...]) -> list[int]:
+        ends = [at_nodes[node] for node in own] + [None] * (len(PAIR_SIDES) - len(own))
+        return row(COUPLING, dict(zip(PAIR_SIDES, ends, strict=True)) | {OWN: None}, [])
 
     def follow(unit: int, run: Run, place: int) -> list[int]:
         """A run that goes on from a node which is eliminated, to the other one."""
@@ -195,6 +220,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "joint_table": [x for k in range(J) for x in joint(k)],
         "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
         "pair_table": touching() if pairs else [],
+        "coupling_table": [x for own in couplings_of for x in coupling(own)],
         "elimination": np.concatenate((np.empty(0, int), *pattern.elimination)),
         "substitution": [x for group in pattern.substitution for x in group],
     }
@@ -209,6 +235,7 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
         "joint_count": J,
         "stretch_count": len(stretches),
         "pair_count": len(pairs),
+        "coupling_count": len(couplings_of),
         "entry_count": pattern.size,
         "group_count": len(pattern.groups),
         "following_count": len(order.following),
@@ -226,10 +253,11 @@ def _tables(w: int, connectivity: Connectivity) -> StructureTables:
     flags = pattern.size // BYTES + 1  # one a number, in bytes
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
+    rows |= {COUPLINGS: len(couplings_of)}
     rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
     rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
     rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
-    return StructureTables(rows, lists, numbers)
+    return Tables(rows, lists, numbers)
 
 
 def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list[int]]:

@@ -1,5 +1,5 @@
-"""Native elimination of structures: the rows of runs of nodes, which are made as they are
-eliminated, and of the nodes between them.
+"""Native elimination: the rows of runs of nodes, which are made as they are eliminated, and of the
+nodes between them. A beam is one run.
 
 Runs are eliminated in order, from the end that is free if there is one, and leave their blocks with
 the interface's, whose system is solved by `BlockElimination`; runs that go on from one of its nodes
@@ -10,29 +10,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .joint_functions import BLOCKS
-from .tendon_driver import TendonPasses
+from .driver_code import Place, Places
+from .interaction import COUPLING, JOINT, PAIR, TIE
+from .tendon_driver import TendonCode
 
 
-class StructureRuns(TendonPasses):
-    """Elimination, and moves, of an iteration of Newton's method."""
+class Elimination(TendonCode):
+    """Elimination, and moves: of what `_node` and `_element`, and what connects nodes, give."""
 
     def _eliminate(self) -> None:
         """Of what nodes, elements and joints give. What cells share comes last, with what each of
         them leaves there.
         """
-        self._groups("clear", self.args["group_count"])
-        self._rows_at_joints(self.parts[0])
-        with self._entries("direct") as (_, (i, j, *places)):
-            self._add_block(*places[:2], self.at("interface", i, "U"))
-            self._add_block(*places[2:], self.at("interface", j, "L"))
+        if self.has_interface:
+            self._groups("clear", self.args["group_count"])
+            self._rows_at_joints(self.parts[0])
+            with self._entries("direct") as (_, (i, j, *places)):
+                self._add_block(*places[:2], self.at("interface", i, "U"))
+                self._add_block(*places[2:], self.at("interface", j, "L"))
         for manner in ("forward", "backward"):
             if manner in self.kinds.runs:
                 self._runs(manner)
+        if not self.has_interface:
+            return
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        self._join_ties()
-        self._join_pairs()
+        for one in (TIE, PAIR, COUPLING):
+            self._each_of(one, self._join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
@@ -71,6 +75,9 @@ class StructureRuns(TendonPasses):
     def _node_of_run(self, node: str) -> None:
         """What a node gives, unless that is held since `_at_interface`."""
         place = self._node_place(node)
+        if not self.has_interface:
+            self._node(node, place)
+            return
         with self.code.when(self.code.compare("slt", place, self.order + 1)):
             self._node(node, place)
 
@@ -78,23 +85,25 @@ class StructureRuns(TendonPasses):
         """Rows of the interface and of joints."""
         with self._entries("interface", shared=shared) as (p, entry):
             self._interface(p, entry)
-        if self.kinds.joints:
-            with self._entries("joint", shared=shared) as (k, entry):
-                self._join(k, entry)
+        self._each_of(JOINT, self._join, shared=shared)
 
-    def _around(self, node: str) -> dict[str, str]:
+    def _node(self, j: str, turn: str | int) -> None:
+        """What node j gives its row, and the elements at it, where it is held."""
+        raise NotImplementedError
+
+    def _element(self, e: str) -> None:
+        """What element e gives the rows of its ends, and its midside node."""
+        raise NotImplementedError
+
+    def _around(self, node: str) -> Places:
         """What a row of a node takes beside what nodes and elements give."""
-        return (self._near(node) if self.held else {}) | {"push": self.at("push", node)}
+        raise NotImplementedError
 
     def _row_kept(self, node: str) -> None:
         """Where a support holds a node: what its reaction takes."""
-        self._keep_rows("at_row", node)
 
     def _row_judged(self, name: str) -> None:
         """Sizes of a row, as its function of this name gives them."""
-        for size in self.layout.fields("sums"):
-            if size in self.functions[name].outputs:
-                self._largest(size, "at_row")
 
     def _sides_of(self, node: str) -> dict[str, str]:
         """What the elements on either side of a node leave, zeros where there is none."""
@@ -112,17 +121,12 @@ class StructureRuns(TendonPasses):
         self._add_block(*places[:2], self.at("interface", p, "D"))
         self._add_column(*places[2:], self.at("interface", p, "right"))
 
-    def _row_of(self, name: str, node: str, to: tuple[str, str], before: dict[str, str]) -> None:
+    def _row_of(self, name: str, node: str, to: Place, before: Places) -> None:
         """Row of a node by the function `name`, from the row `before`; to: its record."""
         sides, places = self._sides_of(node), self._around(node) | before
-        own = self.layout.records[to[0]].fields
-
-        def where(f: str) -> str:
-            if f[0] == ">":
-                return self.at(*to, f[2:]) if f[2:] in own else self.at("at_row", 0, f[2:])
-            return places[f] if f in places else sides[f.partition(".")[0]]
-
-        self._call_held(name, node, where, lambda: self._row_kept(node))
+        places |= {f"> {field}": (*to, field) for field in self.layout.fields(to[0])}
+        call = (lambda f: sides[f.partition(".")[0]]), ("at_row", 0), places
+        self._call_held(name, node, *call, after=lambda: self._row_kept(node))
         self._row_judged(name)
 
     def _groups(self, name: str, count: str, first: str | int = 0) -> None:
@@ -153,9 +157,10 @@ class StructureRuns(TendonPasses):
 
         with self._entries(table) as (_, (first, count, p, *places)):
             self._nodes_of_run(first, count, step, row)
-            with code.when(code.compare("sge", p, 0)):
-                last = code.add(first, code.mul(code.sub(count, 1), step))
-                self._leave(self.at("interface", p, coupling), last, *places)
+            if self.has_interface:
+                with code.when(code.compare("sge", p, 0)):
+                    last = code.add(first, code.mul(code.sub(count, 1), step))
+                    self._leave(self.at("interface", p, coupling), last, *places)
 
     def _each_following(
         self, then: Callable[[str, list[str]], None], backward: bool = False
@@ -221,7 +226,7 @@ class StructureRuns(TendonPasses):
         far its nodes are apart.
         """
         if manner.endswith("forward"):
-            return "row", "L", self.order
+            return "row forward", "L", self.order
         return "row backward", "U", -self.order
 
     def _leave(self, coupling: str, last: str, *places: str) -> None:
@@ -266,29 +271,16 @@ class StructureRuns(TendonPasses):
             side = self.at("row", last, "side")
             self._on_block("subtract_block", to_first, to_first_stride, coupling, side)
 
-    def _join(self, k: str, entry: list[str]) -> None:
-        """Blocks of a joint, and what its constraints are to change by."""
-        code = self.code
-        for i, name in enumerate(BLOCKS):
-            if name not in self.layout.records["joint_blocks"].fields:
-                continue
-            first, stride = entry[2 + 2 * i : 4 + 2 * i]
-            with code.when(code.compare("sge", first, 0)):
-                self._add_block(first, stride, self.at("joint_blocks", k, name))
-        *_, first, stride, _ = entry
-        self._add_column(first, stride, self.at("joint_blocks", k, "right"))
-
     def _moves(self) -> None:
+        """Of all nodes but those between the ends of an element."""
         code, w = self.code, self.layout.records["move"].size
         if self.cells > 1:
             self._groups("substitute", self.args["shared_groups"])
-        self._groups("substitute", self.args["last_groups"], self.args["last_table"])
-        self._each_following(self._follow_back, backward=True)
-        with self._entries("interface") as (_, (node, *_, solution)):
-            self._copy_to(self.at("move", self._move_of(node)), self._matrix(solution), w)
-        if self.kinds.joints:
-            with self._entries("joint") as (k, (*_, solution)):
-                self._copy_to(self.at("joint_move", k), self._matrix(solution), w)
+        if self.has_interface:
+            self._groups("substitute", self.args["last_groups"], self.args["last_table"])
+            self._each_following(self._follow_back, backward=True)
+            with self._entries("interface") as (_, (node, *_, solution)):
+                self._copy_to(self.at("move", self._move_of(node)), self._matrix(solution), w)
         for table in ("forward", "backward"):
             if table not in self.kinds.runs:
                 continue
@@ -310,6 +302,6 @@ class StructureRuns(TendonPasses):
                 after = self.at("move", self._move_of(code.add(node, self.order)))
                 self._back_to("back bordered", node, {"next": after, "first": front})
 
-    def _back_to(self, name: str, node: str, places: dict[str, str]) -> None:
-        places = {**places, "> move": self.at("move", self._move_of(node))}
-        self._call(name, lambda f: places.get(f) or self.at("row", node, f))
+    def _back_to(self, name: str, node: str, places: Places) -> None:
+        to = "move", self._move_of(node)
+        self._call(name, lambda f: self.at("row", node, f), to, places)

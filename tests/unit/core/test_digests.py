@@ -1,10 +1,11 @@
-"""fingerprint: what makes a function another one, and what does not."""
+"""digests of surroundings: what makes a function another one, and what does not."""
 
 import copy
 import dataclasses
 import functools
 import math
 import re
+import time
 import types
 
 import numpy as np
@@ -12,7 +13,14 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.core.fingerprint import NoFingerprint, fingerprint
+from torchbeam.core.surroundings import Surroundings
+
+
+def digests(value):
+    """Of what is seen whole."""
+    around = Surroundings([("", lambda: value)], strict=False)
+    assert not around.unseen
+    return around.digests()
 
 
 def function(code, name="f", **around):
@@ -35,18 +43,16 @@ CHANGED = {
 
 @pytest.mark.parametrize("name", CHANGED)
 def test_another_code(name):
-    assert fingerprint(function(CODE)) != fingerprint(function(CHANGED[name]))
+    assert digests(function(CODE)) != digests(function(CHANGED[name]))
 
 
 def test_the_same_code():
     """Comments, empty lines, the text of a docstring, the file."""
     documented = CODE.replace("\n", '\n    "Once."\n', 1)
-    assert fingerprint(function(CODE)) == fingerprint(
+    assert digests(function(CODE)) == digests(
         function("# a comment\n\n" + CODE.replace("return", "\n    return"))
     )
-    assert fingerprint(function(documented)) == fingerprint(
-        function(documented.replace("Once", "Twice"))
-    )
+    assert digests(function(documented)) == digests(function(documented.replace("Once", "Twice")))
 
 
 def test_globals_and_helpers():
@@ -58,19 +64,19 @@ def test_globals_and_helpers():
         helper = function("def helper(x):\n    return scale * x", "helper", scale=scale)
         module = types.ModuleType("users")
         module.power, module.unused = power, object()
-        return fingerprint(
+        return digests(
             function(
                 "def f(x):\n    g = lambda y: y + inner\n    return helper(g(x)) ** users.power",
                 helper=helper,
                 users=module,
                 inner=inner,
             )
-        )[0]
+        )
 
     base = known()
     assert base == known()
     for changed, part in (
-        (dict(scale=2.0), "helper.scale"),
+        (dict(scale=2.0), "scale"),
         (dict(power=3), "users.power"),
         (dict(inner=4.0), "inner"),
     ):
@@ -108,14 +114,10 @@ PAIRS = {
     "method": (Model(1.0).__call__, Model(2.0).__call__),
     "partial": (functools.partial(torch.add, other=1), functools.partial(torch.add, other=2)),
     "dataclass": (Record(1.0), Record(1.0, Record(2.0))),
-    "generator": (np.random.default_rng(0), np.random.default_rng(1)),
     "numpy's": (np.sin, np.cos), "torch's": (torch.sin, torch.cos),
     "built in": (math.sin, math.cos),
     "class": (Model, Record), "module": (torch.nn.Linear(2, 2), torch.nn.Linear(2, 2)),
     "distribution": (torch.distributions.Normal(0.0, 1.0), torch.distributions.Normal(0.0, 2.0)),
-    "pattern": (re.compile("a"), re.compile("b")),
-    "cached": (functools.lru_cache(function(CODE)),
-               functools.lru_cache(function(CHANGED["method"]))),
     "dtype": (torch.float32, torch.float64),
 }
 # fmt: on
@@ -125,18 +127,18 @@ PAIRS = {
 def test_values(name):
     """Two that differ, each the same as itself, and as a copy."""
     a, b = PAIRS[name]
-    assert fingerprint(a) == fingerprint(a) == fingerprint(copy.deepcopy(a))
-    assert fingerprint(a)[0] != fingerprint(b)[0]
+    assert digests(a) == digests(a) == digests(copy.deepcopy(a))
+    assert digests(a) != digests(b)
 
 
 def test_use_does_not_change():
     """What an object or a scene keeps for a second use."""
     model = Model(1.0)
     scene = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(9.0, 9.0, 1.0, 1.0, 1.0)))
-    before = fingerprint(model), fingerprint(lambda theta: scene)
+    before = digests(model), digests(lambda theta: scene)
     assert model.half and tb.equilibrium(scene) and tb.describe(scene)
     assert tb.simulate(scene, [0.0, 0.1], step=0.1)
-    assert before == (fingerprint(model), fingerprint(lambda theta: scene))
+    assert before == (digests(model), digests(lambda theta: scene))
 
 
 def test_circles_end():
@@ -144,11 +146,28 @@ def test_circles_end():
     ring.append(ring)
     other = [2]
     other.append(other)
-    assert fingerprint(ring) == fingerprint(ring) != fingerprint(other)
-    recursive = function("def f(n):\n    return f(n - 1) if n else 0")
-    assert fingerprint(recursive)[0]["f"] == "as "
+    assert digests(ring) == digests(ring) != digests(other)
 
 
-def test_unknowable(tmp_path):
-    with open(tmp_path / "x", "w") as file, pytest.raises(NoFingerprint, match="TextIOWrapper"):
-        fingerprint([file])
+@pytest.mark.parametrize(
+    "value",
+    [np.random.default_rng(0), re.compile("a"), functools.lru_cache(function(CODE)), time.time],
+)
+def test_what_is_not_seen_is_named(value):
+    assert Surroundings([("x", lambda: value)], strict=False).unseen
+
+
+def test_what_is_installed_counts_by_its_name():
+    """No walk through its code."""
+    f = function("def f(x):\n    return pytest.approx(x)", pytest=pytest)
+    assert digests(f).keys() == {"", "pytest"}
+
+
+def test_a_variable_that_is_not_set_yet_is_named():
+    def f(x):
+        return later * x
+
+    (unseen,) = Surroundings([("f", lambda: f)], strict=False).unseen
+    assert unseen.startswith("'later'")
+    later = 1.0
+    assert not Surroundings([("f", lambda: f)], strict=False).unseen and f(later) == 1.0

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from ...math.shapes import broadcast_shapes
-from .function import Function
+from torchbeam.engine.compiler.function import Function
+from torchbeam.math.shapes import broadcast_shapes
 
 
 def _norm(square: Tensor) -> Tensor:

@@ -1,0 +1,277 @@
+"""A new interaction is one class: native code, gradients, equilibria, paths, modes, batches, save
+and load follow from its wrench. These are written here, and no list anywhere knows them.
+"""
+
+import copy
+import io
+import pickle
+from dataclasses import dataclass, replace
+
+import pytest
+import torch
+from torch.testing import assert_close
+
+import torchbeam as tb
+from torchbeam.extend import (
+    ACCELERATION,
+    POSITION,
+    ROTATION,
+    SPIN,
+    VELOCITY,
+    Interaction,
+    Value,
+    detached,
+    leaf,
+    leaves,
+)
+
+SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
+G = (0.0, -9.81, 0.0)
+
+
+@dataclass(frozen=True)
+class Gear(Interaction):
+    """Two nodes that turn about z are geared by teeth of some stiffness: the moment of the first is
+    stiffness (ratio a + b), of the angles a and b that they have turned by, the second's ratio-th.
+    """
+
+    stiffness: Value = leaf(0, nonnegative=True)  # N m/rad
+    ratio: Value = leaf(0, default=1.0)
+
+    depends = frozenset({ROTATION})
+    conservative = True
+
+    def wrench(self, point, t, inputs):
+        first, second = torch.atan2(point.R[..., 1, 0], point.R[..., 0, 0]).unbind(-1)
+        teeth = -self.stiffness * (self.ratio * first + second)
+        about = torch.stack((self.ratio * teeth, teeth), -1)
+        return None, torch.stack((0 * about, 0 * about, about), -1)
+
+
+@dataclass(frozen=True)
+class Bracing(Interaction):
+    """A spring and a damper between three nodes, against the second's leaving of the middle of the
+    others, and against its turning beside them.
+    """
+
+    stiffness: Value = leaf(0, positive=True)  # N/m
+    damping: Value = leaf(0, default=0.05)  # N s/m, and N m s
+
+    depends = frozenset({POSITION, VELOCITY, SPIN})
+
+    def wrench(self, point, t, inputs):
+        shares = point.position.new_tensor([[0.5], [-1.0], [0.5]])
+        away, rate = ((shares * x).sum(-2, keepdim=True) for x in (point.position, point.velocity))
+        stiffness, damping = self.stiffness[..., None, None], self.damping[..., None, None]
+        turning = (shares * point.spin).sum(-2, keepdim=True)
+        return -shares * (stiffness * away + damping * rate), -shares * damping * turning
+
+
+@dataclass(frozen=True)
+class Tie(Interaction):
+    """A linear spring between two nodes."""
+
+    stiffness: Value = leaf(0)  # N/m
+
+    depends = frozenset({POSITION})
+    conservative = True
+
+    def wrench(self, point, t, inputs):
+        pull = self.stiffness[..., None, None] * point.position.diff(dim=-2)
+        return torch.cat((pull, -pull), -2), None
+
+
+def linkage(stiffness, ratio=0.5, **more):
+    """Two arms, hinged to the ground, whose hubs are geared."""
+    arms = {
+        "left": tb.Beam.straight(0.5, 3, SECTION),
+        "right": tb.Beam.straight(0.4, 2, SECTION, root=(1.0, 0, 0)),
+    }
+    joints = [tb.Hinge(None, (name, 0), axis=(0, 0, 1)) for name in arms]
+    gear = Gear((("left", 0), ("right", 0)), stiffness, ratio)
+    effects = [tb.Gravity(G), tb.MassDamping(0.2), gear]
+    return tb.Scene(arms, effects, joints=joints, **more)
+
+
+def braced(stiffness, damping=0.05, plane=None, small=False, **more):
+    """A cantilever whose tip, middle and another node are braced."""
+    load = tb.TipLoad(force=(0.0, 0.1, 0.0 if plane else 0.4))
+    effects = [tb.Gravity(G), load, Bracing((-1, 2, 1), stiffness, damping)]
+    beam = tb.Beam.straight(1.0, 4, SECTION)
+    return tb.Scene(beam, effects, plane=plane, small=small, **more)
+
+
+SCENES = {
+    "gear": linkage,
+    "gear in a plane": lambda k: linkage(k, plane="xy"),
+    "braced": braced,
+    "braced in a plane": lambda k: braced(k, plane="xy"),
+    "braced, small": lambda k: braced(k, small=True),
+}
+
+
+def moved(scene, engine, method="midpoint", steps=3):
+    stepper = tb.Stepper(scene, 0.02, method=method, engine=engine, tolerance=1e-13)
+    state = stepper.rest()
+    for _ in range(steps):
+        state = stepper(state)
+    assert (state.status == 0).all()
+    return state
+
+
+@pytest.mark.parametrize("method", ["midpoint", "generalized_alpha"])
+@pytest.mark.parametrize("name", SCENES)
+def test_native_steps_and_gradients_are_the_eager_ones(name, method):
+    found = {}
+    for engine in ("eager", "compiled"):
+        stiffness = torch.tensor([2.0, 5.0], dtype=torch.float64, requires_grad=True)
+        state = moved(SCENES[name](stiffness), engine, method)
+        asked = state.position.square().sum() + state.work.sum()
+        (slope,) = torch.autograd.grad(asked, stiffness)
+        found[engine] = state.position.detach(), state.work.detach(), slope
+    *states, slope = zip(*found.values(), strict=True)
+    for eager, native in states:
+        assert_close(native, eager, rtol=0, atol=1e-12)
+    assert_close(slope[1], slope[0], rtol=1e-9, atol=1e-12)
+    assert (slope[0] != 0).all()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_gradients_against_differences(name):
+    stiffness = torch.tensor([2.0, 5.0], dtype=torch.float64)
+
+    def height(stiffness):
+        return moved(SCENES[name](stiffness), "auto").position[..., -1, 1]
+
+    h, own = 1e-5, stiffness.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(height(own).sum(), own)
+    assert_close(
+        slope, (height(stiffness + h) - height(stiffness - h)) / (2 * h), rtol=1e-6, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_at_a_clamp_it_is_the_spring_to_that_point(engine, monkeypatch):
+    """In motion, at rest, along a path, in modes, in the explicit form."""
+    monkeypatch.setenv("TORCHBEAM_ENGINE", engine)
+    beam, pull = tb.Beam.straight(1.0, 4, SECTION), tb.TipLoad(force=tb.Input("u", 3))
+    force = torch.tensor([0.0, 1.0, 0.2], dtype=torch.float64)
+    found = []
+    for own in (Tie((-1, 0), 3.0), tb.Spring(-1, 3.0, to=(0.0, 0, 0))):
+        scene = tb.Scene(beam, [pull, own])
+        stepper = tb.Stepper(scene, 0.02, tolerance=1e-13)
+        state = stepper.rest()
+        for _ in range(3):
+            state = stepper(state, u=force)
+        rest = tb.equilibrium(scene, inputs={"u": force})
+        path = tb.path(scene, load="u", inputs={"u": force}, steps=3)
+        modes = tb.modes(scene, state=rest, inputs={"u": force}, count=4)
+        found.append((state.position, state.work, rest.position, path.factor, modes.frequency))
+    for ours, known in zip(*found, strict=True):
+        assert_close(ours, known, rtol=1e-9, atol=1e-10)
+
+
+def test_the_explicit_form_takes_it():
+    t = torch.linspace(0, 0.04, 3, dtype=torch.float64)
+    soft = tb.Section.from_stiffness(EA=40.0, GA=20.0, GJ=0.08, EI=0.1, mass=0.2, inertia=1e-3)
+    beam = tb.Beam.straight(1.0, 2, soft)
+    ways = [
+        tb.simulate(tb.Scene(beam, [tb.Gravity(G), own]), t, method="dopri5", rtol=1e-9).nodes
+        for own in (Tie((-1, 0), 3.0), tb.Spring(-1, 3.0, to=(0.0, 0, 0)))
+    ]
+    assert_close(*ways, rtol=0, atol=1e-9)
+
+
+def test_modes_of_two_bodies_and_their_momentum():
+    masses, stiffness = (2.0, 3.0), 50.0
+    bodies = {
+        name: tb.Body(mass=mass, inertia=0.1, position=(0.0, 0.0, 0.0))
+        for name, mass in zip("ab", masses, strict=True)
+    }
+    scene = tb.Scene(bodies, [Tie(("a", "b"), stiffness)])
+    state = tb.rest(scene)
+    frequency = tb.modes(scene, state=state, count=12).frequency.max()
+    known = (stiffness * (1 / masses[0] + 1 / masses[1])) ** 0.5
+    assert_close(frequency, torch.tensor(known, dtype=torch.float64), rtol=1e-9, atol=0)
+    thrown = replace(state, velocity=state.velocity + torch.tensor([[0.0, 1, 0], [0, 0, 2]]))
+    stepper = tb.Stepper(scene, 0.01, tolerance=1e-13)
+    after = thrown
+    for _ in range(10):
+        after = stepper(after)
+    m = torch.tensor(masses, dtype=torch.float64)[:, None]
+    assert_close((m * after.velocity).sum(0), (m * thrown.velocity).sum(0), rtol=0, atol=1e-12)
+    assert (after.velocity - thrown.velocity).abs().max() > 0.1
+
+
+def test_a_sample_in_a_batch_is_the_sample_alone():
+    stiffness = torch.linspace(0.5, 8.0, 40, dtype=torch.float64)
+    together = moved(braced(stiffness), "compiled")
+    for k in (0, 17, 39):
+        alone = moved(braced(stiffness[k]), "eager")
+        assert_close(together.position[k], alone.position, rtol=0, atol=1e-12)
+
+
+def test_error_control_keeps_its_tolerance():
+    t = torch.linspace(0, 0.2, 3, dtype=torch.float64)
+    known = tb.simulate(linkage(2.0), t, step=2e-4).nodes
+    held = tb.simulate(linkage(2.0), t, rtol=1e-4)
+    assert (held.status == 0).all()
+    size = (known - known[0]).abs().max()
+    assert (held.nodes - known).abs().max() < 1e-4 * size
+
+
+def test_copies_and_files(tmp_path):
+    scene = braced(torch.tensor([2.0, 5.0]))
+    for made in (copy.deepcopy(scene), pickle.loads(pickle.dumps(scene)), detached(scene)):
+        assert made.interactions[0].nodes == (4, 2, 1)
+        assert_close(made.interactions[0].stiffness, scene.interactions[0].stiffness)
+    assert [one.name for one in leaves(scene.interactions[0])] == ["stiffness", "damping"]
+    state, file = moved(scene, "eager"), io.BytesIO()
+    torch.save(state, file)
+    file.seek(0)
+    again = torch.load(file, weights_only=True)
+    assert_close(again.position, state.position, rtol=0, atol=0)
+    assert "Bracing of nodes 4, 2, 1" in repr(scene)
+
+
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: Tie((-1,), 1.0), "between 1 nodes was given; two to 6 are wanted"),
+        (lambda: Tie(range(7), 1.0), "between 7 nodes"),
+        (lambda: braced(-1.0), "positive"),
+        (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 4), 1.0)), "one node twice"),
+        (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 9), 1.0)), "9"),
+        (
+            lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION, order=2), Tie((-1, 1), 1.0)),
+            "inside of an element",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_an_acceleration_is_refused():
+    with pytest.raises(TypeError, match="acceleration"):
+
+        @dataclass(frozen=True)
+        class Heavy(Interaction):
+            depends = frozenset({ACCELERATION})
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_what_mixes_samples_is_refused(engine):
+    @dataclass(frozen=True)
+    class Mixed(Interaction):
+        depends = frozenset({POSITION})
+
+        def wrench(self, point, t, inputs):
+            pull = point.position.diff(dim=-2) - point.position.mean()
+            return torch.cat((pull, -pull), -2), None
+
+    load = tb.TipLoad(force=torch.rand(4, 3))
+    scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), [load, Mixed((-1, 1))])
+    with pytest.raises(ValueError, match="mixes the samples"):
+        moved(scene, engine)

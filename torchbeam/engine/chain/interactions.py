@@ -1,0 +1,170 @@
+"""Interactions in a program: their functions, and the records that they need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+from ...state.instant import READINGS as JOINT_READINGS
+from ..compiler.function import Function
+from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
+from .interaction_functions import end_reaction, free_blocks, is_block
+from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, largest
+from .local_functions import LocalFunctions
+from .node_kinds import Kinds, alike
+from .tracing import Tracing
+
+GAPS = "gap_position", "gap_rotation"
+SUMS = (*GAPS, *FLAGS)  # what of an interaction a sample is judged by
+Derivative = Callable[[Function, list[str]], Function]
+
+
+def all_kinds(kinds: Kinds, one: Interaction) -> tuple[Any, ...]:
+    """Of an interaction."""
+    return dict(zip(INTERACTIONS, kinds.between, strict=True))[one]
+
+
+def present(kinds: Kinds) -> list[Interaction]:
+    """Those that there are."""
+    return [one for one in INTERACTIONS if all_kinds(kinds, one)]
+
+
+def kinds_of(kinds: Kinds, one: Interaction) -> Iterator[tuple[int, Any]]:
+    """Those whose functions are not those of an earlier one, with their numbers."""
+    own = all_kinds(kinds, one)
+    for k, kind in enumerate(own):
+        if one is not TIE or alike(own, k, one.name) == k:
+            yield k, kind
+
+
+def of_interaction(
+    local: LocalFunctions,
+    traced: Tracing,
+    one: Interaction,
+    kinds: Kinds,
+    held: bool,
+    function: Callable[[Any], Function],
+) -> dict[str, Function]:
+    """Functions of an iteration, by kind; function: what gives pushes and blocks, of a kind."""
+    functions = {}
+    for k, kind in kinds_of(kinds, one):
+        functions[f"{one.name} {k}"] = own = function(kind)
+        if held:
+            functions |= _free(local, traced, f"free {one.name} {k}", own, kind.sides)
+            functions |= _reactions(local, traced, f"{one.name} reaction {k}", own, kind.sides)
+    return functions
+
+
+def _free(
+    local: LocalFunctions, traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
+) -> dict[str, Function]:
+    """See `free_blocks`; of the blocks that a function gives."""
+    blocks = {name: shape for name, shape in _blocks(function) if {*name} & {*sides}}
+    free = {f"{side}.free": (local.model.space.unknowns,) for side in sides}
+    return {called: traced(free_blocks, blocks | free)} if blocks else {}
+
+
+def _reactions(
+    local: LocalFunctions, traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
+) -> dict[str, Function]:
+    """See `end_reaction`; called: their names, but for the side."""
+    w, functions = local.model.space.unknowns, {}
+    for side in sides:
+        row = {name: shape for name, shape in _blocks(function) if name[0] == side}
+        moves = {f"{name[1]}.move": (w,) for name in row}
+        given = {"end_free": (w,)} | row | moves
+        functions[f"{called} {side}"] = traced(partial(end_reaction, side), given)
+    return functions
+
+
+def _blocks(function: Function) -> list[tuple[str, tuple[int, ...]]]:
+    return [(name, out.shape) for name, out in function.outputs.items() if is_block(name)]
+
+
+def adjoint_of_interaction(
+    local: LocalFunctions,
+    traced: Tracing,
+    one: Interaction,
+    kinds: Kinds,
+    held: bool,
+    by: list[str],
+    derivative: Derivative,
+) -> dict[str, Function]:
+    """Functions of the adjoint, by kind; by: what cotangents are asked of."""
+    functions, fields = {}, getattr(traced, one.constants)
+    moves = [f"{side}.{name}" for side in one.sides for name in ("u", "m")]
+    for k, kind in kinds_of(kinds, one):
+        blocks = traced(partial(getattr(local, f"transposed_{one.name}"), held, kind), fields)
+        functions[f"{one.name} blocks {k}"] = blocks
+        if held:
+            functions |= _free(local, traced, f"free {one.name} {k}", blocks, kind.sides)
+        if one is JOINT:
+            functions[f"joint solution {k}"] = traced(partial(local.joint_solution, kind), fields)
+        whole = traced(partial(getattr(local, one.name), kind), fields)
+        asked = [f"{side}.push" for side in kind.sides] + ["right"] * (one is JOINT)
+        functions[f"{one.name} bar {k}"] = derivative(whole.only(asked), by)
+        if one is PAIR:
+            far = traced(partial(local.far_pair, kind), fields)
+            functions[f"far pair {k}"] = far.only(["far"])
+        if one is TIE:
+            continue
+        finish = traced(partial(getattr(local, f"finish_{one.name}"), kind), fields)
+        own = derivative(finish, [*by, *moves, "force"])
+        functions[f"finish {one.name} bar {k}"] = own
+        if "rise" in finish.outputs:
+            functions[f"ended {one.name} {k}"] = finish.only(["rise"])
+    return functions
+
+
+def record(
+    layout: Layout,
+    functions: dict[str, Function],
+    one: Interaction,
+    constants: list[tuple[str, int]],
+    w: int,
+) -> None:
+    """Records of an iteration, and of a step where there are functions that finish one."""
+    layout.record(one.constants, one.rows, constants)
+    _record(layout, functions, one, one.name)
+    blocks = layout.fields(f"{one.name} blocks")
+    layout.record("sums", ONE, [(name, 1) for name in SUMS if name in blocks])
+    layout.record("end_reaction", ONE, [("reaction", w), ("total", w)])
+    layout.record(f"{one.name} change", ONE, largest(functions, f"finish {one.name}").items())
+    if one is JOINT:
+        layout.record("sample", ONE, [("counted", 1)])
+        layout.record("common", ONE, [("joint_size", 1)])
+        layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS), ("last_force", w)])
+        layout.record("joint_unknown", JOINTS, [("force", w)])
+        layout.record("joint change", ONE, [("force", w)])
+        layout.record("before joint", JOINTS, largest(functions, "before joint").items())
+
+
+def record_adjoint(
+    layout: Layout, functions: dict[str, Function], one: Interaction, w: int
+) -> None:
+    """Records of the adjoint, but for those of constants."""
+    _record(layout, functions, one, f"{one.name} blocks")
+    layout.record(f"{one.name} change", ONE, [("rise", 1)])
+    for word in ("bar", "finish bar"):
+        name = f"{one.name} bar" if word == "bar" else f"finish {one.name} bar"
+        layout.record(f"of {one.name}", ONE, largest(functions, name).items())
+    if one is JOINT:
+        read = any("last_force" in function.inputs for function in functions.values())
+        own = [("joints", JOINT_READINGS), *[("last_force", w)] * read]
+        layout.record("joint_state", JOINTS, own)
+        for name in ("joint_after", "joint_unknown", "joint_asked"):
+            layout.record(name, JOINTS, [("force", w)])
+        state = [("joint_force", w), ("joints", JOINT_READINGS)]
+        for name in ("joint_state_bar", "joint_state_grad", "joint_start_bar"):
+            layout.record(name, JOINTS, state)
+
+
+def _record(layout: Layout, functions: dict[str, Function], one: Interaction, called: str) -> None:
+    """called: the functions that give blocks."""
+    for name in (called, f"far {one.name}"):
+        layout.record(f"{one.name} blocks", one.rows, largest(functions, name).items())
+    layout.record(f"free {one.name}", ONE, largest(functions, f"free {one.name}").items())
+    if one is PAIR:
+        layout.record("near", PAIRS, [("pair", 1)])  # numbers of those that are not far
+        layout.record("near_count", ONE, [("count", 1)])

@@ -1,0 +1,103 @@
+"""Rows in a program: functions by which nodes are eliminated, and the records that they need."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from ..compiler.function import Function
+from ..compiler.packing import Packing
+from . import midsides
+from .layout import ENTRIES, INTERFACE, NODES, ONE, Layout, sizes
+from .local_functions import LocalFunctions
+from .tracing import Shapes, Tracing
+
+ROW, RUN = ("D", "L", "U", "right"), ("ahead", "y", "side")  # of the interface, of a run
+
+
+def of_rows(
+    local: LocalFunctions,
+    traced: Tracing,
+    own: Packing,
+    between: Packing,
+    shapes: Shapes,
+    held: bool,
+    manners: tuple[str, ...],
+    transposed: bool = False,
+) -> dict[str, Function]:
+    """Functions of midside nodes, and of rows of the interface and of runs, as far as these
+    `manners` ask for them, see `order.manners_of`: of runs that are eliminated onwards, `backward`,
+    from the last node on, or are `bordered`, between two nodes of the interface that are eliminated
+    later. own, between: what nodes and elements give, of these shapes, with "own." before those of
+    nodes.
+    """
+    w, functions = local.model.space.unknowns, {}
+    of = {
+        name: getattr(local, f"transposed_{name}" if transposed else name)
+        for name in ("condense", "restore", "row", INTERFACE)
+    }
+    given = {f"own.{name}": shapes[f"own.{name}"] for name in own.fields}
+    given |= {"right": (w,)} if transposed else {}
+    words = ("free", "push") if transposed else ("free",)
+    if local.order == 2:
+        inner = given | {f"element.{name}": shapes[name] for name in between.fields}
+        condense = {"condense": traced(partial(of["condense"], False), inner)}
+        if held:
+            around = inner | dict.fromkeys(words, (w,))
+            condense["held condense"] = traced(partial(of["condense"], True), around)
+        following = {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)}
+        restore = traced(of["restore"], following)
+        functions, between, shapes = midsides.eliminating(condense, restore, own, between)
+    blocks = ("U", "L") if transposed else ("L", "U")  # of the elements before and behind a node
+    sides = {
+        f"{side}.{name.removeprefix(f'{end}.')}": name
+        for side, end, block in zip(("left", "right"), "ji", blocks, strict=True)
+        for name in between.fields
+        if name.startswith(f"{end}.") or name == block
+    }
+    row = given | {called: shapes[name] for called, name in sides.items()}
+    near = {f"{name}_{at}": (w,) for name in words for at in ("before", "here", "after")}
+    of_run = row | {"ahead": (w, w), "y": (w,)}
+    bordered = {"side": (w, w)}
+    for is_held in (False, True) if held else (False,):
+        whole = {
+            INTERFACE: (
+                partial(of[INTERFACE], is_held),
+                row if transposed else row | {"push": (w,)},
+            ),
+            "row forward": (partial(of["row"], is_held), of_run),
+            "row backward": (partial(of["row"], is_held, backward=True), of_run),
+            "row bordered": (partial(of["row"], is_held), of_run | bordered),
+        }
+        for name, (function, fields) in whole.items():
+            if any(manner.endswith(name.removeprefix("row ")) for manner in manners):
+                one = traced(function, fields | near if is_held else fields)
+                one = own.taken(one, {f"own.{field}": field for field in own.fields})
+                functions[f"held {name}" if is_held else name] = between.taken(one, sides)
+    back = {"ahead": (w, w), "y": (w,), "next": (w,)}
+    functions["back"] = traced(local.back, back)
+    if "bordered" in manners:
+        functions["back bordered"] = traced(local.back, back | bordered | {"first": (w,)})
+    return functions
+
+
+def given_by_rows(functions: dict[str, Function]) -> dict[str, int]:
+    """Fields that functions of rows give, and how many components they have."""
+    return {
+        field: size
+        for name in functions
+        if name.removeprefix("held ").partition(" ")[0] in (INTERFACE, "row")
+        for field, size in sizes(functions, name).items()
+    }
+
+
+def record(layout: Layout, functions: dict[str, Function], w: int) -> None:
+    """Records of what is eliminated."""
+    given = given_by_rows(functions)
+    layout.record("row", NODES, [("ahead", w * w), ("y", w)])
+    if "side" in given:
+        layout.record("row", NODES, [("side", w * w)])
+        layout.record("edge", ONE, [(name, w * w) for name in ("E", "pushed", "start")])
+    if INTERFACE in functions:
+        layout.record("interface", INTERFACE, [(name, given[name]) for name in ROW])
+        layout.record("matrix", ENTRIES, [("entry", 1)])
+    layout.record("at_row", ONE, [x for x in given.items() if x[0] not in (*ROW, *RUN)])
