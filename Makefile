@@ -9,13 +9,25 @@ OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREAD
 # A process that finds no compiled modules takes a second longer to import torchbeam, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-long test-second test-rounding test-lowest bench docs docs-serve gallery dist lint clean
+.PHONY: demo test quick test-long test-second test-rounding test-lowest bench docs docs-serve gallery dist lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
 
 test: lint
 	$(BIN)/$(PYTEST)
+
+# A minute: the style, a row or two of the nets, and the tests of the modules that differ from main (or from BASE=...).
+BASE ?= main
+SAMPLE := tests/unit/test_layers.py tests/unit/math tests/unit/equations/test_midpoint.py tests/properties/test_batch_sizes.py \
+	"tests/properties/test_parity.py::test_native_code_gives_the_eager_answer[bodies-steps]" \
+	"tests/properties/test_zero.py::test_gradient_at_zero[TipLoad.force-equilibrium]"
+quick: .venv/dev.done
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/$(PYTEST) $(SAMPLE) $$(git diff --name-only $(BASE) -- torchbeam tests | sed -n \
+		-e 's|^torchbeam/\(.*/\)\([^/]*\)\.py$$|tests/unit/\1test_\2.py|p' -e '/^tests\/.*\/test_[^/]*\.py$$/p' \
+		| sort -u | xargs -r ls 2> /dev/null | head -12)
 
 # What `make test` leaves out: the tests marked "long".
 test-long: .venv/dev.done

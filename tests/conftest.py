@@ -26,10 +26,13 @@ HERE, ENGINE = Path(__file__).parent, "TORCHBEAM_ENGINE"
 EAGER = {HERE / "unit", HERE / "studies"}
 # Files of many structures and few steps: native code is made at LLVM's level 0, for a third of the
 # time. Not for equality to the bit: there samples alone and in vectors are rounded differently.
-CHAIN = "adjoint cells compiled_scenes disk_key robustness"
+CHAIN = "adjoint cells disk_key loads_between native_tendons robustness structures touching"
 QUICK = {HERE / f"unit/engine/chain/test_{name}.py" for name in CHAIN.split()} | {
-    HERE / "docs/test_examples.py", HERE / "properties/test_value_forms.py",
-    HERE / "unit/dynamics/test_order_and_error.py", HERE / "unit/dynamics/test_prepared.py",
+    HERE / "docs/test_examples.py", HERE / "docs/test_pages.py",
+    HERE / "properties/test_parity.py", HERE / "properties/test_value_forms.py",
+    HERE / "properties/test_written_tensors.py", HERE / "properties/test_second_derivatives.py",
+    HERE / "unit/core/test_entry_point.py", HERE / "unit/dynamics/test_order_and_error.py",
+    HERE / "unit/dynamics/test_prepared.py",
 }  # fmt: skip
 
 

@@ -72,7 +72,7 @@ def held() -> tuple[Tensor, Tensor]:
     supports = [tb.Support((name, 0)) for name in ("left", "right")]
     supports.append(tb.Support("ball", position="x", rotation="xyz"))  # else it rolls out, slowly
     scene = tb.Scene(parts, effects, supports=supports)
-    state = tb.simulate(scene, [0.0, 0.1], step=1e-3, engine="eager").state[-1]
+    state = tb.simulate(scene, [0.0, 0.1], step=1e-3).state[-1]
     left, right = (-tb.sensors.ContactForce(scene, k)(state) for k in (0, 1))
     drag = 20.0 * m * state["ball"].velocity[2]
     return (left + right)[2] / (m * g + drag), torch.tensor(1.0)

@@ -112,24 +112,3 @@ def structure(**options):
         **options,
     }
     return tb.Scene(parts, effects, **given)
-
-
-def linkage(force=(1.0, 0.0, 2.0), EI=1.2, torque=0.3):
-    """In a plane, at rest: two beams on a hinge with a spring and a motor, of which one bends by
-    itself and stands on a support that is moved; and a rod from the second to the ground.
-    """
-    own = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=(1.5, EI), mass=0.2)
-    there = dict(root=(1.0, 0, 0), direction=(0, 0, 1.0))
-    parts = {
-        "arm": tb.Beam.straight(1.0, 3, own, up=(0, 1, 0)),
-        "fore": tb.Beam.straight(1.0, 3, own, up=(0, 1, 0), **there),
-    }
-    elbow = dict(axis=(0, 1, 0), stiffness=3.0, torque=torque)
-    joints = [tb.Hinge(("arm", -1), ("fore", 0), **elbow)]
-    joints.append(tb.Distance(("fore", 2), None, at=(0.3, 0, 0.4)))
-    effects = [
-        tb.PointLoad(("fore", -1), force=force),
-        tb.Actuation(curvature=(0, 0, 0.4), on="arm"),
-    ]
-    moved = tb.Support(("arm", 0), displacement=(0.05, 0, 0.1))
-    return tb.Scene(parts, effects, joints=joints, supports=[moved], plane="xz")

@@ -197,208 +197,70 @@ def beside(law, scale=1e-3) -> Case:
 
 ROUGH = dict(friction=0.4, slip_speed=0.2, radius=0.01)
 DIAGONAL = section()
+# fmt: off
 CASES = {
-    "Section.compliance": Case(
-        lambda x: scene(
-            of=tb.Section(DIAGONAL.compliance + bent(x, (0, 3), (1, 3), (4, 5)), DIAGONAL.mass)
-        ),
-        3,
-        scale=2e-5,
-    ),
-    "Section.compliance impossible": Case(
-        lambda x: scene(
-            of=tb.Section(section(EA=torch.inf).compliance + bent(x, (0, 0)), DIAGONAL.mass)
-        ),
-        1,
-        STATIC + MOVING,
-        least=True,
-        scale=1e-6,
-    ),
-    "Section.mass": Case(
-        lambda x: scene(
-            tb.Gravity((1.0, 2.0, -3.0)),
-            of=tb.Section(DIAGONAL.compliance, DIAGONAL.mass + off_axis(x, 0.3)),
-        ),
-        3,
-    ),
-    "Section.mass rotary": Case(
-        lambda x: scene(
-            of=tb.Section(
-                DIAGONAL.compliance,
-                section(inertia=0.0).mass
-                + bent(x[..., :1] + x[..., 1:], (3, 3))
-                + bent(x, (4, 4), (5, 5)),
-            )
-        ),
-        2,
-        MOVING,
-        scale=1e-6,
-        least=True,
-    ),
-    "Section.from_stiffness inertia": Case(
-        lambda x: scene(of=section(inertia=(x[..., 0], x[..., 1]))),
-        2,
-        (*MOVING, "modes"),
-        scale=1e-6,
-        least=True,
-    ),
+    "Section.compliance": Case(lambda x: scene(of=tb.Section(DIAGONAL.compliance + bent(x, (0, 3),
+        (1, 3), (4, 5)), DIAGONAL.mass)), 3, scale=2e-5),
+    "Section.compliance impossible":
+        Case(lambda x: scene(of=tb.Section(section(EA=torch.inf).compliance + bent(x, (0, 0)),
+        DIAGONAL.mass)), 1, STATIC + MOVING, least=True, scale=1e-6),
+    "Section.mass": Case(lambda x: scene(tb.Gravity((1.0, 2.0, -3.0)),
+        of=tb.Section(DIAGONAL.compliance, DIAGONAL.mass + off_axis(x, 0.3))), 3),
+    "Section.mass rotary": Case(lambda x: scene(of=tb.Section(DIAGONAL.compliance,
+        section(inertia=0.0).mass + bent(x[..., :1] + x[..., 1:], (3, 3)) + bent(x, (4, 4),
+        (5, 5)))), 2, MOVING, scale=1e-6, least=True),
+    "Section.from_stiffness inertia": Case(lambda x: scene(of=section(inertia=(x[..., 0],
+        x[..., 1]))), 2, (*MOVING, "modes"), scale=1e-6, least=True),
     "Section.rotated angle": Case(lambda x: scene(of=section().rotated(x[..., 0])), scale=1e-2),
-    "Section.rotated stiffness": Case(
-        lambda x: scene(of=section(EI=(1.0, 1.0 + x[..., 0])).rotated(0.5)),
-        ways=(*STATIC, "linearize", *MOVING),
-        scale=1e-2,
-    ),
+    "Section.rotated stiffness": Case(lambda x: scene(of=section(EI=(1.0, 1.0 +
+        x[..., 0])).rotated(0.5)), ways=(*STATIC, "linearize", *MOVING), scale=1e-2),
     "Section.shifted y": Case(lambda x: scene(of=section().shifted(y=x[..., 0])), scale=1e-2),
     "Section.shifted z": Case(lambda x: scene(of=section().shifted(z=x[..., 0])), scale=1e-2),
-    "Section.rotated and shifted": Case(
-        lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1])), 2, scale=1e-2
-    ),
-    "Section.circle nu": Case(
-        lambda x: scene(of=tb.Section.circle(0.05, 2e5, x[..., 0], 40.0)), ways=STATIC + MOVING
-    ),
-    "Section.rectangle nu": Case(
-        lambda x: scene(of=tb.Section.rectangle(0.05, 0.08, 2e5, x[..., 0], 40.0))
-    ),
-    "Stations sections": Case(
-        lambda x: scene(
-            of=tb.Stations(
-                (0.0, 0.3, 0.6),
-                [section(), section().rotated(x[..., 0]), section().shifted(y=x[..., 0])],
-            )
-        )
-    ),
-    "sections, one an element": Case(
-        lambda x: scene(beam=tb.Beam.straight(0.6, 2, [section(), section().rotated(x[..., 0])])),
-        scale=1e-2,
-    ),
-    "Beam.straight direction": Case(
-        lambda x: scene(
-            beam=tb.Beam.straight(
-                0.6,
-                N,
-                section(),
-                direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1),
-            )
-        ),
-        2,
-        scale=1e-2,
-    ),
-    "Beam.straight up": Case(
-        lambda x: scene(
-            beam=tb.Beam.straight(
-                0.6, N, section(), up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1)
-            )
-        ),
-        2,
-        scale=1e-2,
-    ),
-    "Beam.straight root": Case(
-        lambda x: scene(
-            tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.0)), beam=tb.Beam.straight(0.6, N, section(), root=x)
-        ),
-        3,
-        scale=1e-2,
-    ),
-    "Beam.straight twist": Case(
-        lambda x: scene(beam=tb.Beam.straight(0.6, N, section(), twist=x[..., 0])), scale=1e-2
-    ),
-    "Beam.straight twist, order 2": Case(
-        lambda x: scene(beam=tb.Beam.straight(0.6, 2, section(), twist=x[..., 0], order=2)),
-        scale=1e-2,
-    ),
-    "Beam.straight section, order 2": Case(
-        lambda x: scene(
-            beam=tb.Beam.straight(
-                0.6, 2, section().shifted(y=x[..., 0]).rotated(x[..., 1]), order=2
-            )
-        ),
-        2,
-        scale=1e-2,
-    ),
-    "Beam.linked section": Case(
-        lambda x: scene(
-            beam=tb.Beam.straight(
-                0.6, N, section().shifted(y=x[..., 0]).rotated(x[..., 1])
-            ).linked()
-        ),
-        2,
-        scale=1e-2,
-    ),
-    "Scene.small section": Case(
-        lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1]), small=True),
-        2,
-        scale=1e-2,
-    ),
-    "Beam.curve curvature": Case(
-        lambda x: scene(beam=tb.Beam.curve(0.6, N, section(), x)), 3, scale=1e-2
-    ),
-    "Beam.curve curvature, order 2": Case(
-        lambda x: scene(
-            beam=tb.Beam.curve(
-                0.6, 2, section(), lambda s: x[..., None, :] + 0 * s[..., None], order=2
-            )
-        ),
-        3,
-        scale=1e-2,
-    ),
-    "Beam.curve direction": Case(
-        lambda x: scene(
-            beam=tb.Beam.curve(
-                0.6,
-                N,
-                section(),
-                (0.0, 0.0, 0.3),
-                direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1),
-            )
-        ),
-        2,
-        scale=1e-2,
-    ),
-    "Beam.from_nodes nodes": Case(
-        lambda x: scene(
-            beam=tb.Beam.from_nodes(
-                torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]) + free_nodes(x), section()
-            )
-        ),
-        3,
-        scale=1e-2,
-    ),
-    "Beam.from_nodes up": Case(
-        lambda x: scene(
-            beam=tb.Beam.from_nodes(
-                torch.tensor([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0]]),
-                section(),
-                up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1),
-            )
-        ),
-        2,
-        scale=1e-2,
-    ),
-    "Beam.from_nodes nodes, order 2": Case(
-        lambda x: scene(
-            beam=tb.Beam.from_nodes(
-                torch.linspace(0, 0.6, 5)[:, None] * torch.eye(3)[0]
-                + x[..., None, :] * torch.linspace(0, 1, 5)[:, None] ** 2,
-                section(),
-                order=2,
-            )
-        ),
-        3,
-        scale=2e-3,
-    ),
-    "Beam.arc direction": Case(
-        lambda x: scene(
-            beam=tb.Beam.arc(
-                0.5,
-                1.0,
-                N,
-                section(),
-                direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1),
-            )
-        ),
-        2,
-        scale=1e-2,
-    ),
+    "Section.rotated and shifted":
+        Case(lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1])), 2, scale=1e-2),
+    "Section.circle nu": Case(lambda x: scene(of=tb.Section.circle(0.05, 2e5, x[..., 0], 40.0)),
+        ways=STATIC + MOVING),
+    "Section.rectangle nu": Case(lambda x: scene(of=tb.Section.rectangle(0.05, 0.08, 2e5, x[..., 0],
+        40.0))),
+    "Stations sections": Case(lambda x: scene(of=tb.Stations((0.0, 0.3, 0.6), [section(),
+        section().rotated(x[..., 0]), section().shifted(y=x[..., 0])]))),
+    "sections, one an element": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2, [section(),
+        section().rotated(x[..., 0])])), scale=1e-2),
+    "Beam.straight direction": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(),
+        direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
+    "Beam.straight up": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(),
+        up=torch.stack((x[..., 0], x[..., 1], 1 + 0 * x[..., 0]), -1))), 2, scale=1e-2),
+    "Beam.straight root": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.0)),
+        beam=tb.Beam.straight(0.6, N, section(), root=x)), 3, scale=1e-2),
+    "Beam.straight twist": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(),
+        twist=x[..., 0])), scale=1e-2),
+    "Beam.straight twist, order 2": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2, section(),
+        twist=x[..., 0], order=2)), scale=1e-2),
+    "Beam.straight section, order 2": Case(lambda x: scene(beam=tb.Beam.straight(0.6, 2,
+        section().shifted(y=x[..., 0]).rotated(x[..., 1]), order=2)), 2, scale=1e-2),
+    "Beam.linked section": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N,
+        section().shifted(y=x[..., 0]).rotated(x[..., 1])).linked()), 2, scale=1e-2),
+    "Scene.small section":
+        Case(lambda x: scene(of=section().shifted(y=x[..., 0]).rotated(x[..., 1]), small=True), 2,
+        scale=1e-2),
+    "Beam.curve curvature": Case(lambda x: scene(beam=tb.Beam.curve(0.6, N, section(), x)), 3,
+        scale=1e-2),
+    "Beam.curve curvature, order 2": Case(lambda x: scene(beam=tb.Beam.curve(0.6, 2, section(),
+        lambda s: x[..., None, :] + 0 * s[..., None], order=2)), 3, scale=1e-2),
+    "Beam.curve direction": Case(lambda x: scene(beam=tb.Beam.curve(0.6, N, section(),
+        (0.0, 0.0, 0.3), direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2,
+        scale=1e-2),
+    "Beam.from_nodes nodes": Case(lambda x: scene(beam=tb.Beam.from_nodes(torch.tensor([[0.0, 0, 0],
+        [0.3, 0, 0], [0.6, 0, 0]]) + free_nodes(x), section())), 3, scale=1e-2),
+    "Beam.from_nodes up": Case(lambda x: scene(beam=tb.Beam.from_nodes(torch.tensor([[0.0, 0, 0],
+        [0.3, 0, 0], [0.6, 0, 0]]), section(), up=torch.stack((x[..., 0], x[..., 1], 1 + 0 *
+        x[..., 0]), -1))), 2, scale=1e-2),
+    "Beam.from_nodes nodes, order 2":
+        Case(lambda x: scene(beam=tb.Beam.from_nodes(torch.linspace(0, 0.6, 5)[:, None] *
+        torch.eye(3)[0] + x[..., None, :] * torch.linspace(0, 1, 5)[:, None] ** 2, section(),
+        order=2)), 3, scale=2e-3),
+    "Beam.arc direction": Case(lambda x: scene(beam=tb.Beam.arc(0.5, 1.0, N, section(),
+        direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
     "TipLoad.force": effect(lambda x: tb.TipLoad(force=x)),
     "TipLoad.moment": effect(lambda x: tb.TipLoad(moment=x)),
     "TipLoad.force follower": effect(lambda x: tb.TipLoad(force=x, follower=True)),
@@ -409,330 +271,152 @@ CASES = {
     "LineLoad.force": effect(lambda x: tb.LineLoad(force=x)),
     "LineLoad.moment": effect(lambda x: tb.LineLoad(moment=x, follower=True)),
     "Along.function": effect(lambda x: tb.LineLoad(force=along(x))),
-    "PerElement.value": effect(
-        lambda x: tb.LineLoad(
-            force=tb.PerElement(x[..., None, :] * torch.tensor([1.0, -1.0])[:, None])
-        )
-    ),
-    "History.values": effect(
-        lambda x: tb.TipLoad(force=tb.History((0.0, 0.05, 0.1), torch.stack((x, 2 * x, 0 * x), -2)))
-    ),
+    "PerElement.value": effect(lambda x: tb.LineLoad(force=tb.PerElement(x[..., None, :] *
+        torch.tensor([1.0, -1.0])[:, None]))),
+    "History.values": effect(lambda x: tb.TipLoad(force=tb.History((0.0, 0.05, 0.1),
+        torch.stack((x, 2 * x, 0 * x), -2)))),
     "Gravity.g": effect(lambda x: tb.Gravity(x)),
     "Damping.tau": effect(lambda x: tb.Damping(x), 1, DYNAMIC, least=True, scale=1e-4),
-    "Damping.tau six": Case(
-        lambda x: scene(tb.Damping([x[..., 0], 0.01, 0.02, 0.01, 0.02, 0.01])),
-        ways=DYNAMIC,
-        least=True,
-        scale=1e-4,
-    ),
-    "Damping.tau without rotary inertia": Case(
-        lambda x: scene(tb.Damping(x[..., 0]), of=section(inertia=0.0)),
-        least=True,
-        scale=1e-5,
-        ways=MOVING,
-    ),
+    "Damping.tau six": Case(lambda x: scene(tb.Damping([x[..., 0], 0.01, 0.02, 0.01, 0.02, 0.01])),
+        ways=DYNAMIC, least=True, scale=1e-4),
+    "Damping.tau without rotary inertia": Case(lambda x: scene(tb.Damping(x[..., 0]),
+        of=section(inertia=0.0)), least=True, scale=1e-5, ways=MOVING),
     "MassDamping.alpha": effect(lambda x: tb.MassDamping(x), 1, DYNAMIC, least=True, scale=1e-2),
     "Drag.density": effect(lambda x: tb.Drag(x, 0.05, tangential=0.1), 1, least=True, ways=MOVING),
     "Drag.diameter": effect(lambda x: tb.Drag(10.0, x, tangential=0.1), 1, least=True, ways=MOVING),
     "Drag.normal": effect(lambda x: tb.Drag(10.0, 0.05, normal=x), 1, least=True, ways=MOVING),
-    "Drag.tangential": effect(
-        lambda x: tb.Drag(10.0, 0.05, tangential=x), 1, least=True, ways=MOVING
-    ),
-    "Drag.added_mass": effect(
-        lambda x: tb.Drag(10.0, 0.05, added_mass=x), 1, DYNAMIC, least=True, scale=1e-2
-    ),
+    "Drag.tangential": effect(lambda x: tb.Drag(10.0, 0.05, tangential=x), 1, least=True,
+        ways=MOVING),
+    "Drag.added_mass": effect(lambda x: tb.Drag(10.0, 0.05, added_mass=x), 1, DYNAMIC, least=True,
+        scale=1e-2),
     "Drag.flow": Case(lambda x: scene(tb.Drag(10.0, 0.05, flow=x)), 3, ways=MOVING, scale=1e-5),
     "PointMass.mass": effect(lambda x: tb.PointMass(x), 1, DYNAMIC, least=True, scale=1e-4),
-    "PointMass.mass with offset": effect(
-        lambda x: tb.PointMass(x, offset=(0.02, 0.05, 0.03)), 1, DYNAMIC, least=True, scale=1e-4
-    ),
-    "PointMass.inertia": effect(
-        lambda x: tb.PointMass(0.1, inertia=torch.stack((x, x, x), -1)[..., None] * torch.eye(3)),
-        1,
-        DYNAMIC,
-        least=True,
-        scale=1e-6,
-    ),
+    "PointMass.mass with offset": effect(lambda x: tb.PointMass(x, offset=(0.02, 0.05, 0.03)), 1,
+        DYNAMIC, least=True, scale=1e-4),
+    "PointMass.inertia": effect(lambda x: tb.PointMass(0.1, inertia=torch.stack((x, x, x),
+        -1)[..., None] * torch.eye(3)), 1, DYNAMIC, least=True, scale=1e-6),
     "PointMass.offset": effect(lambda x: tb.PointMass(0.1, offset=x), 3, DYNAMIC),
-    "Spring.stiffness": effect(
-        lambda x: tb.Spring(-1, x, to=(0.6, 0.1, 0.0)), 1, least=True, scale=1e-2
-    ),
+    "Spring.stiffness": effect(lambda x: tb.Spring(-1, x, to=(0.6, 0.1, 0.0)), 1, least=True,
+        scale=1e-2),
     "Spring.to": effect(lambda x: tb.Spring(-1, 3.0, to=x), 3, scale=1e-2),
-    "Spring.length": effect(
-        lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), length=x), 1, least=True, scale=1e-2
-    ),
+    "Spring.length": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), length=x), 1,
+        least=True, scale=1e-2),
     "Spring.offset": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), offset=x), scale=1e-3),
-    "PointLoad.offset": effect(
-        lambda x: tb.PointLoad(-1, force=(0.1, 0.2, 0.3), offset=x), scale=1e-3
-    ),
-    "Spring.damping": effect(
-        lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x),
-        1,
-        DYNAMIC,
-        least=True,
-        scale=1e-2,
-    ),
+    "PointLoad.offset": effect(lambda x: tb.PointLoad(-1, force=(0.1, 0.2, 0.3), offset=x),
+        scale=1e-3),
+    "Spring.damping": effect(lambda x: tb.Spring(-1, 3.0, to=(0.6, 0.1, 0.2), damping=x), 1,
+        DYNAMIC, least=True, scale=1e-2),
     "Tendon.tension": effect(lambda x: tied(tension=x), 1, EAGERLY, least=True, scale=1e-2),
-    "Tendon.friction": effect(
-        lambda x: tied(tension=0.5, friction=x, slip_speed=0.1), 1, EAGERLY, least=True, scale=1e-2
-    ),
+    "Tendon.friction": effect(lambda x: tied(tension=0.5, friction=x, slip_speed=0.1), 1, EAGERLY,
+        least=True, scale=1e-2),
     "Eyelet.point": effect(lambda x: tied(tension=0.5, point=x), 3, EAGERLY, scale=2.5e-3),
-    "Spring.to function": effect(
-        lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3, MOVING, scale=1e-2
-    ),
-    "RootSpring.damping": Case(
-        lambda x: scene(
-            tb.RootSpring((50.0, 8.0), damping=x[..., :1].expand(*x.shape[:-1], 6)), supports=()
-        ),
-        1,
-        DYNAMIC,
-        least=True,
-        scale=1e-3,
-    ),
-    "RootSpring.stiffness": Case(
-        lambda x: scene(
-            tb.Spring(0, 40.0, to=(0.0, 0, 0)),
-            tb.RootSpring(
-                torch.cat(
-                    (
-                        x[..., :1],
-                        x[..., :1],
-                        x[..., :1],
-                        x[..., :1] + 4,
-                        x[..., :1] + 4,
-                        x[..., :1] + 4,
-                    ),
-                    -1,
-                )
-            ),
-            supports=(),
-        ),
-        1,
-        least=True,
-        scale=1e-2,
-    ),
+    "Spring.to function": effect(lambda x: tb.Spring(-1, 3.0, to=by_time(x), damping=0.1), 3,
+        MOVING, scale=1e-2),
+    "RootSpring.damping": Case(lambda x: scene(tb.RootSpring((50.0, 8.0),
+        damping=x[..., :1].expand(*x.shape[:-1], 6)), supports=()), 1, DYNAMIC, least=True,
+        scale=1e-3),
+    "RootSpring.stiffness": Case(lambda x: scene(tb.Spring(0, 40.0, to=(0.0, 0, 0)),
+        tb.RootSpring(torch.cat((x[..., :1], x[..., :1], x[..., :1], x[..., :1] + 4, x[..., :1] + 4,
+        x[..., :1] + 4), -1)), supports=()), 1, least=True, scale=1e-2),
     "Contact.radius": touching(lambda x: dict(radius=x)),
-    "Contact.radius at both ends": touching(
-        lambda x: dict(radius=tb.Table((0.0, 0.6), torch.stack((x, x / 2), -1)))
-    ),
+    "Contact.radius at both ends": touching(lambda x: dict(radius=tb.Table((0.0, 0.6),
+        torch.stack((x, x / 2), -1)))),
     "Contact.friction": touching(lambda x: dict(friction=x, slip_speed=0.2), ways=MOVING),
-    "Contact.friction about the axis": touching(
-        lambda x: dict(friction=0.4, slip_speed=0.2, radius=x), ways=MOVING
-    ),
+    "Contact.friction about the axis": touching(lambda x: dict(friction=0.4, slip_speed=0.2,
+        radius=x), ways=MOVING),
     "Contact.damping": touching(lambda x: dict(damping=x), ways=MOVING),
     "Contact.other_radius": beside(lambda x: dict(radius=0.01, other_radius=x), 1e-5),
-    "Contact.radius along two beams": beside(
-        lambda x: dict(radius=tb.Table((0.0, 0.3), torch.stack((x, x / 2), -1))), 1e-5
-    ),
+    "Contact.radius along two beams": beside(lambda x: dict(radius=tb.Table((0.0, 0.3),
+        torch.stack((x, x / 2), -1))), 1e-5),
     "Contact.radius of two beams": beside(lambda x: dict(radius=x, other_radius=0.01), 1e-5),
     "Contact.friction of two beams": beside(lambda x: dict(friction=x, slip_speed=0.2)),
     "Contact.damping of two beams": beside(lambda x: dict(damping=x)),
     "Plane.point": touching(lambda x: tb.Plane(x - 0.03 * UP, UP), 3),
-    "Plane.point function": touching(
-        lambda x: tb.Plane(lambda t: x * torch.sin(20 * t) - 0.03 * UP, UP), 3, MOVING, damping=0.1
-    ),
+    "Plane.point function": touching(lambda x: tb.Plane(lambda t: x * torch.sin(20 * t) - 0.03 * UP,
+        UP), 3, MOVING, damping=0.1),
     "Sphere.centre": touching(lambda x: tb.Sphere(x, 0.04), 3),
     "Sphere.spin": touching(lambda x: tb.Sphere(-0.5 * UP, 0.45, spin=x), 3, MOVING, **ROUGH),
     "Cylinder.point": touching(lambda x: tb.Cylinder(x, (0, 0, 1.0), 0.62, inside=True), 3, MOVING),
-    "Cylinder.spin": Case(
-        lambda x: scene(
-            tb.Contact(
-                tb.Cylinder((0.4, 0.0, -0.4), (0, 1.0, 0), 0.38, spin=x[..., 0]), **SOFT, **ROUGH
-            )
-        ),
-        1,
-        MOVING,
-        scale=1e-4,
-    ),
+    "Cylinder.spin": Case(lambda x: scene(tb.Contact(tb.Cylinder((0.4, 0.0, -0.4), (0, 1.0, 0),
+        0.38, spin=x[..., 0]), **SOFT, **ROUGH)), 1, MOVING, scale=1e-4),
     "Capsule.a": touching(lambda x: tb.Capsule(x - 0.4 * UP, (0.6, 0, -0.4), 0.37), 3, MOVING),
     "Capsule.b": touching(lambda x: tb.Capsule((0.6, 0, -0.4), x - 0.4 * UP, 0.37), 3, MOVING),
     "Box.centre": touching(lambda x: tb.Box(x, (0.08, 0.08, 0.08), 0.03), 3, MOVING),
-    "Box.rotation": touching(
-        lambda x: tb.Box(-0.05 * UP, (2.0, 1.0, 0.06), 0.02, rotation=x), 3, MOVING
-    ),
+    "Box.rotation": touching(lambda x: tb.Box(-0.05 * UP, (2.0, 1.0, 0.06), 0.02, rotation=x), 3,
+        MOVING),
     "Actuation.curvature": effect(lambda x: tb.Actuation(curvature=x), scale=1e-2),
     "Actuation.strain": effect(lambda x: tb.Actuation(strain=x)),
-    "Actuation.curvature per element": effect(
-        lambda x: tb.Actuation(
-            curvature=tb.PerElement(x[..., None, :] * torch.tensor([1.0, -1.0])[:, None])
-        ),
-        scale=1e-2,
-    ),
+    "Actuation.curvature per element":
+        effect(lambda x: tb.Actuation(curvature=tb.PerElement(x[..., None, :] *
+        torch.tensor([1.0, -1.0])[:, None])), scale=1e-2),
     "Load.values": Case(lambda x: scene(tb.Load(pulling, node=-1, values={"c": x[..., 0]}))),
-    "Load.function": Case(
-        lambda x: scene(
-            tb.Load(
-                lambda position, rotation, velocity, spin, t: (
-                    x[..., 0, None] * (1.0 + velocity),
-                    None,
-                ),
-                node=-1,
-            )
-        )
-    ),
-    "Load.rate": Case(
-        lambda x: scene(
-            tb.Load(
-                lambda position, rotation, velocity, spin, t, z, c: (z, None),
-                node=-1,
-                internal=3,
-                rate=lag,
-                values={"c": x[..., 0]},
-            )
-        ),
-        ways=STATIC + MOVING,
-    ),
-    "Input.value": Case(
-        lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))), inputs={"u": x}), 3
-    ),
-    "PerInterval.value": Case(
-        lambda x: dict(
-            scene=scene(tb.TipLoad(force=tb.Input("u", 3))),
-            inputs={"u": tb.PerInterval(torch.stack((x, 2 * x), -2))},
-        ),
-        3,
-        MOVING,
-    ),
-    "Frame.velocity": Case(
-        lambda x: scene(frame=tb.Frame(velocity=x)), 3, ("eager", "native"), scale=1e-2
-    ),
-    "Frame.angular_velocity": Case(
-        lambda x: scene(frame=tb.Frame(angular_velocity=x)), 3, STATIC + MOVING, scale=1e-2
-    ),
-    "Frame.angular_velocity, off the axis": Case(
-        lambda x: scene(
-            of=section().shifted(y=x[..., 0]), frame=tb.Frame(angular_velocity=(0.0, 3.0, 4.0))
-        ),
-        1,
-        STATIC + MOVING,
-        scale=1e-2,
-    ),
-    "RootMotion.displacement": Case(
-        lambda x: scene(root=tb.RootMotion(displacement=shape(x))), 3, MOVING, scale=1e-2
-    ),
-    "RootMotion.rotation": Case(
-        lambda x: scene(root=tb.RootMotion(rotation=shape(x))), 3, MOVING, scale=1e-2
-    ),
-    "RootMotion.displacement value": Case(
-        lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0)), root=tb.RootMotion(displacement=x)),
-        3,
-        STATIC + MOVING,
-        scale=1e-2,
-    ),
-    "RootMotion.rotation value": Case(
-        lambda x: scene(root=tb.RootMotion(rotation=x)), 3, STATIC + MOVING, scale=1e-2
-    ),
-    "Support.displacement": Case(
-        lambda x: scene(supports=[tb.Support(0), tb.Support(-1, "yz", "", displacement=x)]),
-        3,
-        STATIC,
-        scale=1e-2,
-    ),
-    "Support.turn": Case(
-        lambda x: scene(supports=[tb.Support(0), tb.Support(-1, "yz", "xyz", turn=x)]),
-        3,
-        STATIC,
-        scale=1e-2,
-    ),
-    "Accelerogram.acceleration": Case(
-        lambda x: scene(
-            root=tb.RootMotion(
-                displacement=tb.Accelerogram((0.0, 0.03, 0.1), torch.stack((x, -x, x), -2))
-            )
-        ),
-        3,
-        MOVING,
-        scale=1e-2,
-    ),
-    "Body.position": Case(
-        lambda x: joined(tb.Weld(*ENDS), hub(position=torch.tensor((0.6, 0.0, 0.0)) + x)),
-        3,
-        ("eager", "equilibrium"),
-    ),
-    **{
-        f"{kind.__name__}.at": Case(
-            lambda x, kind=kind: joined(kind(*ENDS, at=torch.tensor((0.6, 0, 0)) + x)),
-            3,
-            ("eager",),
-        )
-        for kind in (tb.Weld, tb.Ball, tb.Hinge, tb.Slider, tb.Cylindrical, tb.Universal)
-    },
-    "Distance.at": Case(
-        lambda x: tb.Scene(
-            {"hub": hub()},
-            [tb.Gravity((0, 0, -9.81))],
-            joints=[tb.Distance(None, "hub", at=x)],
-            supports=[tb.Support("hub", "", "xyz")],
-        ),
-        3,
-        ("eager",),
-    ),
-    **{
-        f"{kind.__name__}.{name}": acting(kind, name, least, **beside)
-        for kind, effort, coordinate in (
-            (tb.Hinge, "torque", "angle"),
-            (tb.Slider, "force", "travel"),
-        )
-        for name, least, beside in (
-            ("stiffness", True, {}),
-            ("damping", True, {}),
-            ("friction", True, dict(slip_speed=0.1)),
-            ("limit_stiffness", True, dict(limits=(-1e-4, 1e-4))),
-            (effort, False, {}),
-            (coordinate, False, {}),
-        )
-    },
-    **{
-        f"{kind.__name__}.{name}": acting_on_both(kind, name, least, **beside)
-        for kind in (tb.Cylindrical, tb.Universal)
-        for name, least, beside in (
-            ("stiffness", True, {}),
-            ("damping", True, {}),
-            ("friction", True, dict(slip_speed=(0.1, 0.1))),
-            ("limit_stiffness", True, dict(limits=[(-1e-4, 1e-4)] * 2)),
-        )
-    },
-    **{
-        f"Cylindrical.{name}": acting(tb.Cylindrical, name, False)
-        for name in ("torque", "force", "angle", "travel")
-    },
-    **{
-        f"Universal.{name}": acting(tb.Universal, name, False)
-        for name in ("torque", "second_torque", "angle", "second_angle")
-    },
-    **{
-        f"Ball.{name}": acting(tb.Ball, name, True, **beside)
-        for name, beside in (
-            ("damping", {}),
-            ("friction", dict(slip_speed=0.1)),
-            ("limit_stiffness", dict(limit=1e-4)),
-        )
-    },
+    "Load.function":
+        Case(lambda x: scene(tb.Load(lambda position, rotation, velocity, spin, t: (x[..., 0, None]
+        * (1.0 + velocity), None), node=-1))),
+    "Load.rate":
+        Case(lambda x: scene(tb.Load(lambda position, rotation, velocity, spin, t, z, c: (z, None),
+        node=-1, internal=3, rate=lag, values={"c": x[..., 0]})), ways=STATIC + MOVING),
+    "Input.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))), inputs={"u":
+        x}), 3),
+    "PerInterval.value": Case(lambda x: dict(scene=scene(tb.TipLoad(force=tb.Input("u", 3))),
+        inputs={"u": tb.PerInterval(torch.stack((x, 2 * x), -2))}), 3, MOVING),
+    "Frame.velocity": Case(lambda x: scene(frame=tb.Frame(velocity=x)), 3, ("eager", "native"),
+        scale=1e-2),
+    "Frame.angular_velocity": Case(lambda x: scene(frame=tb.Frame(angular_velocity=x)), 3, STATIC +
+        MOVING, scale=1e-2),
+    "Frame.angular_velocity, off the axis": Case(lambda x: scene(of=section().shifted(y=x[..., 0]),
+        frame=tb.Frame(angular_velocity=(0.0, 3.0, 4.0))), 1, STATIC + MOVING, scale=1e-2),
+    "RootMotion.displacement": Case(lambda x: scene(root=tb.RootMotion(displacement=shape(x))), 3,
+        MOVING, scale=1e-2),
+    "RootMotion.rotation": Case(lambda x: scene(root=tb.RootMotion(rotation=shape(x))), 3, MOVING,
+        scale=1e-2),
+    "RootMotion.displacement value": Case(lambda x: scene(tb.Spring(-1, 3.0, to=(0.6, 0.1, 0)),
+        root=tb.RootMotion(displacement=x)), 3, STATIC + MOVING, scale=1e-2),
+    "RootMotion.rotation value": Case(lambda x: scene(root=tb.RootMotion(rotation=x)), 3, STATIC +
+        MOVING, scale=1e-2),
+    "Support.displacement": Case(lambda x: scene(supports=[tb.Support(0),
+        tb.Support(-1, "yz", "", displacement=x)]), 3, STATIC, scale=1e-2),
+    "Support.turn": Case(lambda x: scene(supports=[tb.Support(0),
+        tb.Support(-1, "yz", "xyz", turn=x)]), 3, STATIC, scale=1e-2),
+    "Accelerogram.acceleration":
+        Case(lambda x: scene(root=tb.RootMotion(displacement=tb.Accelerogram((0.0, 0.03, 0.1),
+        torch.stack((x, -x, x), -2)))), 3, MOVING, scale=1e-2),
+    "Body.position": Case(lambda x: joined(tb.Weld(*ENDS),
+        hub(position=torch.tensor((0.6, 0.0, 0.0)) + x)), 3, ("eager", "equilibrium")),
+    **{f"{kind.__name__}.at": Case(lambda x, kind=kind: joined(kind(*ENDS,
+        at=torch.tensor((0.6, 0, 0)) + x)), 3, ("eager",)) for kind in (tb.Weld, tb.Ball, tb.Hinge,
+        tb.Slider, tb.Cylindrical, tb.Universal)},
+    "Distance.at": Case(lambda x: tb.Scene({"hub": hub()}, [tb.Gravity((0, 0, -9.81))],
+        joints=[tb.Distance(None, "hub", at=x)], supports=[tb.Support("hub", "", "xyz")]), 3,
+        ("eager",)),
+    **{f"{kind.__name__}.{name}": acting(kind, name, least, **beside) for kind, effort, coordinate
+        in ((tb.Hinge, "torque", "angle"), (tb.Slider, "force", "travel")) for name, least, beside
+        in (("stiffness", True, {}), ("damping", True, {}), ("friction", True,
+        dict(slip_speed=0.1)), ("limit_stiffness", True, dict(limits=(-1e-4, 1e-4))),
+        (effort, False, {}), (coordinate, False, {}))},
+    **{f"{kind.__name__}.{name}": acting_on_both(kind, name, least, **beside) for kind in
+        (tb.Cylindrical, tb.Universal) for name, least, beside in (("stiffness", True, {}),
+        ("damping", True, {}), ("friction", True, dict(slip_speed=(0.1, 0.1))), ("limit_stiffness",
+        True, dict(limits=[(-1e-4, 1e-4)] * 2)))},
+    **{f"Cylindrical.{name}": acting(tb.Cylindrical, name, False) for name in ("torque", "force",
+        "angle", "travel")},
+    **{f"Universal.{name}": acting(tb.Universal, name, False) for name in ("torque",
+        "second_torque", "angle", "second_angle")},
+    **{f"Ball.{name}": acting(tb.Ball, name, True, **beside) for name, beside in (("damping", {}),
+        ("friction", dict(slip_speed=0.1)), ("limit_stiffness", dict(limit=1e-4)))},
     "Ball.stiffness": acting_with(tb.Ball, "stiffness", lambda x: x[..., None] * torch.eye(3)),
     "Ball.torque": Case(lambda x: joined(tb.Ball(*ENDS, torque=x)), 3, ("eager",), scale=1e-4),
     "State.velocity": Case(moved(velocity=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.spin": Case(moved(spin=lambda x, v: v + free_nodes(x)), 3, MOVING, scale=1e-2),
     "State.position": Case(moved(position=lambda x, v: v + free_nodes(x)), 3, MOVING),
-    "State.rotation": Case(
-        moved(rotation=lambda x, q: quat.multiply(q, quat.exponential(free_nodes(x)))), 3, MOVING
-    ),
-    "rayleigh ratio": Case(
-        lambda x: scene(*tb.rayleigh((20.0, 60.0), torch.stack((x[..., 0], x[..., 0]), -1))),
-        ways=DYNAMIC,
-        least=True,
-    ),
-    "Table.values": Case(
-        lambda x: scene(
-            beam=tb.Beam.straight(
-                0.6,
-                N,
-                section(),
-                twist=tb.Table((0.0, 0.6), torch.stack((0 * x[..., 0], x[..., 0]), -1)),
-            )
-        ),
-        scale=1e-2,
-    ),
+    "State.rotation": Case(moved(rotation=lambda x, q: quat.multiply(q,
+        quat.exponential(free_nodes(x)))), 3, MOVING),
+    "rayleigh ratio": Case(lambda x: scene(*tb.rayleigh((20.0, 60.0), torch.stack((x[..., 0],
+        x[..., 0]), -1))), ways=DYNAMIC, least=True),
+    "Table.values": Case(lambda x: scene(beam=tb.Beam.straight(0.6, N, section(),
+        twist=tb.Table((0.0, 0.6), torch.stack((0 * x[..., 0], x[..., 0]), -1)))), scale=1e-2),
 }
+# fmt: on
 
 POSITIVE, ORDERED = "is positive", "increases"
 # fmt: off

@@ -73,12 +73,18 @@ def differences(
     ) / h
 
 
-def reverse(f: Callable[[Tensor], Tensor], n: int, *w: Tensor) -> Tensor:
-    """w^T J (n,) of each w, behind each other (..., n) where they are several; of one graph."""
+def value_and_slope(f: Callable[[Tensor], Tensor], n: int, *w: Tensor) -> tuple[Tensor, Tensor]:
+    """f(0), and w^T J (n,) of each w, behind each other (..., n) where they are several; of one
+    graph.
+    """
     x = torch.zeros(n, requires_grad=True)
     y = f(x) + 0 * x.sum()  # what knows nothing of x has the derivative 0
     slopes = [torch.autograd.grad(y, x, one, retain_graph=True)[0] for one in w]
-    return torch.stack(slopes) if len(w) > 1 else slopes[0]
+    return y.detach(), torch.stack(slopes) if len(w) > 1 else slopes[0]
+
+
+def reverse(f: Callable[[Tensor], Tensor], n: int, *w: Tensor) -> Tensor:
+    return value_and_slope(f, n, *w)[1]
 
 
 def forward(f: Callable[[Tensor], Tensor], v: Tensor) -> Tensor:

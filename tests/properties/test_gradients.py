@@ -11,7 +11,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 
-N, STEPS, DT = 4, 10, 0.01
+N, STEPS, DT = 4, 4, 0.01
 # of Newton's method: differences of positions good to 1e-12 are good to 1e-9 here
 EXACT = dict(tolerance=1e-12)
 
@@ -28,7 +28,7 @@ def still(**numbers):
 
 
 def moved(speed=0.0, steps=STEPS, **numbers):
-    """Tip after 10 steps of 10 ms, from a tip that starts with the given speed along z, damped a
+    """Tip after 4 steps of 10 ms, from a tip that starts with the given speed along z, damped a
     little.
     """
     stepper = tb.Stepper(scene(**numbers), DT, **EXACT)
@@ -72,7 +72,7 @@ CASES = {
 def test_against_differences_and_forward_against_reverse(case):
     """d(tip)/d(number): forward mode = fourth-order central differences to 1e-6 of the largest
     component, and reverse mode of a mix of the components = that of forward mode to 1e-9 (the same
-    sums in another order, through 10 steps).
+    sums in another order, through 4 steps).
     """
     function, at = CASES[case]
     at, mix = torch.tensor(at, requires_grad=True), torch.tensor([0.3, 1.0, 0.7])
@@ -86,15 +86,16 @@ def test_against_differences_and_forward_against_reverse(case):
 def test_gradient_of_every_sample_is_its_own():
     """A batch of stiffnesses in one backward pass = each alone."""
     EI = torch.tensor([0.8, 1.0, 1.5], requires_grad=True)
-    (batch,) = torch.autograd.grad(moved(EI=EI, steps=10)[..., 1].sum(), EI)
+    (batch,) = torch.autograd.grad(moved(EI=EI)[..., 1].sum(), EI)
     for i in range(3):
         one = EI[i].detach().requires_grad_()
-        (alone,) = torch.autograd.grad(moved(EI=one, steps=10)[1], one)
+        (alone,) = torch.autograd.grad(moved(EI=one)[1], one)
         assert_close(batch[i], alone, rtol=1e-10, atol=0)
 
 
-@pytest.mark.parametrize("follower", [False, True])
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e30])
+@pytest.mark.parametrize(
+    "bad, follower", [(math.nan, True), (math.nan, False), (math.inf, False), (1e30, False)]
+)
 def test_failed_sample_has_no_gradient_and_harms_none(bad, follower):
     """A load that is not a number, infinite or absurd in sample 1: its gradient after the failure
     is zero (it stands still), everything is finite, and the others have exactly the gradient of a
@@ -108,7 +109,7 @@ def test_failed_sample_has_no_gradient_and_harms_none(bad, follower):
             tb.Scene(scene(EI=EI).beam, [tb.TipLoad(force=tb.Input("u", 3), follower=follower)]), DT
         )
         state = stepper.rest((3,))
-        for _ in range(5):
+        for _ in range(3):
             state = stepper(state, u=load[:, None] * torch.tensor([0, 1.0, 0.5]))
         return state.status, torch.autograd.grad(state.tip.position[:, 1].sum(), (load, EI))
 

@@ -172,7 +172,10 @@ def invariants(A):
 # One of each kind: native code is made of these, a second for each form, in steps or in statics.
 STEPS = ("tip force", "tension", "torque", "clamp's turn")
 STATICS = ("line force", "curvature", "length")
-DEAR = {"native": STEPS, "compiled equilibrium": STATICS, "path": STEPS + STATICS}
+SAMPLE = STEPS + STATICS
+DEAR = {"native": STEPS, "compiled equilibrium": STATICS} | dict.fromkeys(
+    ("path", "modes", "linearize", "rollout"), SAMPLE
+)
 
 
 def rows():

@@ -95,10 +95,10 @@ def test_episodes_in_a_plane_go_on_with_the_same_bits():
     "name, task, settings",
     [
         ("ppo", TINY, {}),
-        ("ppo", TINY, TAUGHT),
+        pytest.param("ppo", TINY, TAUGHT, marks=pytest.mark.long),  # of lessons, as SHAC's
         ("sac", TINY, {}),
         ("shac", TINY.varied(randomize=True, noise=0.01), {}),
-        ("shac", TINY, TAUGHT),
+        pytest.param("shac", TINY, TAUGHT, marks=pytest.mark.long),  # less than LQG has
         ("shac", TINY, {"teacher": "MPC(horizon=4)", "lessons": 3}),
         ("shac", TINY, {"teacher": "LQG(latency=2, disturbance=0.1)", "lessons": 3}),
     ],
@@ -668,11 +668,13 @@ def test_a_smooth_reward_is_learned_from_alone(tmp_path):
     ("iterations", "validated"),
     [(160, [0, 1, 2, 4, *range(8, 161, 8)]), (40, [0, 1, *range(2, 41, 2)]), (7, range(8))],
 )
-def test_validations_are_at_shares_of_the_budget(tmp_path, iterations, validated):
-    """Closer together at first; after each iteration where it has few."""
+def test_validations_are_at_shares_of_the_budget(tmp_path, monkeypatch, iterations, validated):
+    """Closer together at first; after each iteration where it has few; whatever these do."""
     options = dict(final=2, episodes=2, progress=False)
-    budget = common.Budget(steps=iterations * 32)
-    common.train(learner("shac", ARM), ARM, tmp_path, budget, **options)
+    budget, one = common.Budget(steps=iterations * 32), learner("shac", TINY)
+    monkeypatch.setattr(one, "iteration", lambda done: {})
+    monkeypatch.setattr(common, "validation", lambda *given: {"validation_return": 0.0})
+    common.train(one, TINY, tmp_path, budget, **options)
     with open(tmp_path / "run.csv", newline="") as file:
         steps = [int(row["steps"]) for row in csv.DictReader(file)]
     assert steps == [32 * iteration for iteration in validated]

@@ -29,7 +29,7 @@ def test_work_is_given_back():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("end", ["SIGKILL", "SIGTERM"])
+@pytest.mark.parametrize("end", ["SIGKILL", pytest.param("SIGTERM", marks=pytest.mark.long)])
 def test_they_end_with_the_process_that_started_them(tmp_path, end):
     """However it ends: else they wait for work for ever. Their end is that of what they print, as
     soon as the last of them has closed it.

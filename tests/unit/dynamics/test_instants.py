@@ -85,15 +85,15 @@ def test_far_from_zero(way, dtype):
 
 
 def test_steps_are_counted_in_double():
-    """100 of 10 ms from 100 s on, in either precision, whatever the instants come in; of the same
+    """20 of 10 ms from 100 s on, in either precision, whatever the instants come in; of the same
     length but for the digits of the instants.
     """
     for dtype in (torch.float32, torch.float64):
         for given in (torch.float32, torch.float64):
-            t = 100 + torch.linspace(0, 1, 11, dtype=torch.float64)
+            t = 100 + torch.linspace(0, 0.2, 11, dtype=torch.float64)
             scene = tb.Scene(BEAM, dtype=dtype)
             solution = tb.simulate(scene, t.to(given), step=0.01, engine="eager")
-            assert solution.stats.steps == 100 and solution.t.dtype == dtype
+            assert solution.stats.steps == 20 and solution.t.dtype == dtype
 
 
 # what a user may do with a state between two steps
@@ -107,8 +107,8 @@ BETWEEN = {
 @pytest.mark.parametrize("between", BETWEEN)
 @pytest.mark.parametrize("kind", ["a stepper", "an explicit stepper", "repeat"])
 def test_a_loop_keeps_the_time_of_a_run(kind, between):
-    """In float32, whose numbers lie 0.5 ms apart at 8000 s, 40 steps of 10 ms go to 8000.4 s, as a
-    run does. (Each used to begin at the rounded end of the one before: 8000.3906.)
+    """In float32, whose numbers lie 0.5 ms apart at 8000 s, 10 steps of 10 ms go to 8000.1 s, as a
+    run does. (Each used to begin at the rounded end of the one before: 8000.0977.)
     """
     scene = tb.Scene(BEAM, dtype=torch.float32)
     step = (
@@ -116,24 +116,24 @@ def test_a_loop_keeps_the_time_of_a_run(kind, between):
         if kind == "an explicit stepper"
         else tb.Stepper(scene, 0.01, engine="eager")
     )
-    advance = (lambda s: step.repeat(s, 4, {})) if kind == "repeat" else step
+    advance = (lambda s: step.repeat(s, 2, {})) if kind == "repeat" else step
     state = start(scene, 8000.0)
-    for _ in range(10 if kind == "repeat" else 40):
+    for _ in range(5 if kind == "repeat" else 10):
         state = BETWEEN[between](advance(state))
-    run = tb.simulate(scene, [8000.0, 8000.4], step=0.01, engine="eager").state[-1]
-    assert state.t == run.t == torch.tensor(8000.4, dtype=torch.float32)
+    run = tb.simulate(scene, [8000.0, 8000.1], step=0.01, engine="eager").state[-1]
+    assert state.t == run.t == torch.tensor(8000.1, dtype=torch.float32)
 
 
 def test_branches_and_states_that_were_set_back():
-    """Each state goes on from its own instant: of 40 steps, after each of which another branch is
+    """Each state goes on from its own instant: of 10 steps, after each of which another branch is
     tried; of one whose time was written to, or set, from there.
     """
     scene = tb.Scene(BEAM, dtype=torch.float32)
     stepper, state = tb.Stepper(scene, 0.01, engine="eager"), start(scene, 8000.0)
-    for _ in range(40):
+    for _ in range(10):
         stepper(stepper(state), dt=0.02)
         state = stepper(state)
-    assert state.t == torch.tensor(8000.4, dtype=torch.float32)
+    assert state.t == torch.tensor(8000.1, dtype=torch.float32)
     assert stepper(start(scene, 8000.0)).t == torch.tensor(8000.01, dtype=torch.float32)
     assert stepper(state.at(0.0)).t == torch.tensor(0.01, dtype=torch.float32)
     state.t.fill_(1.0)
@@ -161,22 +161,22 @@ def test_instants_in_single_precision_of_a_scene_in_double():
     """They are told apart by the intervals between them, not by the steps within."""
     t = torch.tensor([8000.0, 8000.25], dtype=torch.float32)
     scene = tb.Scene(BEAM, dtype=torch.float64)
-    run = tb.simulate(scene, t, step=1e-3, engine="eager")
-    assert run.stats.steps == 250 and run.t[-1] == 8000.25
+    run = tb.simulate(scene, t, step=5e-3, engine="eager")
+    assert run.stats.steps == 50 and run.t[-1] == 8000.25
 
 
 @pytest.mark.steps
 def test_a_loop_in_native_code_is_the_run():
-    """500 steps from 8000 s on in float32, of a push that grows: the same time, and to rounding the
-    same tip. (They came to 8004.883 s.)
+    """200 steps from 8000 s on in float32, of a push that grows: the same time, and to rounding the
+    same tip. (They came to 8001.953 s.)
     """
     push = tb.TipLoad(force=lambda t: (0, 0, 0.1 * (t - 8000)))
     scene = tb.Scene(BEAM, [push], dtype=torch.float32)
     stepper, state = tb.Stepper(scene, 0.01, engine="compiled"), start(scene, 8000.0)
-    rolled = tb.rollout(stepper, state, 500)[-1]
-    run = tb.simulate(scene, [8000.0, 8005.0], step=0.01, engine="compiled").state[-1]
-    for _ in range(500):
+    rolled = tb.rollout(stepper, state, 200)[-1]
+    run = tb.simulate(scene, [8000.0, 8002.0], step=0.01, engine="compiled").state[-1]
+    for _ in range(200):
         state = stepper(state)
     for one in (state, rolled, run):
-        assert one.t == 8005.0
+        assert one.t == 8002.0
         assert one.tip.position[2].item() == pytest.approx(run.tip.position[2].item(), rel=1e-5)

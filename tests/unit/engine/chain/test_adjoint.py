@@ -1,5 +1,5 @@
-"""Gradients of compiled steps beside those of eager ones: by everything that a scene holds, by its
-start, inputs and times.
+"""Gradients of compiled steps where samples fail, in forward mode and through checkpoints; by all
+that a scene holds: properties/test_parity.py.
 """
 
 from dataclasses import replace
@@ -9,7 +9,6 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from tests.cases.compiled_step_cases import moving
 from torchbeam.engine.chain.adjoint import AdjointProgram
 
 pytest.importorskip("llvmlite")
@@ -17,32 +16,6 @@ pytest.importorskip("llvmlite")
 
 def wanted(*shape):
     return torch.rand(shape, generator=torch.Generator().manual_seed(2)).add_(0.5).requires_grad_()
-
-
-def all_effects(batch, **where):
-    """A scene and what it is differentiated by."""
-    by = {name: wanted() for name in ("EI", "mass", "length", "tau", "stiffness", "alpha", "body")}
-    by |= {name: wanted(3) for name in ("follower", "offset", "to", "push")} | {
-        "u": wanted(*batch, 3)
-    }
-    section = tb.Section.from_stiffness(
-        EA=2e3, GA=8e2, GJ=2.0, EI=3 * by["EI"], mass=by["mass"], inertia=1e-3
-    )
-    return tb.Scene(
-        tb.Beam.straight(by["length"], 3, section),
-        [
-            tb.Gravity((0, 0, -9.81)),
-            tb.Damping(0.01 * by["tau"]),
-            tb.TipLoad(force=tb.Input("u", 3)),
-            tb.TipLoad(force=by["follower"], follower=True),
-            tb.PointMass(0.2 * by["body"], offset=0.03 * by["offset"]),
-            tb.Spring(1, 30 * by["stiffness"], by["to"], length=0.1, damping=0.2),
-            tb.MassDamping(by["alpha"]),
-            tb.PointLoad(node=2, force=lambda t: torch.sin(9 * t) * by["push"]),
-            tb.Drag(1000.0, 0.02),
-        ],
-        **where,
-    ), by
 
 
 def bent(batch, **where):
@@ -56,16 +29,6 @@ def bent(batch, **where):
     return tb.Scene(
         tb.Beam.from_nodes(nodes, section), [tb.TipLoad(force=tb.Input("u", 3))], **where
     ), by
-
-
-HINGES = [tb.Support(0, rotation="xz"), tb.Support(-1, position="z", rotation="")]
-# "hinges" as a long run: test_compiled_scenes "supports that move" has more of them
-CASES = {
-    "all effects": (all_effects, {}),
-    "in a plane": (bent, dict(plane="xz")),
-    "small": (bent, dict(small=True)),
-    "hinges": (bent, dict(supports=HINGES)),
-}
 
 
 def loss(state):
@@ -83,43 +46,6 @@ def loss(state):
             state.work,
         )
     )
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (name == "hinges")) for name in CASES]
-)
-def test_gradients_of_a_rollout_are_the_eager_ones(name):
-    """Five steps of samples that move differently: each gradient to 1e-9 of its largest number."""
-    make, where = CASES[name]
-    found = []
-    for engine in ("eager", "compiled"):
-        scene, by = make((3,), **where)
-        with torch.no_grad():
-            start = moving(scene, (3,), size=0.3)
-        by["velocity"] = start.velocity.clone().requires_grad_()
-        by["t"] = torch.tensor([0, 0.01, 0.04, 0.05], requires_grad=True)
-        solution = tb.simulate(
-            scene,
-            by["t"],
-            replace(start, velocity=by["velocity"]),
-            step=0.01,
-            inputs={"u": by["u"]},
-            engine=engine,
-        )
-        value = loss(solution.state) + solution.energy.kinetic.sum()
-        first = torch.autograd.grad(value, list(by.values()), retain_graph=True)
-        found.append(dict(zip(by, first, strict=True)))
-        for a, b in zip(first, torch.autograd.grad(value, list(by.values())), strict=True):
-            assert torch.equal(a, b)  # the graph serves twice
-    eager, compiled = found
-    for key, x in eager.items():
-        assert_close(
-            compiled[key],
-            x,
-            rtol=0,
-            atol=1e-9 * float(x.abs().max()),
-            msg=lambda text, key=key: f"{key}: {text}",
-        )
 
 
 def test_a_failed_sample_is_differentiated_as_standing_still_and_harms_nobody():

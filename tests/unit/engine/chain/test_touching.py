@@ -60,36 +60,6 @@ def run(x, engine, options, plane="xz", **law):
     return torch.cat((numbers, state.work[..., None]), -1), run.stats.iterations
 
 
-CASES = {
-    "friction in a plane": ({}, dict(law=RUBS)),
-    "generalized alpha": (dict(method="generalized_alpha"), {}),
-    "energy kept": (dict(conserve=True), {}),
-    "friction in space": ({}, dict(plane=None, law=RUBS)),
-}
-LONG = ("energy kept", "friction in space")
-
-
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[pytest.mark.long] * (case in LONG)) for case in CASES]
-)
-def test_native_steps_and_gradients_are_the_eager_ones(case):
-    """In a batch whose samples touch in other pairs; a support's load with friction in it."""
-    options, given = CASES[case]
-    law, plane = given.get("law", {}), given.get("plane", "xz")
-    results = {}
-    for engine in ("eager", "compiled"):
-        x = X.clone().requires_grad_()
-        numbers, iterations = run(x, engine, options, plane, **law)
-        weights = torch.linspace(1, 2, numbers.shape[-1])
-        (slope,) = torch.autograd.grad((numbers * weights).sum(), x)
-        results[engine] = numbers.detach(), slope, iterations
-    eager, native = results.values()
-    assert (eager[0][0] - eager[0][1]).abs().max() > 1e-3
-    assert_close(native[0], eager[0], rtol=0, atol=1e-10)  # of velocities m/s, by forces of 100 N
-    assert_close(native[1], eager[1], rtol=1e-9, atol=1e-9 * float(eager[1].abs().max()))
-    assert torch.equal(native[2], eager[2])
-
-
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 @pytest.mark.parametrize("law", [{}, RUBS], ids=["smooth", "rubs"])
 def test_one_start_of_samples_whose_laws_differ(engine, law):
