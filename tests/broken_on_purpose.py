@@ -32,7 +32,7 @@ BREAKS = [
     Break("work of a tendon of the wrong sign",
           f"{CHAIN}.tendon_functions:TendonFunctions.tendon_work", "-mean", "mean", "tendons"),
     Break("blocks of interactions not swapped in the transposed matrix",
-          f"{CHAIN}.interaction_functions:transposed", "name[::-1]: block", "name: block", "tendons"),
+          f"{CHAIN}.interaction_functions:transposed", "name[::-1]", "name", "tendons"),
     Break("work of a joint forgotten", f"{CHAIN}.joint_functions:JointFunctions.finish_joint",
           "after.work}", "0 * after.work}", "bodies"),
     Break("effort of a driven joint forgotten",
