@@ -40,8 +40,8 @@ REFERENCE = {
     "accuracy": ("Accuracy", "Which mesh, element, method and step.", (
         "converge", "Convergence", "remesh", "advise", "Advice", "describe", "Description")),
     "identification": ("Identification", "Parameters and fields from measurements.", (
-        "identify", "Parameter", "Measurement", "Fit", "identify_fields", "Smoothness",
-        "FieldFit", "observe")),
+        "identify", "Parameter", "Measurement", "SensorFrame", "pose_from_points", "Pose", "Fit",
+        "identify_fields", "Smoothness", "FieldFit", "observe")),
     "uncertainty": ("Uncertainty", "Scatter, sensitivities, rare events.", (
         "monte_carlo", "Samples", "Estimate", "monte_carlo_stream", "Stream", "sobol_indices",
         "SobolIndices", "tornado", "Tornado", "moment_derivatives", "MomentDerivatives",
