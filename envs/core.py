@@ -126,7 +126,7 @@ class BeamVectorEnv(VectorEnv):
         self.dtype, self.device, self.high = self.task.dtype, self.task.device, self.simulation.high
         self.metadata = {
             **self.metadata,
-            "render_fps": round(1 / self.config.control_interval),
+            "render_fps": round(min(1 / self.config.control_interval, 1e9)),
             "autoreset_mode": self.autoreset_mode,
         }
         high = self.high.cpu().numpy().astype(np.float32)
@@ -371,7 +371,7 @@ class BeamVectorEnv(VectorEnv):
             return torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         try:
             mask = torch.as_tensor(given, device=self.device)
-        except (TypeError, ValueError, RuntimeError):
+        except (TypeError, ValueError, RuntimeError, OverflowError):
             mask = torch.zeros(())
         if mask.dtype != torch.bool or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(

@@ -351,7 +351,7 @@ class Simulation:
         if goal is not None:
             try:
                 goal = torch.as_tensor(goal, dtype=self.task.dtype, device=self.task.device)
-            except (TypeError, ValueError, RuntimeError):
+            except (TypeError, ValueError, RuntimeError, OverflowError):
                 raise ValueError(
                     f"goal = {shown(goal)} was given; numbers of shape {shape} or {shape[1:]} "
                     "are wanted"

@@ -275,3 +275,68 @@ def test_what_mixes_samples_is_refused(engine):
     scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), [load, Mixed((-1, 1))])
     with pytest.raises(ValueError, match="mixes the samples"):
         moved(scene, engine)
+
+
+@dataclass(frozen=True)
+class Star(Interaction):
+    """Springs of its nodes to their middle."""
+
+    stiffness: Value = leaf(0)  # N/m
+
+    depends = frozenset({POSITION})
+    conservative = True
+
+    def wrench(self, point, t, inputs):
+        middle = point.position.mean(-2, keepdim=True)
+        return -self.stiffness[..., None, None] * (point.position - middle), None
+
+
+@dataclass(frozen=True)
+class Couple(Interaction):
+    """A force on one node, and its opposite on the other."""
+
+    force: Value = leaf(1)  # N
+
+    def wrench(self, point, t, inputs):
+        return torch.stack((self.force, -self.force), -2), None
+
+
+@pytest.mark.parametrize("nodes", [((3, 1, 2), (3, 1)), ((1, 2, 3), (3, 0))])
+def test_interactions_of_other_numbers_of_nodes_beside_each_other(nodes):
+    slopes = []
+    for engine in ("eager", "compiled"):
+        k = torch.tensor([2.0, 3.0], dtype=torch.float64, requires_grad=True)
+        effects = [Star(own, one) for own, one in zip(nodes, k, strict=True)]
+        scene = tb.Scene(tb.Beam.straight(1.0, 3, SECTION), [tb.Gravity(G), *effects])
+        state = moved(scene, engine)
+        slopes.append(torch.autograd.grad(state.position.square().sum(), k)[0])
+    assert_close(*slopes, rtol=1e-9, atol=1e-14)
+
+
+def test_it_is_raised_with_the_loads():
+    """A path, and an equilibrium that is found by load steps, as by two loads."""
+    beam, forces = tb.Beam.straight(1.0, 4, SECTION), ((0.0, 40.0, 0), (0.0, -40.0, 0))
+    loads = [tb.PointLoad(node, force) for node, force in zip((-1, 1), forces, strict=True)]
+    own = tb.Scene(beam, [Couple((-1, 1), forces[0])])
+    assert_close(
+        tb.equilibrium(own).position, tb.equilibrium(tb.Scene(beam, loads)).position,
+        rtol=0, atol=1e-10,
+    )  # fmt: skip
+    assert tb.path(own, steps=4).factor[-1] > 0
+
+
+def test_what_leaves_the_plane_is_refused():
+    beam, force = tb.Beam.straight(1.0, 4, SECTION), (0.0, 0, 1.0)
+    with pytest.raises(ValueError, match="out of the plane"):
+        tb.equilibrium(tb.Scene(beam, [Couple((-1, 1), force)], plane="xy"))
+    asked = [
+        tb.equilibrium(tb.Scene(beam, [Couple((-1, 1), force)], plane=plane)).position
+        for plane in (None, "auto")
+    ]
+    assert_close(*asked, rtol=0, atol=1e-12)
+
+
+def test_a_finer_mesh_has_it_at_the_same_places():
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, SECTION), [tb.Gravity(G), Tie((1, -1), 300.0)])
+    chosen = tb.remesh(scene, 4)
+    assert chosen.interactions[0].nodes == (2, 4)

@@ -183,7 +183,7 @@ def _batch(scene: Scene) -> Iterator[str]:
 def _effect(effect: Effect, scene: Scene) -> str:
     node, beam = effect.node, scene.beam
     whole = "all" if beam.parts else "the beam"
-    at = "" if effect.kind in ("strain", "eigenstrain") else f" along {whole}"
+    at = "" if effect.kind in ("strain", "eigenstrain", "interaction") else f" along {whole}"
     at = at if effect.on is None else f" on {effect.on!r}"
     at = at if node is None else f" at node {node if beam.parts else node % beam.node_count}"
     said = [

@@ -109,11 +109,12 @@ def real(value: Tensor) -> Tensor:
 
 
 def dense(value: Tensor) -> Tensor:
-    """`value` if it has a number in each place; ValueError for a sparse or quantized tensor, and
-    for one of the device meta.
+    """`value` if it has a number in each place; ValueError for a sparse or quantized tensor, one of
+    numbers of eight bits or less, and one of the device meta.
     """
-    if value.layout != torch.strided or value.is_meta or value.is_quantized:
-        kind = value.dtype if value.is_quantized else f"the layout {value.layout}"
+    coarse = value.is_quantized or (value.is_floating_point() and value.element_size() < 2)
+    if value.layout != torch.strided or value.is_meta or coarse:
+        kind = value.dtype if coarse else f"the layout {value.layout}"
         kind = "the device meta" if value.is_meta else kind
         raise ValueError(f"a tensor of {kind} was given; a dense one with numbers is wanted")
     return value

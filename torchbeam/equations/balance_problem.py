@@ -67,6 +67,11 @@ class BalanceProblem(Tree):
         return self.conditions.eigenstrain
 
     @property
+    def share(self) -> Tensor | float:
+        """(...) as far as loads are raised."""
+        return 1.0
+
+    @property
     def least(self) -> tuple[Tensor, ...]:
         """Terms, as of elements or of nodes, that the balance is measured against beside its
         own.
@@ -130,7 +135,8 @@ class BalanceProblem(Tree):
         """Of all, on the nodes (..., N+1, w); 0.0 where there is none."""
         if not self.conditions.interactions:
             return 0.0
-        return interactions.at_nodes(self.model, self.nodes(kinematics), self.conditions)
+        whole = interactions.at_nodes(self.model, self.nodes(kinematics), self.conditions)
+        return whole if isinstance(self.share, float) else self.share[..., None, None] * whole
 
     def idle(self, kinematics: Any) -> Tensor:
         """(...) bool: whether none of them does anything."""
@@ -256,8 +262,10 @@ class BalanceProblem(Tree):
         matrix = self.model.touching.matrix(matrix, lambda: self.touching_motion(kinematics, nodes))
         now = self.conditions
         if now.interactions:
-            by = self.motion_by(nodes)
-            matrix = interactions.matrix(self.model, self.nodes(kinematics), now, by, matrix)
+            by, share = self.motion_by(nodes), self.share
+            share = share if isinstance(share, float) else share[..., None, None, None]
+            nodes = self.nodes(kinematics)
+            matrix = interactions.matrix(self.model, nodes, now, by, matrix, -share)
         return joined if matrix is joined.matrix else joined._replace(matrix=matrix)
 
     def merit(self, residual: Residual) -> Tensor | None:

@@ -74,6 +74,10 @@ class SteadyProblem(BalanceProblem):
         )
 
     @property
+    def share(self) -> Tensor:
+        return self.load_factor
+
+    @property
     def support_factor(self) -> Tensor:
         """(...) how much of their motion supports have made."""
         return self.load_factor

@@ -72,10 +72,10 @@ def matrix(
     now: Conditions,
     by: MotionJacobian,
     matrix: Matrix,
-    sign: float = -1.0,
+    share: Tensor | float = -1.0,
 ) -> Matrix:
-    """A matrix of balances, which these are taken from, with that of these."""
+    """A matrix of balances with a share of that of these, which is taken from balances."""
     for own, block in blocks(rows, nodes, now, by):
         if isinstance(block, Tensor):
-            matrix = matrix.tied_too((own,), sign * block.flatten(-4, -3))
+            matrix = matrix.tied_too((own,), share * block.flatten(-4, -3))
     return matrix

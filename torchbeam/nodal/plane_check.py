@@ -13,6 +13,7 @@ from ..core.leaves import constant, with_values
 from ..core.validation import concrete
 from ..scene.effects import RootSpring
 from ..scene.effects.loads import GivenLoad
+from . import interactions
 from .conditions import conditions
 from .coordinates.planar import Planar
 from .coordinates.selection import in_space
@@ -91,7 +92,8 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
     """Forces and moments (..., 6) of loads that are numbers, on the beam at rest, but for those
     that lie in the plane to the bit whatever the beam does; with what loads are called.
     """
-    loads = tuple([x for x in model.scene.loads if constant(x) and not _inside(model, x)])
+    acts = *model.scene.loads, *model.scene.interactions
+    loads = tuple([x for x in acts if constant(x) and not _inside(model, x)])
     if not loads:
         return
     beam, still = model.scene.beam, torch.zeros_like(model.scene.beam.nodes)
@@ -103,6 +105,10 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
         yield acting.load.called, wrench(whole.space, acting.load, point, t, {})
     for acting in now.between:
         yield acting.load.called, at_nodes(whole, nodes, replace(now, between=(acting,)))
+    for acting in now.interactions:
+        one = replace(now, interactions=(acting,))
+        ((_, push),) = interactions.wrenches(whole, nodes, one)
+        yield acting.load.called, push
 
 
 def _inside(model: Model, load: Any) -> bool:

@@ -19,7 +19,7 @@ def nodes_of(state: Any) -> tuple[Tensor, Tensor]:
     """Positions (samples, N+1, 3) m and section axes (samples, N+1, 3, 3) as columns, frame a, of a
     state of any form. Raises ValueError for what is no state, and for one of no sample.
     """
-    if not hasattr(state, "position"):
+    if not all(isinstance(getattr(state, x, None), Tensor) for x in ("position", "rotation")):
         raise ValueError(
             f"{type(state).__name__} was given to a picture of the beam; a state is wanted (of a "
             "solution: solution.state)"

@@ -14,7 +14,7 @@ from ..core.derivatives import cached
 from ..core.entry_point import entry_point
 from ..core.leaves import Tree, batch_shapes, map_leaves, sent
 from ..core.summary import kind, lines, point, span, statuses
-from ..core.validation import shown
+from ..core.validation import broadcast, shown
 
 Made = Tensor | Callable[[], Tensor]
 
@@ -151,6 +151,7 @@ class TensorFields(Tree):
             raise ValueError(f"states = {shown(states)} was given; a list of states is wanted")
         if not states:
             raise ValueError("states = [] was given; one or more are wanted")
+        broadcast("states", *(state.nodes.shape[:-1] for state in states))
         return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
 
 

@@ -20,6 +20,7 @@ from ...scene.beam_arguments import check_order
 from ...scene.beam_recipe import recipe_of, remade, whole_parts
 from ...scene.effects import Actuation, Load, PerElement
 from ...scene.effects.effect import Effect
+from ...scene.effects.interaction import Interaction
 from ...scene.effects.tendon import Tendon
 from ...scene.effects.values import AtSites, Input
 from ...scene.scene import Scene
@@ -127,7 +128,7 @@ def _nodes(scene: Scene) -> Iterator[int]:
     """Of all that stands at a node."""
     yield from (support.node for support in scene.supports)
     for effect in scene.effects:
-        if isinstance(effect, Tendon):
+        if isinstance(effect, Tendon | Interaction):
             yield from effect.nodes
         elif effect.node is not None:
             yield effect.node
@@ -154,6 +155,8 @@ def _moved(effect: Effect, rows: _Rows) -> Effect:
             x if x.node is None else with_values(x, node=rows(int(x.node))) for x in effect.eyelets
         )
         return with_values(effect, eyelets=eyelets)
+    if isinstance(effect, Interaction):
+        return with_values(effect, nodes=tuple(map(rows, effect.nodes)))
     if effect.node is not None:
         row = rows(effect.node)
         return effect if row == effect.node else with_values(effect, node=row)

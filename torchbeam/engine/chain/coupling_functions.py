@@ -14,7 +14,7 @@ from ...nodal.conditions import Conditions
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
 from .interaction_functions import transposed
-from .local_problem import Fields, LocalProblems
+from .local_problem import Ends, Fields, LocalProblems
 from .node_kinds import CouplingKind
 
 
@@ -32,9 +32,10 @@ class CouplingFunctions(LocalProblems):
         ((_, blocks),) = interactions.blocks(problem.model, nodes, now, by)
         n, w = push.shape
         blocks = blocks + push.new_zeros(n, n, w, w)
-        outputs = {f"{side}.push": -push[k] for k, side in enumerate(kind.sides)}
+        push, blocks = (-problem.share * x for x in (push, blocks))
+        outputs = {f"{side}.push": push[k] for k, side in enumerate(kind.sides)}
         for i, row in enumerate(kind.sides):
-            outputs |= {row + column: -blocks[i, j] for j, column in enumerate(kind.sides)}
+            outputs |= {row + column: blocks[i, j] for j, column in enumerate(kind.sides)}
         return outputs
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
@@ -50,14 +51,15 @@ class CouplingFunctions(LocalProblems):
     def of_coupling(self, fields: Fields, kind: CouplingKind) -> tuple[BalanceProblem, Any]:
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
-        now = self._coupled(ends.now, ends.common.now, kind)
+        now = self._coupled(ends, ends.common.now, kind)
         problem, x = self._problem(ends.rows, None, ends.common, ends.given, now)
         if ends.common.before is not None:
-            before = self._coupled(ends.now, ends.common.before, kind)
+            before = self._coupled(ends, ends.common.before, kind)
             problem = replace(problem, before=before)
         return problem, problem.apply_supports(x)
 
-    def _coupled(self, now: Conditions, alike: CommonConditions, kind: CouplingKind) -> Conditions:
+    def _coupled(self, ends: Ends, alike: CommonConditions, kind: CouplingKind) -> Conditions:
         """Conditions with the interaction."""
         load, nodes = alike.loads[kind.load], tuple(range(len(kind.sides)))
-        return replace(now, interactions=(ActingLoad(load, nodes, load.depends, None),))
+        acting = ActingLoad(load, nodes, ends.rows.depends_on(load), None)
+        return replace(ends.now, interactions=(acting,))

@@ -10,6 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 from math import isqrt
 from typing import NamedTuple
 
+from ..compiler.function import Output
 from ..compiler.split import HOISTED
 from .driver_code import DriverCode, Places
 from .interaction import JOINT, OWN, PAIR, TIE, Interaction
@@ -122,10 +123,14 @@ class InteractionCode(DriverCode):
 
     def coupled(self, one: Interaction, function: int) -> int:
         """So many of a node's unknowns the blocks of such a function are of."""
-        name, first = f"{one.name} {function}", 2 * one.sides[0]
-        name = name if name in self.functions else f"{one.name} blocks {function}"
-        outputs = self.functions[name].outputs
+        outputs, first = self._blocks_of(one, function), 2 * one.sides[0]
         return isqrt(len(outputs[first].nodes)) if first in outputs else self.width
+
+    def _blocks_of(self, one: Interaction, function: int) -> dict[str, Output]:
+        """What such a function gives: other kinds may have more."""
+        name = f"{one.name} {function}"
+        name = name if name in self.functions else f"{one.name} blocks {function}"
+        return self.functions[name].outputs
 
     def _part(self) -> int | None:
         return min((self.coupled(PAIR, k) for k, _ in kinds_of(self.kinds, PAIR)), default=None)
@@ -152,7 +157,7 @@ class InteractionCode(DriverCode):
                 self._join_blocks(entry, self.functions[free].outputs)
             with code.when(code.new(f"xor i1 {held}, true")):
                 self._join_blocks(entry)
-        if "right" in self.layout.fields(f"{entry.name} blocks"):
+        if "right" in self._blocks_of(entry.of, entry.function):
             width = entry.of.width
             first, stride = (self.code.load(self.code.at(entry.row, width - k)) for k in (3, 2))
             with self._there(first):
@@ -162,7 +167,7 @@ class InteractionCode(DriverCode):
     def _join_blocks(self, entry: Entry, free: Container[str] = ()) -> None:
         code, one, size = self.code, entry.of, self.coupled(entry.of, entry.function)
         name = "block" if size == self.width else "part"
-        for block in self.layout.fields(f"{one.name} blocks"):
+        for block in self._blocks_of(one, entry.function):
             if block not in one.blocks:
                 continue
             place = one.place(block)

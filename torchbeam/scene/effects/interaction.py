@@ -29,8 +29,8 @@ class Interaction(LoadEffect):
 
     Its `wrench(point, t, inputs)` gives force and moment (..., n, 3) on the n nodes: N and N m,
     frame a, None = absent. The fields of `point` that it `depends` on have an axis of the nodes
-    (position (..., n, 3), R (..., n, 3, 3), velocity, spin), its own leaves have not. Forces that
-    add up to none keep the momentum of what floats.
+    (position (..., n, 3), R (..., n, 3, 3); velocity, spin, absolute, frame a), its own leaves have
+    not. In equilibria it is raised with the loads.
 
     Raises:
         ValueError: for fewer than two nodes, or more than six, one twice, or one that is not there.
@@ -111,8 +111,3 @@ class Interaction(LoadEffect):
             name: block.unflatten(-1, (n, 3)).unflatten(-3, (n, 6))
             for name, block in zip(names, blocks, strict=True)
         }
-
-
-def rows_of(interactions: tuple[Interaction, ...]) -> tuple[tuple[int, ...], ...]:
-    """The nodes of each."""
-    return tuple(one.nodes for one in interactions)
