@@ -289,7 +289,7 @@ def test_an_actuator_says_what_it_cannot_be():
         ValueError, match=r"a gain of shape \(1, 2\) was given for the input 'force'"
     ):
         Actuator(tb.TipLoad(force=tb.Input("force", 3)), [[1.0, 0.0]])
-    with pytest.raises(ValueError, r"scale = 0\.0 was given"):
+    with pytest.raises(ValueError, match=r"scale = 0\.0 was given"):
         TipReachVectorEnv(1, sensors=("tip", Observed(tb.sensors.RootForce(), scale=0.0)), **SMALL)
 
 
