@@ -102,7 +102,7 @@ class Failure(NamedTuple):
         unknowns.
         """
         problem, model = self.problem, self.problem.model
-        for load in model.loads[0]:
+        for load in (*model.loads[0], *model.scene.interactions):
             now = conditions(model, problem.t, problem.inputs, loads=(load,))
             yield _name(load), lambda x, now=now: all_loads(model, problem.seen(x), now)
 
@@ -138,7 +138,7 @@ class Failure(NamedTuple):
                     at(s), problem.inputs, model.length, scene.beam.element_count
                 ),
             )
-        for load in scene.loads:
+        for load in (*scene.loads, *scene.interactions):
             yield (
                 _name(load),
                 lambda s, load=load: all_loads(
