@@ -8,6 +8,8 @@ import argparse
 import json
 from pathlib import Path
 
+from torchbeam.extend.commands import measured_on, sentence
+
 from . import silicone_beam, soft_tentacle
 
 BEAM = "silicone_beam_{}.csv"
@@ -58,16 +60,16 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     stored = given.out / "measurements.json"
-    before = json.loads(stored.read_text()) if stored.exists() else {}
-    lines = {name: before[name] for name in RUNS if name in before}
+    before = json.loads(stored.read_text())["runs"] if stored.exists() else {}
+    lines, heading = {name: before[name] for name in RUNS if name in before}, measured_on()
     for name, (example, files, held) in RUNS.items():
         if given.only not in name:
             continue
         arguments = ["--data", *(str(given.data / file) for file in files)]
         arguments += ["--held", str(given.data / held)] if held else []
         lines[name] = json.loads(example.main(arguments))
-        stored.write_text(json.dumps(lines, indent=1) + "\n")
-        (given.out / "measurements.md").write_text(table(lines))
+        stored.write_text(json.dumps(heading | {"runs": lines}, indent=1) + "\n")
+        (given.out / "measurements.md").write_text(f"{table(lines)}\n{sentence(heading)}\n")
 
 
 if __name__ == "__main__":
