@@ -32,7 +32,6 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal import loads as external
-from ..nodal.rigid_moves import free_pieces
 from ..state.state import State
 from .energy_projection import conserved
 from .step_element import MidpointElement
@@ -146,6 +145,5 @@ class MidpointProblem(StepProblem):
         )
         after = self.finished(after, x.stress, kinematics)
         if self.conserve:
-            free = free_pieces(model)
-            after = conserved(model, start, after, self.dt, self.eigenstrain, free)
+            after = conserved(model, start, after, self.dt, self.eigenstrain, model.free_pieces)
         return replace(after, work=start.work + after.work)

@@ -12,7 +12,7 @@ from ..topology.places import added
 from ..topology.protocols import Matrix
 from .acting import ActingLoad
 from .conditions import Conditions
-from .loads import MotionJacobian, Nodes, _block, _moved, chained, load_point, wrench
+from .loads import MotionJacobian, Nodes, chained, changes, load_point, wrench, wrench_by
 from .rows import Rows
 from .sample_check import check_samples, tried
 
@@ -60,8 +60,8 @@ def blocks(
             for name, x in by.items()
         }
         for name, block in acting.load.tangent(point, now.t, now.inputs).items():
-            if _moved(space, name, by):
-                own = _block(space, name, block.transpose(-3, -2))
+            if changes(space, name, by):
+                own = wrench_by(space, name, block.transpose(-3, -2))
                 total = total + chained(space, name, own, of_nodes)
         yield acting.node, total
 

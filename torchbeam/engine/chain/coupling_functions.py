@@ -13,7 +13,6 @@ from ...nodal.acting import ActingLoad
 from ...nodal.conditions import Conditions
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
-from .interaction_functions import transposed
 from .local_problem import Ends, Fields, LocalProblems
 from .node_kinds import CouplingKind
 
@@ -42,11 +41,6 @@ class CouplingFunctions(LocalProblems):
         """Its work over the step."""
         problem, x = self.of_coupling(fields, kind)
         return {"work": problem.work(problem.node_balance(x)[0])}
-
-    def transposed_coupling(self, held: bool, kind: CouplingKind, **fields: Tensor) -> Fields:
-        """See `interaction_functions.transposed`."""
-        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        return transposed(self.coupling(kind, **fields), reactions)
 
     def of_coupling(self, fields: Fields, kind: CouplingKind) -> tuple[BalanceProblem, Any]:
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""

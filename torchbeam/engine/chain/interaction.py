@@ -59,3 +59,4 @@ TIE = Interaction(
 PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES)
 COUPLING = Interaction("coupling", "coupling", COUPLINGS, (), PAIR_SIDES)
 INTERACTIONS = JOINT, TIE, PAIR, COUPLING
+FINISHED = PAIR, COUPLING, JOINT  # those with functions of their own at the end of a step

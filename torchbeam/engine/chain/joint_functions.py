@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .interaction_functions import transposed
 from .local_problem import Fields, LocalProblems
 from .node_kinds import SIDES, JointKind
 
@@ -69,16 +68,6 @@ class JointFunctions(LocalProblems):
             "force": force
             + joints.held[0] * joints.driven(problem.joint_poses(kinematics)).effort[0]
         }
-
-    def transposed_joint(self, held: bool, kind: JointKind, **fields: Tensor) -> Fields:
-        """Blocks in the transposed matrix, and what is asked of its forces (`right`, w):
-        `force_bar`; where supports hold nodes, see `interaction_functions.transposed`.
-        """
-        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        right = fields.pop("force_bar")
-        outputs = transposed(self.joint(kind, **fields), reactions)
-        right = right * right.new_tensor(kind.held)
-        return outputs | {"right": right + outputs.get("right", 0.0)}
 
     def joint_update(self, force: Tensor, move: Tensor) -> Fields:
         """The forces of a joint (w) after they have changed."""

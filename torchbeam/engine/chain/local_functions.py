@@ -32,6 +32,7 @@ from ...topology.framework_unknowns import masked
 from ...topology.midside_nodes import condensed, following
 from ...topology.protocols import Topology
 from .coupling_functions import CouplingFunctions
+from .interaction_functions import transposed
 from .joint_functions import JointFunctions
 from .layout import FLAGS
 from .local_problem import INTERNAL, Fields, by_secants, far_fields, unbatched
@@ -528,6 +529,18 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
             right = right * fields["free_here"]
             D, below, above = _masked_row(D, below, above, fields)
         return D, below, above, right
+
+    def transposed_interaction(self, name: str, held: bool, kind: Any, **fields: Tensor) -> Fields:
+        """Of an interaction, see `interaction_functions.transposed`; of what has unknowns of its
+        own with what cotangents ask of these: `force_bar`.
+        """
+        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
+        right = fields.pop("force_bar", None)
+        outputs = transposed(getattr(self, name)(kind, **fields), reactions)
+        if right is None:
+            return outputs
+        right = right * right.new_tensor(kind.held)
+        return outputs | {"right": right + outputs.get("right", 0.0)}
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
         """What the cotangent of a reaction is to the balance of its node (w)."""

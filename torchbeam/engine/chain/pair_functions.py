@@ -14,7 +14,6 @@ from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction import PAIR
-from .interaction_functions import transposed
 from .local_problem import Fields, LocalProblems, by_secants, far_fields
 from .node_kinds import PAIR_SIDES, PairKind
 
@@ -62,11 +61,6 @@ class PairFunctions(LocalProblems):
         """Its work over the step."""
         problem, kinematics = self.of_pair(fields, kind)
         return {"work": problem.model.touching.work(lambda: problem.touching_way(kinematics))}
-
-    def transposed_pair(self, held: bool, kind: PairKind, **fields: Tensor) -> Fields:
-        """See `interaction_functions.transposed`."""
-        reactions = {side: fields.pop(f"{side}.reaction") for side in PAIR_SIDES if held}
-        return transposed(self.pair(kind, **fields), reactions)
 
     def of_pair(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
         """The problem of one pair, whose nodes have no loads, and how they move."""

@@ -27,7 +27,6 @@ from ...nodal.rope import Rope, Stretches, along_stretch
 from ...nodal.tendon_motion import TendonMotion
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
-from .interaction_functions import transposed
 from .local_problem import Fields, LocalProblems
 from .node_kinds import SIDES, EndKind, StretchKind
 
@@ -168,11 +167,6 @@ class TendonFunctions(LocalProblems):
             w = rows.shape[-1]
             by_side[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
         return by_side
-
-    def transposed_tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
-        """See `interaction_functions.transposed`."""
-        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        return transposed(self.tie(kind, **fields), reactions)
 
     def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""
