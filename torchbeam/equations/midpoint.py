@@ -23,9 +23,8 @@ step as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -93,17 +92,6 @@ class MidpointProblem(StepProblem):
             spin = self.model.constraints.turn * spin
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
-
-    def at_instants(
-        self, kinematics: StepKinematics, place: Callable[[Tensor, Tensor], Any]
-    ) -> tuple[Any, ...]:
-        """Forces act at the means over the step, joints are closed at its end."""
-        start = place(self.start.position, self.start.rotation)
-        end = place(kinematics.position_end, kinematics.q_end)
-        return start.mean(end), end, start
-
-    def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
-        return lambda: nodes.half
 
     def moves(self, kinematics: StepKinematics) -> Tensor:
         """(..., N+1, w) m and rad, by which loads do work over the step."""

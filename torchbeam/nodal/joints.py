@@ -36,17 +36,14 @@ from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from ..topology.framework_matrix import FrameworkMatrix, JointBlocks
 from .balls import Balls
+from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
-from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector, end_moves
-
-ROUNDING = 1000.0  # eps: places that floating point does not tell apart
-# what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that
-# size
-CLOSED = 1e-6
+from .joint_motion import Factor, Pose, Vector, end_moves
+from .multipliers import Multipliers, stacked
 
 
 @dataclass(frozen=True)
-class Joints(NoJoints):
+class Joints(BetweenNodes):
     """All joints of a scene, each with m = w constraints, of which those are there that `held`
     (J, w) has as 1.
 
@@ -78,6 +75,8 @@ class Joints(NoJoints):
     parts: Tensor = leaf(4)
     balls: Balls | None
 
+    present = True
+
     @property
     def count(self) -> int:
         return len(self.framework.joints)
@@ -87,35 +86,23 @@ class Joints(NoJoints):
         """How many constraints there are."""
         return int(self.held.sum())
 
-    def split(self, stress: Tensor) -> tuple[Tensor, Tensor]:
-        N = stress.shape[-2] - self.count
-        return stress.narrow(-2, 0, N), stress.narrow(-2, N, self.count)
+    @property
+    def multipliers(self) -> Multipliers:
+        """Their forces."""
+        return Multipliers(self.held, self.size)
 
-    def with_forces(self, stress: Tensor, forces: Tensor | None) -> Tensor:
-        rows = torch.zeros_like(self.held).flatten()
-        if forces is not None:
-            held = self.held.flatten().nonzero()[:, 0]
-            rows = rows.expand(*forces.shape[:-1], -1).index_copy(-1, held, forces)
-        return stacked(stress, rows.unflatten(-1, self.held.shape))
+    def split(self, stress: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Multipliers`."""
+        return self.multipliers.split(stress)
 
     def balance(
-        self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
     ) -> tuple[Tensor, Tensor]:
-        acting, end, *_ = poses()
+        acting, end, *_ = motion.placed(self.pose)
         return self.load(acting, self.split(stress)[1], nodes), stacked(gap, self.gap(end))
 
-    def joined(
-        self,
-        tangent: Any,
-        stress: Tensor,
-        poses: Callable[[], tuple[Pose, Pose]],
-        half: Callable[[], Tensor] | None,
-        rate: float,
-    ) -> Any:
-        blocks = self.blocks_of(
-            poses(), self.split(stress)[1], None if half is None else half(), rate
-        )
-        return tangent._replace(matrix=tangent.matrix.joined(blocks))
+    def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
+        return matrix.joined(self.blocks_of(motion, self.split(stress)[1]))
 
     def alone(self, blocks: JointBlocks) -> FrameworkMatrix:
         """The matrix of joints and nothing else."""
@@ -124,23 +111,14 @@ class Joints(NoJoints):
             blocks
         )
 
-    def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]) -> Any:
-        return stiffness.joined(self.blocks_of(poses(), self.split(stress)[1], None, 1.0))
-
     def finished(
-        self,
-        stress: Tensor,
-        motion: Callable[[], JointMotion],
-        moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
-        work: Tensor | None = None,
-        before: Tensor | None = None,
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
     ) -> dict[str, Any]:
-        motion = motion()
-        stress, w = self.acting(stress, motion)
-        wrench = self.wrench(motion, w, self.split(stress)[1])
-        moves = None if moving is None else moving()
-        joints = self._readings(motion.end, self.after(motion), moves, wrench)
-        return {"stress": stress, "joints": joints}
+        placed = motion.placed(self.pose)
+        stress, w = self.acting(fields["stress"], placed)
+        wrench = self.wrench(placed, w, self.split(stress)[1])
+        joints = self._readings(placed.end, self.after(placed), moving and moving(), wrench)
+        return fields | {"stress": stress, "joints": joints}
 
     def reading(
         self, pose: Pose, before: Tensor, moving: tuple[Tensor, Tensor] | None = None
@@ -185,11 +163,11 @@ class Joints(NoJoints):
         """(..., J, w) of coordinates, in their rows, likewise."""
         return readings[..., :1] * self.first + readings[..., 1:2] * self.second
 
-    def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
+    def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
-    def wrench(self, motion: JointMotion, w: Factor, force: Tensor) -> Tensor:
+    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
         a: on the ground, which has no gradient, the opposite of what the first part gets.
         """
@@ -207,12 +185,15 @@ class Joints(NoJoints):
         first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
         return torch.where(ground, -first, second)
 
-    def after(self, motion: JointMotion) -> Tensor:
+    def after(self, motion: Placed) -> Tensor:
         """(..., J, w) the coordinates, counted over turns where it is known how many there were
         before.
         """
-        turns = motion.drive.turns
-        return self.coordinate(motion.end, None if turns is None else self.turns(turns))
+        return self.coordinate(motion.end, self._near(motion.of.state))
+
+    def _near(self, state: Any) -> Tensor | None:
+        """(..., J, w) rad by a state, None = not known, that turns are counted from."""
+        return None if state is None or state.joints is None else self.turns(state.joints)
 
     def turned(self, angle: Tensor) -> Factor:
         """w, turned about x by angles (..., J, w), 0 in rows of others."""
@@ -303,26 +284,6 @@ class Joints(NoJoints):
         """(..., J, 2, 6) velocity and spin of both ends, in space."""
         return self.framework.at_joints(torch.cat((velocity, spin), -1)) @ self.moves
 
-    def measure(self, size: Tensor, gap: Tensor) -> Tensor:
-        p = self.space.dims.position
-        apart = torch.maximum(
-            gap[..., :p].abs().amax((-1, -2)) / self.size, gap[..., p:].abs().amax((-1, -2))
-        )
-        return measured(size, apart)
-
-    def spans(self, lengths: Tensor) -> Tensor:
-        return self.size[..., None, None]
-
-    def asked(self, push: Tensor, gap: Tensor) -> Tensor:
-        return stacked(push, -gap)
-
-    def answered(
-        self, solution: Tensor, change: Callable[[Tensor], Tensor]
-    ) -> tuple[Tensor, Tensor]:
-        N = self.framework.node_count
-        moves = solution.narrow(-2, 0, N)
-        return moves, stacked(change(moves), solution.narrow(-2, N, self.count))
-
     def pose(self, position: Tensor, rotation: Tensor) -> Pose:
         """From nodes, in the space's coordinates."""
         R = self.space.axes(rotation)
@@ -345,11 +306,10 @@ class Joints(NoJoints):
         wrench = torch.einsum("...jmk,...jm->...jk", by, force).unflatten(-1, (2, 6))
         return self.framework.from_joints(wrench @ self.moves.mT, total)
 
-    def blocks_of(
-        self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float
-    ) -> JointBlocks:
+    def blocks_of(self, motion: NodeMotion, force: Tensor) -> JointBlocks:
         """`blocks` of a motion."""
-        return self.blocks(motion.acting, motion.end, force, half, rate)
+        acting, end, *_ = motion.placed(self.pose)
+        return self.blocks(acting, end, force, motion.half_turns(), motion.rate)
 
     def blocks(
         self, acting: Pose, end: Pose, force: Tensor, half: Tensor | None, rate: float
@@ -447,25 +407,9 @@ class Joints(NoJoints):
         return torch.cat(torch.broadcast_tensors(*rows), -2)
 
 
-def measured(size: Tensor, apart: Tensor) -> Tensor:
-    """(...) a scaled residual, with the largest that joints are apart, over the size of the whole,
-    or turned.
-    """
-    rounding = ROUNDING * torch.finfo(apart.dtype).eps
-    return torch.maximum(size, (apart - rounding).clamp(min=0) / CLOSED)
-
-
 def _along(vector: Tensor, by: Tensor) -> Tensor:
     """vector (..., 3) times by (..., 3, n)."""
     return (vector[..., None, :] @ by)[..., 0, :]
-
-
-def stacked(rows: Tensor, more: Tensor) -> Tensor:
-    """Both one after the other."""
-    shape = broadcast_shapes(rows.shape[:-2], more.shape[:-2])
-    return torch.cat(
-        (rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2
-    )
 
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:

@@ -25,13 +25,14 @@ class CouplingFunctions(LocalProblems):
         """Its push (w) on the balances of its nodes, and its blocks (w, w), see `interaction`."""
         problem, x = self.of_coupling(fields, kind)
         kinematics, inertia, _ = problem.node_balance(x)
-        nodes, now = problem.nodes(kinematics), problem.conditions
-        by = problem.motion_by(problem.node_tangent(kinematics, inertia)[0])
-        ((_, push),) = interactions.wrenches(problem.model, nodes, now)
-        ((_, blocks),) = interactions.blocks(problem.model, nodes, now, by)
+        nodes, _ = problem.node_tangent(kinematics, inertia)
+        motion, space = problem.node_motion(kinematics, nodes), problem.model.space
+        now, own = motion.now, motion.nodes(motion.now.reads)
+        ((_, push),) = interactions.wrenches(space, own, now)
+        ((_, blocks),) = interactions.blocks(space, own, now, motion.by(now.reads))
         n, w = push.shape
         blocks = blocks + push.new_zeros(n, n, w, w)
-        push, blocks = (-problem.share * x for x in (push, blocks))
+        push, blocks = (-(x if motion.share is None else motion.share * x) for x in (push, blocks))
         outputs = {f"{side}.push": push[k] for k, side in enumerate(kind.sides)}
         for i, row in enumerate(kind.sides):
             outputs |= {row + column: blocks[i, j] for j, column in enumerate(kind.sides)}
@@ -46,7 +47,8 @@ class CouplingFunctions(LocalProblems):
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
         now = self._coupled(ends, ends.common.now, kind)
-        problem, x = self._problem(ends.rows, None, ends.common, ends.given, now)
+        rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space))
+        problem, x = self._problem(rows, None, ends.common, ends.given, now)
         if ends.common.before is not None:
             before = self._coupled(ends, ends.common.before, kind)
             problem = replace(problem, before=before)

@@ -25,18 +25,13 @@ class JointFunctions(LocalProblems):
         `interaction`, its own being 1 for forces that it has not; the largest gap and turn.
         """
         problem, x = self.of_joint(fields, kind)
-        x, joints, p = (
-            problem.apply_supports(x),
-            problem.model.joints,
-            self.model.space.dims.position,
-        )
+        x, joints = problem.apply_supports(x), problem.model.joints
         kinematics, inertia, _ = problem.node_balance(x)
         nodes, _ = problem.node_tangent(kinematics, inertia)
-        half, motion = problem.half_turns(nodes), problem.joint_poses(kinematics)
-        none = torch.zeros_like(x.stress[:0])
+        motion, p = problem.node_motion(kinematics, nodes), self.model.space.dims.position
         still = x.stress.new_zeros(len(kind.sides), x.stress.shape[-1])
-        push, gap = joints.balance(still, none, x.stress, lambda: motion)
-        blocks = joints.blocks_of(motion, x.stress, None if half is None else half(), problem.RATE)
+        push, gap = joints.balance(still, torch.zeros_like(x.stress[:0]), x.stress, motion)
+        blocks = joints.blocks_of(motion, x.stress)
         outputs = {"right": -gap[0], "oo": torch.diag_embed(1 - joints.held[0])}
         for k, side in enumerate(kind.sides):
             a = SIDES[1].index(side)
@@ -64,10 +59,8 @@ class JointFunctions(LocalProblems):
         problem, x = self.of_joint(fields | {"force": force}, kind)
         kinematics, *_ = problem.node_balance(problem.apply_supports(x))
         joints = problem.model.joints
-        return {
-            "force": force
-            + joints.held[0] * joints.driven(problem.joint_poses(kinematics)).effort[0]
-        }
+        placed = problem.node_motion(kinematics).placed(joints.pose)
+        return {"force": force + joints.held[0] * joints.driven(placed).effort[0]}
 
     def joint_update(self, force: Tensor, move: Tensor) -> Fields:
         """The forces of a joint (w) after they have changed."""

@@ -25,7 +25,7 @@ from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_forces, scaled
-from ...nodal.joints import measured
+from ...nodal.multipliers import measured
 from ...solvers.newton import Length, converged, next_secant, step_length
 from ...state.state import State
 from ...topology.framework_unknowns import masked

@@ -22,9 +22,9 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from ...nodal.between_nodes import Placed
 from ...nodal.joint_motion import end_moves
 from ...nodal.rope import Rope, Stretches, along_stretch
-from ...nodal.tendon_motion import TendonMotion
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
 from .local_problem import Fields, LocalProblems
@@ -45,9 +45,10 @@ class TendonFunctions(LocalProblems):
         become longer; its direction (3) after; with friction the rate at which it did before.
         """
         problem, x = self.of_stretch(fields, kind)
-        motion = problem.tendon_motion(problem.node_balance(problem.apply_supports(x))[0])
+        motion = problem.node_motion(problem.node_balance(problem.apply_supports(x))[0])
         tendons = problem.model.tendons
-        (step,) = tendons.steps(motion)
+        motion = motion.placed(tendons.eyelets)
+        (step,) = tendons.steps(motion, motion.of.now.tendons)
         stretches = Stretches.of(step)
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
@@ -108,18 +109,15 @@ class TendonFunctions(LocalProblems):
         problem, x = self.of_stretch(fields, kind)
         kinematics, inertia, _ = problem.node_balance(problem.apply_supports(x))
         nodes, _ = problem.node_tangent(kinematics, inertia)
-        half, motion = problem.half_turns(nodes), problem.tendon_motion(kinematics)
-        motion = motion._replace(drive=motion.drive._replace(share=None))  # its tension has it
-        half = None if half is None else half()
+        motion = problem.node_motion(kinematics, nodes)._replace(share=None)  # its tension has it
         tendons, T = problem.model.tendons, fields["tension"]
-        w, n = self.model.space.unknowns, len(kind.sides)
-        unit = tendons.loaded(T.new_zeros(n, w), lambda: motion._replace(given=T.new_ones(1)))
-        pulled = motion._replace(given=T[None])
-        blocks = tendons.blocks(pulled, half, problem.RATE).unflatten(0, (n, n))
+        placed, w, n = motion.placed(tendons.eyelets), self.model.space.unknowns, len(kind.sides)
+        unit = tendons.loaded(T.new_zeros(n, w), placed, T.new_ones(1))
+        blocks = tendons.blocks(placed, T[None]).unflatten(0, (n, n))
         outputs = {}
         if kind.coupled:
             outputs = self._own_blocks(fields)
-            own = self._own_rows(tendons, motion, half, problem.RATE, fields)
+            own = self._own_rows(tendons, placed, fields)
             outputs |= {f"o{side}": own[side] for side in kind.sides}
         for k, side in enumerate(kind.sides):
             outputs[f"{side}.push"] = T * unit[k]
@@ -143,24 +141,18 @@ class TendonFunctions(LocalProblems):
         blocks["oo"] = blocks["oo"] + torch.eye(w, dtype=T.dtype)
         return blocks
 
-    def _own_rows(
-        self,
-        tendons: Tendons,
-        motion: TendonMotion,
-        half: Tensor | None,
-        rate: float,
-        fields: Fields,
-    ) -> Fields:
+    def _own_rows(self, tendons: Tendons, motion: Placed, fields: Fields) -> Fields:
         """Of dT, dS, dA by the moves of the ends (w, w), by side."""
         by = torch.stack(
             (fields["tension"] * fields["by_q"], fields["direction"], fields["turned"])
         )
-        by_side, nodes = {}, [node for node in tendons.nodes if node is not None]
+        half, by_side = motion.of.half_turns(), {}
+        nodes = [node for node in tendons.nodes if node is not None]
         for end, sign in ((0, 1.0), (1, -1.0)):
             if tendons.nodes[end] is None:
                 continue
             lever = motion.end.lever[end].expand(3, 3)
-            rows = sign * rate * tendons.wrench(lever, by)
+            rows = sign * motion.of.rate * tendons.wrench(lever, by)
             if half is not None:
                 k = nodes.index(tendons.nodes[end])
                 rows = rows @ end_moves(half[k], self.model.space.dims.position)
