@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.leaves import leaf
 from ..scene.effects.values import Inputs, scalar_at, value_at
-from ..topology.framework_matrix import JointBlocks
 from .ball_laws import BallLaws, BallStep
 from .balls import Balls
 from .between_nodes import NodeMotion, Placed, Rates
@@ -147,7 +147,7 @@ class DrivenJoints(Joints):
         p = self.space.dims.position
         return torch.cat((force.expand(*force.shape[:-1], p), moment), -1)
 
-    def blocks_of(self, motion: NodeMotion, force: Tensor) -> JointBlocks:
+    def blocks_of(self, motion: NodeMotion, force: Tensor) -> Tensor:
         half, rate, placed = motion.half_turns(), motion.rate, motion.placed(self.pose)
         driven = self.driven(placed)
         force = self.held * force - driven.effort
@@ -213,8 +213,7 @@ class DrivenJoints(Joints):
             damper = self.balls.own_laws.damper[..., None, None]
             blocks = blocks + self.balls.to_joints(by.mT @ (damper * by), -3, self.count)
         blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
-        none = torch.zeros_like(blocks[..., 0, :, :])
-        return matrix().joined(JointBlocks(torch.zeros_like(self.held), blocks, none, none))
+        return self.tied(matrix(), pad(blocks, (0, 0, 0, 0, 0, 1, 0, 1)))
 
     def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         driven = self.driven(motion)

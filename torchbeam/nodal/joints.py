@@ -34,7 +34,6 @@ from ..core.leaves import leaf
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
-from ..topology.framework_matrix import FrameworkMatrix, JointBlocks
 from .balls import Balls
 from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
@@ -102,14 +101,11 @@ class Joints(BetweenNodes):
         return self.load(acting, self.split(stress)[1], nodes), stacked(gap, self.gap(end))
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
-        return matrix.joined(self.blocks_of(motion, self.split(stress)[1]))
+        return self.tied(matrix, self.blocks_of(motion, self.split(stress)[1]), self.held)
 
-    def alone(self, blocks: JointBlocks) -> FrameworkMatrix:
-        """The matrix of joints and nothing else."""
-        w = self.space.unknowns
-        return self.framework.diagonal(self.held.new_zeros(self.framework.node_count, w, w)).joined(
-            blocks
-        )
+    def tied(self, matrix: Any, blocks: Tensor, held: Tensor | None = None) -> Any:
+        """A matrix with `blocks`."""
+        return matrix.tied_too(self.framework.joint_ties, self.framework.of_ties(blocks), held)
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
@@ -257,8 +253,8 @@ class Joints(BetweenNodes):
         """
         by = by @ torch.block_diag(self.moves, self.moves).mT
         columns = by.unflatten(-1, (2, -1)).movedim(-2, -3)  # (..., J, 2, m, w)
-        none = torch.zeros_like(columns)
-        return self.alone(JointBlocks(which, none[..., None, :, :], none.mT, columns)).constraints()
+        rows = self.framework.by_nodes(columns)
+        return rows.index_select(-2, which.flatten().nonzero()[:, 0])
 
     def coordinates(self, pose: Pose, near: Tensor) -> Tensor:
         """(..., c) m, or rad within half a turn of readings `near` (..., J, 12): those of
@@ -306,17 +302,18 @@ class Joints(BetweenNodes):
         wrench = torch.einsum("...jmk,...jm->...jk", by, force).unflatten(-1, (2, 6))
         return self.framework.from_joints(wrench @ self.moves.mT, total)
 
-    def blocks_of(self, motion: NodeMotion, force: Tensor) -> JointBlocks:
+    def blocks_of(self, motion: NodeMotion, force: Tensor) -> Tensor:
         """`blocks` of a motion."""
         acting, end, *_ = motion.placed(self.pose)
         return self.blocks(acting, end, force, motion.half_turns(), motion.rate)
 
     def blocks(
         self, acting: Pose, end: Pose, force: Tensor, half: Tensor | None, rate: float
-    ) -> JointBlocks:
-        """Of the tangent, by moves at `acting`, the mean of the start and `end`: of which the end
-        makes `rate` times the displacement, and turns by rate * half (..., N+1, s, s) times the
-        spin; None = I.
+    ) -> Tensor:
+        """(..., J, 3, 3, w, w) of the tangent: balances of both ends, and constraints, by moves of
+        these and the joints' forces. Moves are at `acting`, the mean of the start and `end`: of
+        which the end makes `rate` times the displacement, and turns by rate * half
+        (..., N+1, s, s) times the spin; None = I.
         """
         return self._blocks(acting, end, self.w, self.w, self.held * force, half, rate)
 
@@ -331,7 +328,7 @@ class Joints(BetweenNodes):
         rate: float,
         more: Callable[[Vector, Tensor], Tensor] | None = None,
         added: Tensor | None = None,
-    ) -> JointBlocks:
+    ) -> Tensor:
         """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
         `added` (..., J, 12, 12): what the forces' wrenches change by beside that.
         """
@@ -359,7 +356,10 @@ class Joints(BetweenNodes):
         constraint = columns(held * closed)
         stiffness = columns(E @ stiffness).unflatten(-2, (2, -1)).transpose(-4, -3)
         force_by = (push * held @ E.mT).mT.unflatten(-2, (2, -1))
-        return JointBlocks(self.held, stiffness, force_by, constraint)
+        rows = stacked(stiffness, force_by[..., None, :, :], axis=-3)
+        none = torch.diag_embed(1 - self.held)[:, None]  # forces that a joint has not are zero
+        own = stacked(constraint, none, axis=-3)
+        return stacked(rows, own[..., None, :, :, :], axis=-4)
 
     def _spins(self, half: Tensor) -> Tensor:
         """(..., J, 2, w, w): what of a node's move its end takes, over `rate`."""

@@ -87,9 +87,7 @@ def measured(size: Tensor, apart: Tensor) -> Tensor:
     return torch.maximum(size, (apart - rounding).clamp(min=0) / CLOSED)
 
 
-def stacked(rows: Tensor, more: Tensor) -> Tensor:
-    """Both one after the other."""
-    shape = broadcast_shapes(rows.shape[:-2], more.shape[:-2])
-    return torch.cat(
-        (rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2
-    )
+def stacked(*parts: Tensor, axis: int = -2) -> Tensor:
+    """One after the other, of batch axes, before this one, that broadcast."""
+    shape = broadcast_shapes(*(x.shape[:axis] for x in parts))
+    return torch.cat([x.expand(*shape, *x.shape[axis:]) for x in parts], axis)

@@ -7,10 +7,12 @@ A joint's two ends are called i and j, as those of an element; of the ground the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import torch
 from torch import Tensor
 
+from .interaction import OWN
 from .local_problem import Fields, LocalProblems
 from .node_kinds import SIDES, JointKind
 
@@ -32,13 +34,11 @@ class JointFunctions(LocalProblems):
         still = x.stress.new_zeros(len(kind.sides), x.stress.shape[-1])
         push, gap = joints.balance(still, torch.zeros_like(x.stress[:0]), x.stress, motion)
         blocks = joints.blocks_of(motion, x.stress)
-        outputs = {"right": -gap[0], "oo": torch.diag_embed(1 - joints.held[0])}
-        for k, side in enumerate(kind.sides):
-            a = SIDES[1].index(side)
-            outputs[f"{side}.push"] = push[k]
-            outputs[f"{side}o"], outputs[f"o{side}"] = blocks.force[0, a], blocks.constraint[0, a]
-            for other in kind.sides:
-                outputs[side + other] = blocks.stiffness[0, a, SIDES[1].index(other)]
+        at = [(*SIDES[1], OWN).index(side) for side in (*kind.sides, OWN)]
+        outputs = {f"{side}.push": push[k] for k, side in enumerate(kind.sides)}
+        for (i, row), (j, column) in product(zip(at, (*kind.sides, OWN), strict=True), repeat=2):
+            outputs[row + column] = blocks[0, i, j]
+        outputs["right"] = -gap[0]
         gap = gap[0].abs()
         return outputs | {"gap_position": gap[:p].amax(), "gap_rotation": gap[p:].amax()}
 
