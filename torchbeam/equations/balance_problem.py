@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import torch
 from torch import Tensor
 
 from ..core.leaves import Tree
+from ..nodal import element_loads
 from ..nodal.balance import (
     CondensedTangent,
     Linearisation,
@@ -104,13 +106,21 @@ class BalanceProblem(Tree):
 
     def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
         """Loads between nodes, on each node of the elements (..., N, w); None = there are none."""
-        raise NotImplementedError
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
 
     def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
         """What they add to the tangent; None = nothing. nodes: the derivatives of the motion, where
         they are known.
         """
-        raise NotImplementedError
+        now = self.conditions
+        if not now.between:
+            return None
+        motion = self.node_motion(kinematics, nodes)
+        at, by = motion.nodes(now.reads), motion.by(now.reads)
+        return element_loads.element_matrix(self.model, at, now, by).each(torch.neg)
 
     def nodes(self, kinematics: Any, reads: frozenset[str] | None = None) -> Nodes:
         """What is seen by loads, or by what reads these."""
@@ -130,7 +140,8 @@ class BalanceProblem(Tree):
 
     def idle(self, kinematics: Any) -> Tensor:
         """(...) bool: whether none of them does anything."""
-        raise NotImplementedError
+        way = self.node_motion(kinematics).way()
+        return element_loads.idle(self.model, way, self.conditions)
 
     def passed(self, kinematics: Any) -> Tensor | None:
         """(...) bool: whether the beam would pass through what it touches; None = it moves through

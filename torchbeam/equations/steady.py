@@ -13,12 +13,12 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
-from ..nodal import element_loads
 from ..nodal import loads as external
 from ..nodal.between_nodes import NodeMotion, Rates
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
+from ..nodal.element_loads import Way
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -177,30 +177,10 @@ class SteadyProblem(BalanceProblem):
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
-    def element_loads(self, kinematics: Configuration) -> tuple[Tensor, ...] | None:
-        """What the beam meets, however far loads are raised."""
-        now = self.conditions
-        if not now.between:
-            return None
-        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
-
-    def idle(self, kinematics: Configuration) -> Tensor:
-        return element_loads.idle(
-            self.model, element_loads.Way(kinematics.position), self.conditions
-        )
-
     def motion_by(
         self, nodes: None, reads: frozenset[str] | None = None
     ) -> external.MotionJacobian:
         return self.frame.steady_jacobian()
-
-    def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
-        now = self.conditions
-        if not now.between:
-            return None
-        by = self.motion_by(nodes)
-        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
-        return matrix.each(torch.neg)
 
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""
@@ -239,6 +219,7 @@ class SteadyProblem(BalanceProblem):
             kinematics[:2],
             share=self.load_factor,
             moved=moved,
+            way=lambda: Way(kinematics.position),
         )
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
@@ -262,7 +243,7 @@ class SteadyProblem(BalanceProblem):
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
-                coordinates=tuple(joint.coordinates for joint in model.scene.joints),
+                coordinates=tuple(one.coordinates for one in model.scene.joints),
                 **self.finished(x, self.node_motion(x)),
             )
         )

@@ -205,12 +205,6 @@ class StepProblem(BalanceProblem):
             else self._dead
         )
 
-    def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
-        now = self.conditions
-        if not now.between:
-            return None
-        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
-
     def all_loads(self, kinematics: Any) -> Tensor | float:
         """`external` with the loads between nodes."""
         load, between = self.external(kinematics), self.element_loads(kinematics)
@@ -283,16 +277,6 @@ class StepProblem(BalanceProblem):
     def motion_by(self, nodes: Any, reads: frozenset[str] | None = None) -> external.MotionJacobian:
         return external.motion_jacobian(nodes, self.conditions.reads if reads is None else reads)
 
-    def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
-        now = self.conditions
-        if not now.between:
-            return None
-        nodes = self.TANGENT(self.motion, kinematics) if nodes is None else nodes
-        matrix = element_loads.element_matrix(
-            self.model, self.nodes(kinematics), now, self.motion_by(nodes)
-        )
-        return matrix.each(torch.neg)
-
     def passed(self, kinematics: Any) -> Tensor | None:
         now, motion = self.conditions, self.node_motion(kinematics)
         each = [one.passed(motion) for one in self.model.interactions]
@@ -328,9 +312,6 @@ class StepProblem(BalanceProblem):
         shape = linear.shape[:-1]
         momenta = linear.expand(*shape, dims.position), angular.expand(*shape, dims.spin)
         return share * torch.cat(momenta, -1)
-
-    def idle(self, kinematics: Any) -> Tensor:
-        return element_loads.idle(self.model, self._way(kinematics), self.conditions)
 
     def _way(self, kinematics: Any) -> element_loads.Way:
         """Of the nodes over the step, in frame a."""

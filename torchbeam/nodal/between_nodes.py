@@ -86,7 +86,7 @@ class BetweenNodes(Tree):
     """What acts between nodes; by itself nothing that does.
 
     present      whether there is something
-    count        of joints
+    count        of rows of multipliers
     held_count   of constraints, whose forces are unknowns
     dissipative  whether energy is lost; smooth: whether residuals fall as smooth ones do
     rubs         whether there is friction; limited: whether there are limits
@@ -99,7 +99,7 @@ class BetweenNodes(Tree):
     smooth = True
     rubs = False
     limited = False
-    stretches = ()  # of each its tendon, and its first eyelet
+    stretches = ()  # see `Tendons`
 
     @property
     def multipliers(self) -> Multipliers:

@@ -80,8 +80,8 @@ class Multipliers(Tree):
 
 
 def measured(size: Tensor, apart: Tensor) -> Tensor:
-    """(...) a scaled residual, with the largest that joints are apart, over the size of the whole,
-    or turned.
+    """(...) a scaled residual, with the largest that is apart, over the size of the whole, or
+    turned.
     """
     rounding = ROUNDING * torch.finfo(apart.dtype).eps
     return torch.maximum(size, (apart - rounding).clamp(min=0) / CLOSED)

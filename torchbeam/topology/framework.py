@@ -29,7 +29,7 @@ class Framework:
              2, 3, 4; ... of it
     chains   elements of each line
     singles  how many nodes there are beside the lines
-    joints   pairs of nodes that a joint connects; None = the ground. None of them is inside an
+    joints   of each of `Joints` the nodes that it connects; None = the ground. None is inside an
              element of order 2
     ties     rows of which each depends on all others of the same tie: nodes, none of them inside an
              element of order 2 either, and behind them the multipliers of joints
@@ -158,7 +158,7 @@ class Framework:
         return (i, j), (j, i), *far
 
     def at_joints(self, x: Tensor) -> Tensor:
-        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of each joint; zeros at
+        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of joints; zeros at
         the ground.
         """
         ends = take(x, self._joined).unflatten(-2, (-1, 2))
@@ -171,7 +171,7 @@ class Framework:
 
     @cached_property
     def joint_ties(self) -> tuple[tuple[int, ...], ...]:
-        """Rows of each joint: its nodes, and that of its multipliers."""
+        """Rows of joints: of each its nodes, and that of its multipliers."""
         rows = [(*pair, self.node_count + k) for k, pair in enumerate(self.joints)]
         return tuple(tuple(row for row in own if row is not None) for own in rows)
 
@@ -242,7 +242,7 @@ class Framework:
 def _there(
     joints: tuple[tuple[int | None, int | None], ...], dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    """(J, 2, 1) 1 where a joint's end is a node, 0 where it is the ground."""
+    """(J, 2, 1) 1 where an end of joints is a node, 0 where it is the ground."""
     there = [[[float(node is not None)] for node in pair] for pair in joints]
     return torch.tensor(there, dtype=dtype, device=device)
 

@@ -9,13 +9,12 @@ from typing import Any
 from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
 from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
-from .interaction_functions import end_reaction, free_blocks, is_block
+from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
 from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, largest
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, distinct
 from .tracing import Tracing
 
-GAPS = "gap_position", "gap_rotation"
 SUMS = (*GAPS, *FLAGS)  # what of an interaction a sample is judged by
 Derivative = Callable[[Function, list[str]], Function]
 

@@ -7,14 +7,13 @@ A joint's two ends are called i and j, as those of an element; of the ground the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
-import torch
 from torch import Tensor
 
 from .interaction import OWN
+from .interaction_functions import GAPS, of_ends
 from .local_problem import Fields, LocalProblems
-from .node_kinds import SIDES, JointKind
+from .node_kinds import JointKind
 
 
 @dataclass(frozen=True)
@@ -27,20 +26,10 @@ class JointFunctions(LocalProblems):
         `interaction`, its own being 1 for forces that it has not; the largest gap and turn.
         """
         problem, x = self.of_joint(fields, kind)
-        x, joints = problem.apply_supports(x), problem.model.joints
-        kinematics, inertia, _ = problem.node_balance(x)
-        nodes, _ = problem.node_tangent(kinematics, inertia)
-        motion, p = problem.node_motion(kinematics, nodes), self.model.space.dims.position
-        still = x.stress.new_zeros(len(kind.sides), x.stress.shape[-1])
-        push, gap = joints.balance(still, torch.zeros_like(x.stress[:0]), x.stress, motion)
-        blocks = joints.blocks_of(motion, x.stress)
-        at = [(*SIDES[1], OWN).index(side) for side in (*kind.sides, OWN)]
-        outputs = {f"{side}.push": push[k] for k, side in enumerate(kind.sides)}
-        for (i, row), (j, column) in product(zip(at, (*kind.sides, OWN), strict=True), repeat=2):
-            outputs[row + column] = blocks[0, i, j]
-        outputs["right"] = -gap[0]
-        gap = gap[0].abs()
-        return outputs | {"gap_position": gap[:p].amax(), "gap_rotation": gap[p:].amax()}
+        outputs, (gap,) = of_ends(problem, x, problem.model.joints, kind.sides, OWN)
+        sizes = gap.abs().split(self.model.space.dims[:2])
+        sizes = {name: size.amax() for name, size in zip(GAPS, sizes, strict=True)}
+        return outputs | {"right": -gap} | sizes
 
     def finish_joint(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The joint at the end of the step: its forces (w), what is read of it, the work done by

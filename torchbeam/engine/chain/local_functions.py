@@ -114,7 +114,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
 
     @staticmethod
     def part(x: Tensor, to: Tensor, ratio: Tensor) -> Fields:
-        """The stress of an element, or the force of a joint, so much of the way from x."""
+        """The stress of an element, or multipliers, so much of the way from x."""
         return {"x": torch.lerp(x, to, ratio)}
 
     def cosine(self, m: Tensor) -> Fields:

@@ -13,7 +13,7 @@ from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
-from .interaction import PAIR
+from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems, by_secants, far_fields
 from .node_kinds import PAIR_SIDES, PairKind
 
@@ -44,12 +44,8 @@ class PairFunctions(LocalProblems):
         push = touching.loaded(problem.t.new_zeros(len(PAIR_SIDES), w), motion)
         blocks = touching.by_moves(near, motion, touching.moves_of(motion))[0]
         passed, q = touching.passed(motion), self.coupled(kind)
-        outputs = {"passed": passed.to(push)}
-        outputs |= {f"{side}.push": x for side, x in zip(PAIR_SIDES, push[:, :q], strict=True)}
-        for name in PAIR.blocks:
-            row, column = map(PAIR_SIDES.index, name)
-            outputs[name] = blocks[row, column, :q, :q]
-        return outputs
+        outputs = pushed(push[:, :q], PAIR_SIDES, blocks[..., :q, :q])
+        return {"passed": passed.to(push)} | outputs
 
     def coupled(self, kind: PairKind) -> int:
         """So many of a node's unknowns a pair pushes, and is moved by: without friction places

@@ -21,12 +21,14 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ...nodal.between_nodes import Placed
 from ...nodal.joint_motion import end_moves
 from ...nodal.rope import Rope, Stretches, along_stretch
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
+from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems
 from .node_kinds import SIDES, EndKind, StretchKind
 
@@ -114,16 +116,13 @@ class TendonFunctions(LocalProblems):
         placed, w, n = motion.placed(tendons.eyelets), self.model.space.unknowns, len(kind.sides)
         unit = tendons.loaded(T.new_zeros(n, w), placed, T.new_ones(1))
         blocks = tendons.blocks(placed, T[None]).unflatten(0, (n, n))
-        outputs = {}
+        outputs = pushed(T * unit, kind.sides, blocks)
         if kind.coupled:
-            outputs = self._own_blocks(fields)
+            outputs |= self._own_blocks(fields)
             own = self._own_rows(tendons, placed, fields)
             outputs |= {f"o{side}": own[side] for side in kind.sides}
-        for k, side in enumerate(kind.sides):
-            outputs[f"{side}.push"] = T * unit[k]
-            if kind.coupled:
-                outputs[f"{side}o"] = torch.nn.functional.pad(unit[k][:, None], (0, w - 1))
-            outputs |= {side + other: blocks[k, m] for m, other in enumerate(kind.sides)}
+            columns = zip(kind.sides, unit, strict=True)
+            outputs |= {f"{side}o": pad(x[:, None], (0, w - 1)) for side, x in columns}
         return outputs
 
     def _own_blocks(self, fields: Fields) -> Fields:
