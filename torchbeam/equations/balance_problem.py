@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -36,13 +36,9 @@ class BalanceProblem(Tree):
     A subclass says what its unknowns x are, a named tuple of two tensors of nodes and of the
     `stress` (`apply_supports`, `update`); how nodes move by them, and what that asks for
     (`node_balance`, `node_tangent`); and the elements between (`element`).
-
-    RATE  how far nodes move, where constraints are closed, by a move
     """
 
     model: Rows
-
-    RATE: ClassVar[float] = 1.0
 
     @property
     def conditions(self) -> Conditions:

@@ -63,7 +63,6 @@ class MidpointProblem(StepProblem):
     TANGENT = MidpointTangent
     INSTANT = 0.5
     PART = 0.5
-    RATE = 2.0
 
     @cached
     def motion(self) -> MidpointMotion:

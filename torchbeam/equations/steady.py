@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,7 +14,7 @@ from torch import Tensor
 from ..core.derivatives import cached
 from ..core.leaves import leaf
 from ..nodal import loads as external
-from ..nodal.between_nodes import NodeMotion, Rates
+from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
@@ -244,18 +244,9 @@ class SteadyProblem(BalanceProblem):
                 rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
                 coordinates=tuple(one.coordinates for one in model.scene.joints),
-                **self.finished(x, self.node_motion(x)),
+                **model.finished({"stress": x.stress}, self.node_motion(x)),
             )
         )
-
-    def finished(
-        self, x: Configuration, motion: NodeMotion, moving: Rates | None = None
-    ) -> dict[str, Any]:
-        """Fields of a state that what is between nodes has; moving: see `BetweenNodes.finished`."""
-        fields: dict[str, Any] = {"stress": x.stress}
-        for one in self.model.interactions:
-            fields = one.finished(fields, motion, None, moving)
-        return fields
 
     def apply_supports(self, x: Configuration) -> Configuration:
         position, rotation, space = x.position, x.rotation, self.model.space

@@ -8,6 +8,7 @@ and the stress.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import torch
@@ -246,7 +247,6 @@ class StepProblem(BalanceProblem):
             ),
             way=lambda: self._way(kinematics),
             half=(lambda: of_motion().half) if mean else None,
-            rate=self.RATE,
             secant=self.secant,
             told=self.told,
         )
@@ -258,10 +258,9 @@ class StepProblem(BalanceProblem):
         the ends of the step, its start.
         """
         motion = self.node_motion(kinematics)
-        fields: dict[str, Any] = {"stress": stress, "work": after.work}
-        for one in self.model.interactions:
-            fields = one.finished(fields, motion, before, lambda: self.relative_motion(after))
-        return replace(after, **fields)
+        fields = {"stress": stress, "work": after.work}
+        moves = partial(self.relative_motion, after)
+        return replace(after, **self.model.finished(fields, motion, before, moves))
 
     def relative_motion(self, state: State) -> tuple[Tensor, Tensor]:
         """Velocity and spin of the nodes (..., N+1, *), as seen in frame a."""

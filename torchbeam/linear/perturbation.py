@@ -159,7 +159,7 @@ class Perturbation:
                 spin=space.to_section(x.rotation, spin + rate[..., p:]),
                 reaction=model.constraints.fixed
                 * problem.residual(x)[0].nodes[..., list(model.constraints.nodes), :],
-                **problem.finished(x, motion, rates),
+                **model.finished({"stress": x.stress}, motion, None, rates),
             )
         )
 

@@ -33,7 +33,6 @@ class NodeMotion(NamedTuple):
     way     `element_loads.Way` of the whole step
     half    half the spin of a node's end by that of its move (..., N+1, s, s); None = it is the end
             that moves
-    rate    how far the ends move by a move
     secant  (...), see `LoadPoint`
     told    (..., E, 2) of points with friction, see `rope.Grip`
     """
@@ -52,9 +51,13 @@ class NodeMotion(NamedTuple):
     path: Callable[[], Tensor] | None = None
     way: Callable[[], Any] | None = None
     half: Callable[[], Tensor] | None = None
-    rate: float = 1.0
     secant: Tensor | None = None
     told: Tensor | None = None
+
+    @property
+    def rate(self) -> float:
+        """How far the ends move by a move."""
+        return 2.0 if self.mean else 1.0
 
     def half_turns(self) -> Tensor | None:
         """`half`, as it is."""

@@ -15,7 +15,7 @@ from ..core.leaves import Tree, leaf
 from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .assembly import Assembly
-from .between_nodes import BetweenNodes
+from .between_nodes import BetweenNodes, NodeMotion
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.linearised import LinearElement, Linearised
@@ -208,6 +208,14 @@ class Rows(Tree):
         """All that acts between nodes."""
         every = self.joints, self.tendons, self.touching, self.couplings
         return tuple(one for one in every if one.present)
+
+    def finished(
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any = None, moving: Any = None
+    ) -> dict[str, Any]:
+        """See `BetweenNodes`, of all of these."""
+        for one in self.interactions:
+            fields = one.finished(fields, motion, before, moving)
+        return fields
 
     @cached
     def multipliers(self) -> Multipliers:

@@ -111,7 +111,7 @@ class Step:
         return NodeMotion(
             self.now, None, None, self.end(move), self.start, mean=True, dt=torch.tensor(0.1),
             moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)),
-            state=SimpleNamespace(joints=torch.zeros(1, 12)), half=self.half, rate=2.0,
+            state=SimpleNamespace(joints=torch.zeros(1, 12)), half=self.half,
         )  # fmt: skip
 
     def half(self):
