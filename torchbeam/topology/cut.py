@@ -114,6 +114,11 @@ class Cut:
     joints: Joints
     ties: Ties = ()
 
+    @property
+    def multipliers(self) -> int:
+        """How many rows of these there are behind the nodes."""
+        return len(self.joints)
+
     def holds(self, nodes: tuple[int, ...]) -> bool:
         """Whether any of them is in the interface."""
         return bool(nodes and self.interface) and not {*nodes}.isdisjoint(self.interface)

@@ -90,7 +90,7 @@ def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
     if max(how.order, default=0) == sum(part.shape[-2] for part in x):
         x.append(torch.zeros_like(x[0][..., :1, :]))
     found = take(torch.cat(broadcast_matrices(*x), -2), how.order)
-    return found if not how.joints else torch.cat((found, inner[..., interface:, :]), -2)
+    return found if not how.multipliers else torch.cat((found, inner[..., interface:, :]), -2)
 
 
 def condense(
@@ -103,7 +103,7 @@ def condense(
     held: Tensor | None = None,
 ) -> tuple[Interface | None, list[Rows]]:
     """The interface's system, None where there is none, and the rows of each line."""
-    n, J, interface = D.shape[-3], len(how.joints), how.interface
+    n, J, interface = D.shape[-3], how.multipliers, how.interface
     system = Interface(len(interface) + J, D.shape[-1]) if interface or J else None
     if system is not None:
         own = range(len(interface))

@@ -103,7 +103,7 @@ class FrameworkSystem:
         how, w = self.cut, self.D.shape[-1]
         if not how.interface:
             return []
-        none = self.D.new_zeros(self.D.shape[-3] + len(how.joints), w)
+        none = self.D.new_zeros(self.D.shape[-3] + how.multipliers, w)
         dense, n = condense(how, none, *self._parts)[0].dense(), len(how.interface) * w
         # a run is singular: so is this
         dense = torch.where(torch.isfinite(dense).all(-1).all(-1)[..., None, None], dense, 0.0)
@@ -111,7 +111,7 @@ class FrameworkSystem:
         if unit is not None:
             own = unit.repeat(*(1,) * (unit.ndim - 1), len(how.interface))
             K, G = own[..., :, None] * K * own[..., None, :], G * own[..., None, :]
-        if how.joints:
+        if how.multipliers:
             Z = torch.linalg.svd(G).Vh[..., int(self.held.sum()) :, :].mT
             K = Z.mT @ K @ Z
         more = -K.shape[-1] % w if K.shape[-1] else w
