@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.leaves import leaf
 from ..scene.effects.values import Inputs, scalar_at, value_at
@@ -213,7 +212,7 @@ class DrivenJoints(Joints):
             damper = self.balls.own_laws.damper[..., None, None]
             blocks = blocks + self.balls.to_joints(by.mT @ (damper * by), -3, self.count)
         blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
-        return self.tied(matrix(), pad(blocks, (0, 0, 0, 0, 0, 1, 0, 1)))
+        return self.tied(matrix(), blocks)
 
     def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         driven = self.driven(motion)

@@ -104,8 +104,10 @@ class Joints(BetweenNodes):
         return self.tied(matrix, self.blocks_of(motion, self.split(stress)[1]), self.held)
 
     def tied(self, matrix: Any, blocks: Tensor, held: Tensor | None = None) -> Any:
-        """A matrix with `blocks`."""
-        return matrix.tied_too(self.framework.joint_ties, self.framework.of_ties(blocks), held)
+        """A matrix with `blocks`, or with those of ends alone."""
+        ties, alone = self.framework.joint_ties, blocks.shape[-3] == 2
+        ties = tuple(tie[:-1] for tie in ties) if alone else ties
+        return matrix.tied_too(ties, self.framework.of_ties(blocks), held)
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None

@@ -176,11 +176,13 @@ class Framework:
         return tuple(tuple(row for row in own if row is not None) for own in rows)
 
     def of_ties(self, blocks: Tensor) -> Tensor:
-        """Blocks (..., J, 3, 3, w, w) of joints -> (..., n, w, w) of their ties."""
-        blocks = blocks.flatten(-5, -3)
+        """Blocks (..., J, n, n, w, w) of joints, or of their ends alone -> (..., m, w, w) of their
+        ties.
+        """
+        n, blocks = blocks.shape[-3], blocks.flatten(-5, -3)
         if not self._grounded:
             return blocks
-        there = [[node is not None for node in (*pair, 0)] for pair in self.joints]
+        there = [[node is not None for node in (*pair, 0)[:n]] for pair in self.joints]
         both = (a and b for own in there for a, b in product(own, own))
         return take(blocks, tuple(k for k, is_there in enumerate(both) if is_there), 2)
 
