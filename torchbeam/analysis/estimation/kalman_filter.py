@@ -1,0 +1,330 @@
+"""Kalman filter: the state of a structure, and what is not known of it, from readings as they
+come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ...core.arguments import batch as sizes_of
+from ...core.arguments import count, instance, number, step_size
+from ...core.validation import as_tensor, axis_last, positive, shown
+from ...dynamics.method import Method
+from ...dynamics.stepper import Stepper
+from ...linear.linear_model import Linear
+from ...linear.state_space import linearize
+from ...math.shapes import broadcast_shapes
+from ...math.square_root import conditioned, normal_log_density, regression, root_of, triangle
+from ...scene.scene import Scene
+from ...state.state import State
+from .filtered import Filtered
+from .interval import Interval, sensors_of
+from .modal_start import modal_root
+from .unknowns import Unknowns, with_priors
+
+
+class KalmanFilter:
+    """Extended Kalman filter in square-root form: the motion z of a structure, with parameters,
+    offsets of readings and forces as further unknowns; each sample of a batch has its own.
+
+    Args:
+        scene: a `Scene`; or parameters (name -> (..., *shape)) -> Scene, of the same mesh and
+            reference shape whatever they are
+        sensors: one or several; or scene -> these, where they hold what is of the scene
+        dt: s, the interval between readings
+        noise: deviation of the readings, one or (m,); white
+        process: name of an input of the scene -> deviation of an unknown force (one, or as many as
+            the input has numbers) on top of what is given: another one in each interval; or
+            (deviation, time): a force that changes within so many s (of Ornstein and Uhlenbeck),
+            and is estimated; one of math.inf s is a constant
+        parameters: name -> (mean, deviation), or a `Parameter` with a prior
+        walk: name of a parameter -> deviation by which its coordinate changes in a second
+        shaking: m, deviation of the slowest mode's amplitude that forces of another kind bring
+            about within a second: white, and of the same energy in each mode of z
+        bias: deviation of a constant offset of the readings, one or (m,); 0 = none
+        delay: intervals by which readings come late
+        steps: of the structure in an interval
+        model: whose coordinates are z; a reduced one: amplitudes of modes, the rest follows. None =
+            that of `linearize`, about the equilibrium of the mean parameters without inputs
+        method: as in `Stepper`, but for one that remembers more than z
+
+    Derivatives of the motion and of the readings are exact, by one interval of as many samples as z
+    and the readings have numbers. Readings may depend on the force in their interval (acceleration,
+    reaction); one that is missing is NaN.
+
+    Raises ValueError for what is no such thing, or does not fit.
+
+    Examples:
+        >>> wind = tb.LineLoad(force=tb.Input("wind", 3))
+        >>> f = tb.KalmanFilter(
+        ...     tb.Scene(beam, [wind, tb.Damping(0.01)]),
+        ...     tb.sensors.TipPosition(),
+        ...     dt=0.02,
+        ...     noise=1e-3,
+        ...     process={"wind": (0.1, 0.5)},
+        ... )
+        >>> z = f(f.start(), (1.0, 0.0, 0.002))
+        >>> z.state.tip.position.shape, z.unknown["wind[2]"].shape
+        (torch.Size([3]), torch.Size([]))
+    """
+
+    def __init__(
+        self,
+        scene: Scene | Callable[[dict[str, Tensor]], Scene],
+        sensors: Any,
+        *,
+        dt: float,
+        noise: Any,
+        process: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        walk: Mapping[str, Any] | None = None,
+        shaking: float = 0.0,
+        bias: Any = None,
+        delay: int = 0,
+        steps: int = 1,
+        model: Linear | None = None,
+        method: str = "midpoint",
+    ) -> None:
+        self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
+        steps, known = count("steps", steps), with_priors(parameters)
+        mean = _mean_scene(scene, known)
+        like = mean.beam.nodes.new_zeros(())
+        self.labels = tuple(
+            f"{sensor.name} {label}"
+            for sensor in sensors_of(sensors, mean)
+            for label in (sensor.labels if len(sensor.shape) == 1 else range(sensor.size))
+        )
+        self.unknowns = Unknowns.of(
+            known, walk, bias, self.labels, process, mean.inputs, self.dt, like
+        )
+        self.noise = positive("noise", self._of_readings("noise", noise, like))
+        stepper = Stepper(mean, self.dt / steps, method)
+        if type(stepper.method).begin is not Method.begin:
+            raise ValueError(
+                f"method = {method!r} was given; a midpoint method is wanted, whose states "
+                "remember nothing beside z"
+            )
+        if model is None:
+            still = {name: like.new_zeros(size) for name, size in mean.inputs.items()}
+            model = linearize(mean, inputs=still or None)
+        model = instance("model", model, Linear)
+        self.interval = Interval(mean, scene, sensors, stepper, model, steps, method)
+        self.moves = n = model.reads.shape[-2]
+        positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
+        root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
+        # (s, size): what comes on top of x at the begin of an interval
+        self.shaken = (
+            like.new_zeros(0, self.size) if root is None else pad(root, (0, self.size - n))
+        )
+
+    @property
+    def size(self) -> int:
+        """Of x: z, the unknowns, and readings on their way."""
+        return self.moves + len(self.unknowns.names) + self.delay * len(self.labels)
+
+    def start(
+        self,
+        batch: int | Sequence[int] = (),
+        *,
+        state: State | None = None,
+        amplitude: float = 0.0,
+        modes: int = 4,
+        covariance: Any = None,
+    ) -> Filtered:
+        """What is known before the first reading.
+
+        Args:
+            batch: samples
+            state: of the structure; None = the one that z is about
+            amplitude: m, deviation of the slowest mode by the node that it moves most; `modes` of
+                them swing with the same mean energy
+            covariance: (..., n, n) of z, in its place
+
+        Raises ValueError for a covariance that is none, and for both.
+        """
+        state = self.interval.model.state if state is None else instance("state", state, State)
+        batch = (batch,) if isinstance(batch, int) else batch
+        shape = broadcast_shapes(sizes_of("batch", batch), state.batch_shape)
+        if number("amplitude", amplitude) and covariance is not None:
+            raise ValueError("amplitude was given beside covariance; one of the two is wanted")
+        n, k, late = self.moves, len(self.unknowns.names), self.delay * len(self.labels)
+        factor = self.noise.new_zeros(*shape, self.size, self.size)
+        if amplitude:
+            root = modal_root(self.interval.model, amplitude, count("modes", modes))
+            factor[..., : root.shape[-2], :n] = root
+        if covariance is not None:
+            given = axis_last("covariance", as_tensor(covariance, self.noise.dtype), n)
+            factor[..., :n, :n] = root_of("covariance", given)
+        factor[..., n : n + k, n : n + k] = torch.diag(self.unknowns.deviation)
+        state = state.broadcast(shape).detach()
+        z = self.interval.model.departure(state)
+        x = torch.cat((z, self.unknowns.start.expand(*shape, -1), z.new_zeros(*shape, late)), -1)
+        if late:  # readings before the first are those of the start
+            read = self.interval.read
+            y, by = self.interval.slope_of(lambda now: read(self.interval.scene, now), state)
+            x[..., n + k :] = torch.cat([y] * self.delay, -1)
+            factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
+        zero = z.new_zeros(shape)
+        return Filtered(self, state, x, factor, zero, zero, zero, z.new_zeros(*shape, 3))
+
+    def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
+        """What is known an interval later.
+
+        Args:
+            y: (..., m) the readings at its end, NaN where one is missing; None = none
+            u: the inputs held over it, (..., inputs) side by side in the scene's order, or by name;
+                those that are not given are 0
+        """
+        own, n = self.unknowns, self.moves
+        m, k = len(self.labels), len(own.names)
+        x = instance("before", before, Filtered).x
+        beside = x[..., n : n + k]
+        acting = own.acting(beside, self._inputs(u))
+        after = self.interval.move(before.state, own, beside[..., : own.of_model], acting, m)
+        lead = after.readings.shape[:-1]
+        x, factor = x.expand(*lead, -1), before.factor.expand(*lead, -1, -1)
+        z = self.interval.model.departure(after.state)
+        # columns of what is read now, and of x' = [z'; unknowns; readings on their way]; rows: by
+        # x, by what comes on top of the unknowns, by the forces that are new in each interval
+        sources = k + int((own.white > 0).sum())
+        stay = pad(torch.diag(own.stays), (0, 0, n, self.size - n - k))
+        fresh = torch.cat((torch.diag(own.added), own.added.new_zeros(sources - k, k)))
+        readings = self._columns(own.by(after.readings_by))
+        motion = self._columns(own.by(after.motion_by))
+        unknowns = torch.cat((stay, fresh)).expand(*lead, -1, -1)
+        underway = x[..., n + k :]
+        if self.delay:
+            on = torch.eye(self.size + sources, dtype=x.dtype, device=x.device)
+            on = on[:, n + k : self.size].expand(*lead, -1, -1)
+            expected, read = underway[..., -m:], on[..., -m:]
+            underway = torch.cat((after.readings, underway[..., :-m]), -1)
+            columns = [read, motion, unknowns, readings, on[..., :-m]]
+        else:
+            expected, columns = after.readings, [readings, motion, unknowns]
+        places = n + own.of_model + torch.arange(len(own.biased))
+        columns[0] = columns[0].clone()
+        columns[0][..., places, own.biased] = 1.0
+        expected = expected.index_add(-1, own.biased, x[..., places])
+        rows = torch.cat(columns, -1)
+        begin = torch.cat((factor, self.shaken.expand(*lead, -1, -1)), -2)
+        rows = torch.cat((begin @ rows[..., : self.size, :], rows[..., self.size :, :]), -2)
+        y = x.new_full((m,), torch.nan) if y is None else as_tensor(y, x.dtype, x.device)
+        error = (axis_last("y", y, m) - expected).expand(*lead, m)
+        rows = self._with_noise(rows, ~torch.isnan(error))
+        found = conditioned(rows, torch.nan_to_num(error, nan=0.0))
+        read = (~torch.isnan(error)).sum(-1).to(x)
+        now = replace(
+            before,
+            state=after.state,
+            x=torch.cat((z, beside * own.stays, underway), -1),
+            factor=found.root[..., : self.size, :],
+            nis=(found.error**2).sum(-1),
+            readings=read,
+            log_likelihood=before.log_likelihood
+            + normal_log_density(found.error, found.size, read),
+            rows=(rows, torch.nan_to_num(error, nan=0.0)),
+        )
+        return self._changed(now.judged(), found.change)
+
+    def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
+        """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
+        y = as_tensor(readings, self.noise.dtype, self.noise.device)
+        found = [start]
+        for k, now in enumerate(axis_last("readings", y, len(self.labels))):
+            given = {name: v[k] for name, v in u.items()} if isinstance(u, Mapping) else u
+            given = u[k] if given is u and u is not None else given
+            found.append(self(found[-1], now, given))
+        return found[1:]
+
+    def smooth(self, start: Filtered, found: Sequence[Filtered]) -> list[Filtered]:
+        """What all readings together say of the start, and of each instant of a `run` from it
+        (Rauch, Tung and Striebel 1965): one more than `found`.
+        """
+        smooth = [found[-1]]
+        for before, after in zip(reversed([start, *found[:-1]]), reversed(found), strict=True):
+            rows, error = after.rows
+            rows = torch.cat((rows, pad(before.factor, (0, 0, 0, rows.shape[-2] - self.size))), -1)
+            given = conditioned(rows, error)
+            gain, left = regression(given.root, self.size)
+            later = smooth[-1]
+            change = given.change[..., self.size :, None] + gain @ (later.x - after.x)[..., None]
+            root = triangle(torch.cat((later.factor @ gain.mT, left), -2))
+            smooth.append(self._changed(replace(before, factor=root), change[..., 0]))
+        return smooth[::-1]
+
+    def _changed(self, found: Filtered, change: Tensor) -> Filtered:
+        """With x (..., size) changed so, and the state with z."""
+        state = self.interval.changed(found.state, change[..., : self.moves])
+        return replace(found, x=found.x + change, state=state)
+
+    def _columns(self, slopes: Tensor) -> Tensor:
+        """(..., size + sources, r) of slopes (..., r, n + k + sources - k): nothing depends on
+        readings on their way.
+        """
+        late = self.delay * len(self.labels)
+        first = self.moves + len(self.unknowns.names)
+        known, fresh = slopes.mT.split((first, slopes.shape[-1] - first), -2)
+        added = pad(fresh, (0, 0, len(self.unknowns.names), 0))
+        return torch.cat((pad(known, (0, 0, 0, late)), added), -2)
+
+    def _with_noise(self, rows: Tensor, seen: Tensor) -> Tensor:
+        """With a row of each reading's noise; where one is not seen (..., m) its column says
+        nothing.
+        """
+        m, columns = len(self.labels), rows.shape[-1]
+        every = pad(seen, (0, columns - m), value=True)
+        noise = torch.diag_embed(torch.where(seen, self.noise, 1.0))
+        return torch.cat(
+            (torch.where(every[..., None, :], rows, 0.0), pad(noise, (0, columns - m))), -2
+        )
+
+    def _of_readings(self, name: str, value: Any, like: Tensor) -> Tensor:
+        """(m,). Raises ValueError for another number of them."""
+        value = as_tensor(value, like.dtype, like.device)
+        if value.ndim > 1 or value.numel() not in (1, len(self.labels)):
+            raise ValueError(
+                f"{name} of shape {tuple(value.shape)} was given for {len(self.labels)} readings; "
+                "one number, or one of each, is wanted"
+            )
+        return value.expand(len(self.labels))
+
+    def _inputs(self, u: Any) -> Tensor:
+        """(..., inputs) side by side."""
+        sizes, like = self.interval.inputs, self.noise
+        if u is not None and not isinstance(u, Mapping):
+            return axis_last("u", as_tensor(u, like.dtype, like.device), sum(sizes.values()))
+        u = dict(u or {})
+        if lost := set(u) - set(sizes):
+            raise ValueError(
+                f"inputs {', '.join(map(repr, sorted(lost)))} were given; the scene has "
+                f"{', '.join(map(repr, sizes)) or 'none'}"
+            )
+        parts = [
+            axis_last(name, as_tensor(u.get(name, [0.0] * size), like.dtype, like.device), size)
+            for name, size in sizes.items()
+        ]
+        lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
+        parts = [part.expand(*lead, -1) for part in parts]
+        return torch.cat(parts, -1) if parts else like.new_zeros(0)
+
+
+def _mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
+    """That of the parameters' means."""
+    if isinstance(scene, Scene):
+        if parameters:
+            raise ValueError(
+                "parameters were given beside a Scene; a function parameters -> Scene is wanted"
+            )
+        return scene
+    if not callable(scene) or not parameters:
+        raise ValueError(
+            f"scene = {shown(scene)} was given; a Scene, or a function of `parameters`, is wanted"
+        )
+    means = {name: one.start for name, one in parameters.items()}
+    return instance("what scene gives", scene(means), Scene)
