@@ -142,7 +142,7 @@ class KalmanFilter:
         Args:
             batch: samples
             state: of the structure; None = the one that z is about
-            amplitude: m, deviation of the slowest mode by the node that it moves most; `modes` of
+            amplitude: m, deviation of the slowest mode by the node that it moves most; at most `modes` of
                 them swing with the same mean energy
             covariance: (..., n, n) of z, in its place
 
@@ -156,7 +156,7 @@ class KalmanFilter:
         n, k, late = self.moves, len(self.unknowns.names), self.delay * len(self.labels)
         factor = self.noise.new_zeros(*shape, self.size, self.size)
         if amplitude:
-            root = modal_root(self.interval.model, amplitude, count("modes", modes))
+            root = modal_root(self.interval.model, amplitude, min(count("modes", modes), n // 2))
             factor[..., : root.shape[-2], :n] = root
         if covariance is not None:
             given = axis_last("covariance", as_tensor(covariance, self.noise.dtype), n)
