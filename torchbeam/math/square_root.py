@@ -1,5 +1,5 @@
-"""Square roots of covariances: triangular R with R^T R = P, conditioned on what is read, and on
-what comes after.
+"""Square roots of covariances: triangular R with R^T R = P, conditioned on what is read, then
+and later.
 
 Rows of an array are independent sources of unit variance, columns what they add up to: the array's
 triangle is a square root of the columns' covariance (Kailath, Sayed and Hassibi 2000, chapter 12).
@@ -17,17 +17,27 @@ RANK = 1e-12  # of a triangle's largest number: what counts as none
 
 
 class Conditioned(NamedTuple):
-    """What readings say of the other columns of an array.
+    """What readings say of the other columns of an array: with y the readings' errors, own^T unit =
+    y, and the others' means change by shared^T unit.
 
-    error (..., m) of the readings, in independent units of one deviation each
-    change (..., n) of the others' means;  root (..., k, n) of their covariance afterwards
-    size  (...) logarithm of the root of the determinant of the readings' covariance
+    unit (..., m) errors of a deviation each, independent of each other;  own (..., m, m), shared
+    (..., m, n);  root (..., k, n) of the others' covariance afterwards
     """
 
-    error: Tensor
-    change: Tensor
+    unit: Tensor
+    own: Tensor
+    shared: Tensor
     root: Tensor
-    size: Tensor
+
+    @property
+    def change(self) -> Tensor:
+        """(..., n) of the others' means."""
+        return (self.shared.mT @ self.unit[..., None])[..., 0]
+
+    def log_density(self, count: Tensor) -> Tensor:
+        """(...) of the errors, `count` (...) of which were read; the others have own = 1."""
+        size = self.own.diagonal(dim1=-2, dim2=-1).abs().log().sum(-1)
+        return -(self.unit**2).sum(-1) / 2 - size - count * math.log(2 * math.pi) / 2
 
 
 def triangle(rows: Tensor) -> Tensor:
@@ -54,24 +64,31 @@ def conditioned(rows: Tensor, error: Tensor) -> Conditioned:
     whole = triangle(rows)
     own, shared = whole[..., :m, :m], whole[..., :m, m:]
     unit = torch.linalg.solve_triangular(own.mT, error[..., None], upper=False)
-    return Conditioned(
-        unit[..., 0],
-        (shared.mT @ unit)[..., 0],
-        whole[..., m:, m:],
-        own.diagonal(dim1=-2, dim2=-1).abs().log().sum(-1),
-    )
+    return Conditioned(unit[..., 0], own, shared, whole[..., m:, m:])
 
 
-def regression(root: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """Of the root (..., k, count + n) of what comes after and what came before: the gain (..., n,
-    count) by which the latter follows the former, and the root of what is left of it. What comes
-    after may be known in part: directions without variance say nothing.
+class Later(NamedTuple):
+    """What readings after an instant say of it: with P its covariance, that its mean changes by P
+    pull, and P by -P push^T push P (Bryson and Frazier 1963; no covariance is inverted).
+
+    pull (..., n);  push (..., k, n)
     """
-    after, shared = root[..., :count, :count], root[..., :count, count:]
-    gain = torch.linalg.pinv(after, rtol=RANK) @ shared
-    return gain.mT, torch.cat((shared - after @ gain, root[..., count:, count:]), -2)
 
+    pull: Tensor
+    push: Tensor
 
-def normal_log_density(unit: Tensor, size: Tensor, count: Tensor) -> Tensor:
-    """(...) of errors in units of one deviation (..., m), `count` (...) of which were read."""
-    return -(unit**2).sum(-1) / 2 - size - count * math.log(2 * math.pi) / 2
+    def before(self, found: Conditioned, read: Tensor, moved: Tensor) -> Later:
+        """What they and the readings `found` say of an interval before, where the readings are
+        read (..., m, n), and the motion over it moved (..., n, n), times the deviation there.
+        """
+        unit = torch.linalg.solve_triangular(found.own.mT, read, upper=False)
+        left = moved - found.shared.mT @ unit
+        pull = unit.mT @ found.unit[..., None] + left.mT @ self.pull[..., None]
+        return Later(pull[..., 0], triangle(torch.cat((unit, self.push @ left), -2)))
+
+    def given(self, root: Tensor) -> tuple[Tensor, Tensor]:
+        """Change (..., n) of the mean, and a root of the covariance, of what has this root."""
+        change = root.mT @ (root @ self.pull[..., None])
+        Q = self.push @ root.mT
+        values, vectors = torch.linalg.eigh(torch.eye(Q.shape[-1]).to(Q) - Q.mT @ Q)
+        return change[..., 0], values.clamp(min=0).sqrt()[..., None] * (vectors.mT @ root)

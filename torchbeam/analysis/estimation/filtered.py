@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -12,6 +12,7 @@ from torch import Tensor
 from ...core.arguments import choice, instance, level_of
 from ...core.status import STATUS, SUCCESS
 from ...core.summary import kind, lines
+from ...math.square_root import Conditioned
 from ...sensors.sensor import Sensor
 from ...state.state import State
 
@@ -42,7 +43,8 @@ class Filtered:
     readings: Tensor
     log_likelihood: Tensor
     lately: Tensor  # (..., 3): of the readings' errors, sum of squares, its mean, its variance
-    rows: tuple[Tensor, Tensor] | None = field(default=None, repr=False)  # of the last interval
+    # of the last interval: readings and x' by x, and what the readings said
+    learnt: tuple[Tensor, Conditioned] | None = None
 
     def __repr__(self) -> str:
         names = ", ".join(self.filter.unknowns.names) or "none"

@@ -20,7 +20,7 @@ from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
 from ...math.shapes import broadcast_shapes
-from ...math.square_root import conditioned, normal_log_density, regression, root_of, triangle
+from ...math.square_root import Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered
@@ -142,8 +142,8 @@ class KalmanFilter:
         Args:
             batch: samples
             state: of the structure; None = the one that z is about
-            amplitude: m, deviation of the slowest mode by the node that it moves most; at most `modes` of
-                them swing with the same mean energy
+            amplitude: m, deviation of the slowest mode by the node that it moves most; with it
+                up to `modes` of them swing with the same mean energy
             covariance: (..., n, n) of z, in its place
 
         Raises ValueError for a covariance that is none, and for both.
@@ -211,24 +211,25 @@ class KalmanFilter:
         columns[0] = columns[0].clone()
         columns[0][..., places, own.biased] = 1.0
         expected = expected.index_add(-1, own.biased, x[..., places])
-        rows = torch.cat(columns, -1)
-        begin = torch.cat((factor, self.shaken.expand(*lead, -1, -1)), -2)
-        rows = torch.cat((begin @ rows[..., : self.size, :], rows[..., self.size :, :]), -2)
         y = x.new_full((m,), torch.nan) if y is None else as_tensor(y, x.dtype, x.device)
         error = (axis_last("y", y, m) - expected).expand(*lead, m)
-        rows = self._with_noise(rows, ~torch.isnan(error))
-        found = conditioned(rows, torch.nan_to_num(error, nan=0.0))
-        read = (~torch.isnan(error)).sum(-1).to(x)
+        seen, rows = ~torch.isnan(error), torch.cat(columns, -1)
+        rows = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], rows, 0.0)
+        by_x = rows[..., : self.size, :]
+        begin = torch.cat((factor, self.shaken.expand(*lead, -1, -1)), -2)
+        rows = torch.cat((begin @ by_x, rows[..., self.size :, :]), -2)
+        noise = torch.diag_embed(torch.where(seen, self.noise, 1.0))
+        rows = torch.cat((rows, pad(noise, (0, self.size))), -2)
+        found, read = conditioned(rows, torch.nan_to_num(error, nan=0.0)), seen.sum(-1).to(x)
         now = replace(
             before,
             state=after.state,
             x=torch.cat((z, beside * own.stays, underway), -1),
             factor=found.root[..., : self.size, :],
-            nis=(found.error**2).sum(-1),
+            nis=(found.unit**2).sum(-1),
             readings=read,
-            log_likelihood=before.log_likelihood
-            + normal_log_density(found.error, found.size, read),
-            rows=(rows, torch.nan_to_num(error, nan=0.0)),
+            log_likelihood=before.log_likelihood + found.log_density(read),
+            learnt=(by_x, found),
         )
         return self._changed(now.judged(), found.change)
 
@@ -244,18 +245,16 @@ class KalmanFilter:
 
     def smooth(self, start: Filtered, found: Sequence[Filtered]) -> list[Filtered]:
         """What all readings together say of the start, and of each instant of a `run` from it
-        (Rauch, Tung and Striebel 1965): one more than `found`.
+        (Bryson and Frazier 1963): one more than `found`.
         """
-        smooth = [found[-1]]
+        smooth, m = [found[-1]], len(self.labels)
+        x = found[-1].x
+        later = Later(torch.zeros_like(x), x.new_zeros(*x.shape[:-1], 0, self.size))
         for before, after in zip(reversed([start, *found[:-1]]), reversed(found), strict=True):
-            rows, error = after.rows
-            rows = torch.cat((rows, pad(before.factor, (0, 0, 0, rows.shape[-2] - self.size))), -1)
-            given = conditioned(rows, error)
-            gain, left = regression(given.root, self.size)
-            later = smooth[-1]
-            change = given.change[..., self.size :, None] + gain @ (later.x - after.x)[..., None]
-            root = triangle(torch.cat((later.factor @ gain.mT, left), -2))
-            smooth.append(self._changed(replace(before, factor=root), change[..., 0]))
+            by_x, given = after.learnt
+            later = later.before(given, by_x[..., :m].mT, by_x[..., m:].mT)
+            change, root = later.given(before.factor)
+            smooth.append(self._changed(replace(before, factor=root), change))
         return smooth[::-1]
 
     def _changed(self, found: Filtered, change: Tensor) -> Filtered:
@@ -272,17 +271,6 @@ class KalmanFilter:
         known, fresh = slopes.mT.split((first, slopes.shape[-1] - first), -2)
         added = pad(fresh, (0, 0, len(self.unknowns.names), 0))
         return torch.cat((pad(known, (0, 0, 0, late)), added), -2)
-
-    def _with_noise(self, rows: Tensor, seen: Tensor) -> Tensor:
-        """With a row of each reading's noise; where one is not seen (..., m) its column says
-        nothing.
-        """
-        m, columns = len(self.labels), rows.shape[-1]
-        every = pad(seen, (0, columns - m), value=True)
-        noise = torch.diag_embed(torch.where(seen, self.noise, 1.0))
-        return torch.cat(
-            (torch.where(every[..., None, :], rows, 0.0), pad(noise, (0, columns - m))), -2
-        )
 
     def _of_readings(self, name: str, value: Any, like: Tensor) -> Tensor:
         """(m,). Raises ValueError for another number of them."""

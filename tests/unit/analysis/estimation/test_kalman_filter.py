@@ -1,4 +1,4 @@
-"""The filter against textbook formulas of its own linear model; what it says of its unknowns."""
+"""The filter against the normal law of a linear structure; what it says of its unknowns."""
 
 import math
 
@@ -41,42 +41,44 @@ def linear():
     return f, A, 0.3 * B[:, 2:], C, 0.01 * randn(6, 1)
 
 
-def textbook(A, G, C, P, readings, sigma=1e-3):
-    """Predictions and updates by covariances (Kalman 1960), and smoothed ones (Rauch, Tung and
-    Striebel 1965); NaN = not read.
+def normal_law(A, G, C, root, readings, sigma=1e-3):
+    """Means and covariances of z at each instant given the readings (NaN = none) until then, and
+    given all: of one normal law of what z starts from and of all forces, as z follows from these.
     """
-    z, known = A.new_zeros(len(A)), []
-    for y in readings:
-        prior, ahead = A @ z, A @ P @ A.T + G @ G.T
-        z, after = prior, ahead
-        if not y.isnan().any():
-            S = C @ ahead @ C.T + sigma**2
-            K = ahead @ C.T / S
-            z, after = z + (K @ (y - C @ z)), ahead - K @ S @ K.T
-        known.append((z, after, prior, ahead, P))
-        P = after
-    smooth = [known[-1][:2]]
-    for (z, P, *_), (_, _, prior, ahead, _) in zip(known[-2::-1], known[:0:-1], strict=True):
-        gain = P @ A.T @ torch.linalg.pinv(ahead, rtol=1e-14, hermitian=True)
-        later, spread = smooth[-1]
-        smooth.append((z + gain @ (later - prior), P + gain @ (spread - ahead) @ gain.T))
-    return known, smooth[::-1]
+    K, n = len(readings), len(A)
+    z, by = torch.nn.functional.pad(root.mT, (0, K)), []
+    for k in range(K):
+        z = A @ z
+        z[:, n + k] += G[:, 0]
+        by.append(z)
+    read = [k for k in range(K) if not readings[k].isnan().any()]
+
+    def given(k, until):
+        rows = torch.cat([C @ by[i] for i in read if i <= until])
+        y = torch.cat([readings[i] for i in read if i <= until])
+        S = rows @ rows.mT + sigma**2 * torch.eye(len(rows))
+        shared = by[k] @ rows.mT
+        return shared @ torch.linalg.solve(S, y), by[k] @ by[k].mT - shared @ torch.linalg.solve(
+            S, shared.mT
+        )
+
+    return [given(k, k) for k in range(K)], [given(k, K) for k in range(K)]
 
 
 @pytest.mark.steps
 @pytest.mark.parametrize("missing", [False, True])
-def test_a_linear_structure_has_the_textbook_s_estimates(linear, missing):
-    """Filter and smoother: means and covariances of z, as by covariances."""
+def test_estimates_of_a_linear_structure_are_those_of_a_normal_law(linear, missing):
+    """Filter and smoother, of which each takes one interval at a time."""
     f, A, G, C, readings = linear
     readings = readings.clone()
     if missing:
         readings[2] = NAN
     start = f.start(amplitude=0.01)
     found = f.run(start, readings)
-    known, smoothed = textbook(A, G, C, start.covariance, readings)
+    known, smoothed = normal_law(A, G, C, start.factor, readings)
     smooth = f.smooth(start, found)[1:]
     scale = known[-1][1].diagonal().sqrt().clamp(min=1e-9)
-    for own, (z, P, *_) in zip([*found, *smooth], [*known, *smoothed], strict=True):
+    for own, (z, P) in zip([*found, *smooth], [*known, *smoothed], strict=True):
         assert ((own.x - z) / scale).abs().max() < 1e-9
         assert ((own.covariance - P) / torch.outer(scale, scale)).abs().max() < 1e-9
     assert torch.equal(torch.stack([x.readings for x in found]) == 0, readings[:, 0].isnan())
@@ -204,9 +206,7 @@ def test_intervals_hold():
 @pytest.mark.steps
 def test_doubts():
     """A plant of half the stiffness, a step that fails, and what nothing was read of."""
-    f = tb.KalmanFilter(
-        strip(), TIP, dt=DT, noise=1e-4, process={"u": up(1e-3)}, bias=1e-3
-    )
+    f = tb.KalmanFilter(strip(), TIP, dt=DT, noise=1e-4, process={"u": up(1e-3)}, bias=1e-3)
     start, truth = f.start(amplitude=0.01), tb.Stepper(strip(0.5), DT)
     state = f.interval.changed(start.state, start.factor[0, : f.moves])
     z = start
