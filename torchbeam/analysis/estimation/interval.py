@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from ...core.arguments import instance, listed
+from ...core.arguments import function, instance, listed
 from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
 from ...math.shapes import broadcast_shapes
@@ -37,13 +37,15 @@ class Moved(NamedTuple):
 @dataclass(frozen=True)
 class Interval:
     """steps    of the structure from one reading to the next
-    model    whose coordinates are z;  sensors  one, several, or scene -> these
+    model    whose coordinates are z;  sensors  one, several, or (scene, inputs) -> these
+    rates    (m,) bool: readings of which the mean rate over the interval is read
     scene    of the parameters' means, `stepper` its;  scene_of  what makes another, by name
     """
 
     scene: Scene
     scene_of: Callable[[dict[str, Tensor]], Scene]
     sensors: Any
+    rates: Tensor
     stepper: Stepper
     model: Linear
     steps: int
@@ -53,11 +55,23 @@ class Interval:
     def inputs(self) -> dict[str, int]:
         return self.scene.inputs
 
-    def read(self, scene: Scene, state: State) -> Tensor:
-        """(..., m): the readings of a state."""
-        parts = [sensor.flat(state) for sensor in sensors_of(self.sensors, scene)]
+    def read(self, scene: Scene, state: State, inputs: dict[str, Tensor]) -> Tensor:
+        """(..., m): the readings of a state, under inputs."""
+        parts = [sensor.flat(state) for sensor in sensors_of(self.sensors, scene, inputs)]
         lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
         return torch.cat([part.expand(*lead, -1) for part in parts], -1)
+
+    def reading(self, scene: Scene, begin: State, end: State, inputs: dict[str, Tensor]) -> Tensor:
+        """(..., m): what is read at the end of an interval."""
+        readings = self.read(scene, end, inputs)
+        if not self.rates.any():
+            return readings
+        change = readings - self.read(scene, begin, inputs)
+        return readings.where(~self.rates, change / (self.steps * self.stepper.dt))
+
+    def at_rest(self, readings: Tensor) -> Tensor:
+        """Those of sensors, with no rate."""
+        return readings.where(~self.rates, 0.0)
 
     def move(
         self, state: State, unknowns: Unknowns, coordinates: Tensor, inputs: Tensor, m: int
@@ -81,14 +95,14 @@ class Interval:
             space = stepper.model.space
             start = space.to_reduced(state.detach().broadcast(lead))
             move = start.position.new_zeros(r, *lead, model.reads.shape[-1], requires_grad=True)
-            now = space.to_public(moved(space, start, move))
+            begin = now = space.to_public(moved(space, start, move))
             sizes = self.inputs
             given = dict(zip(sizes, held.split(tuple(sizes.values()), -1), strict=True))
             for _ in range(self.steps):
                 now = stepper.advance(now, given)
             ends = space.to_reduced(now)
             end = ends.broadcast((r, *lead))[0].detach()
-            readings = self.read(scene, now)
+            readings = self.reading(scene, begin, now, given)
             with torch.no_grad():
                 (_, reads), (moves, _) = (
                     slope.unbind(0) for slope in model.slopes(State.stack([start, end]))
@@ -130,10 +144,15 @@ class Interval:
         return space.to_public(self.model.chart.moved(space.to_reduced(state), by)).broadcast()
 
 
-def sensors_of(given: Any, scene: Scene) -> tuple[Sensor, ...]:
+def still(scene: Scene) -> dict[str, Tensor]:
+    """Inputs that are zero."""
+    return {name: scene.beam.nodes.new_zeros(size) for name, size in scene.inputs.items()}
+
+
+def sensors_of(given: Any, scene: Scene, inputs: dict[str, Tensor]) -> tuple[Sensor, ...]:
     """Those of a scene. Raises ValueError for what is none."""
     if not isinstance(given, Sensor) and callable(given):
-        given = given(scene)
+        given = function("sensors", given, "scene", "inputs")(scene, inputs)
     sensors = (given,) if isinstance(given, Sensor) else listed(given)
     for sensor in sensors:
         instance("a sensor", sensor, Sensor)

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
-from ...core.arguments import count, instance, number, step_size
+from ...core.arguments import boolean, count, instance, listed, number, step_size
 from ...core.validation import as_tensor, axis_last, positive, shown
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
@@ -24,7 +24,7 @@ from ...math.square_root import Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered
-from .interval import Interval, sensors_of
+from .interval import Interval, sensors_of, still
 from .modal_start import modal_root
 from .unknowns import Unknowns, with_priors
 
@@ -36,7 +36,10 @@ class KalmanFilter:
     Args:
         scene: a `Scene`; or parameters (name -> (..., *shape)) -> Scene, of the same mesh and
             reference shape whatever they are
-        sensors: one or several; or scene -> these, where they hold what is of the scene
+        sensors: one or several; or (scene, inputs) -> these, where they hold what is of the scene:
+            with the inputs of the interval at whose end they are read
+        rate: which readings are the mean rate of their sensor's over the interval (one bool, or one
+            a sensor): of `NodeVelocity` an accelerometer's, without weight
         dt: s, the interval between readings
         noise: deviation of the readings, one or (m,); white
         process: name of an input of the scene -> deviation of an unknown force (one, or as many as
@@ -81,6 +84,7 @@ class KalmanFilter:
         *,
         dt: float,
         noise: Any,
+        rate: bool | Sequence[bool] = False,
         process: Mapping[str, Any] | None = None,
         parameters: Mapping[str, Any] | None = None,
         walk: Mapping[str, Any] | None = None,
@@ -95,10 +99,22 @@ class KalmanFilter:
         steps, known = count("steps", steps), with_priors(parameters)
         mean = _mean_scene(scene, known)
         like = mean.beam.nodes.new_zeros(())
-        self.labels = tuple(
+        each = sensors_of(sensors, mean, still(mean))
+        rates = [rate] * len(each) if isinstance(rate, bool) else listed(rate)
+        if len(rates) != len(each):
+            raise ValueError(
+                f"rate = {shown(rate)} was given for {len(each)} sensors; one of each is wanted"
+            )
+        rated = [
+            boolean("rate", r) for r, of in zip(rates, each, strict=True) for _ in range(of.size)
+        ]
+        labels = [
             f"{sensor.name} {label}"
-            for sensor in sensors_of(sensors, mean)
+            for sensor in each
             for label in (sensor.labels if len(sensor.shape) == 1 else range(sensor.size))
+        ]
+        self.labels = tuple(
+            f"rate of {label}" if r else label for label, r in zip(labels, rated, strict=True)
         )
         self.unknowns = Unknowns.of(
             known, walk, bias, self.labels, process, mean.inputs, self.dt, like
@@ -111,10 +127,18 @@ class KalmanFilter:
                 "remember nothing beside z"
             )
         if model is None:
-            still = {name: like.new_zeros(size) for name, size in mean.inputs.items()}
-            model = linearize(mean, inputs=still or None)
+            model = linearize(mean, inputs=still(mean))
         model = instance("model", model, Linear)
-        self.interval = Interval(mean, scene, sensors, stepper, model, steps, method)
+        self.interval = Interval(
+            mean,
+            scene,
+            sensors,
+            torch.tensor(rated, device=like.device),
+            stepper,
+            model,
+            steps,
+            method,
+        )
         self.moves = n = model.reads.shape[-2]
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
@@ -166,8 +190,8 @@ class KalmanFilter:
         z = self.interval.model.departure(state)
         x = torch.cat((z, self.unknowns.start.expand(*shape, -1), z.new_zeros(*shape, late)), -1)
         if late:  # readings before the first are those of the start
-            read = self.interval.read
-            y, by = self.interval.slope_of(lambda now: read(self.interval.scene, now), state)
+            of, scene = self.interval, self.interval.scene
+            y, by = of.slope_of(lambda now: of.at_rest(of.read(scene, now, still(scene))), state)
             x[..., n + k :] = torch.cat([y] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
         zero = z.new_zeros(shape)
