@@ -161,9 +161,8 @@ def measure(name: str, plants: int, readings: int, seed: int = 0) -> tuple[list[
         parts = inputs.split(tuple(sizes.values()), -1)
         given = dict(zip(sizes, parts, strict=True))
         before, state = state, plant(state, inputs=given)
-        y = f.interval.reading(plant_scene, before, state, given)
-        offsets = beside[:, own.of_model : own.of_model + len(own.biased)]
-        y = y.index_add(-1, own.biased, offsets) + f.noise * drawn(plants, len(f.noise))
+        y = f.interval.instruments.after(plant_scene, before, state, given, plant.dt)
+        y = own.with_offsets(y, beside) + f.interval.instruments.noise * drawn(plants, f.read)
         beside = beside * own.stays + own.added * drawn(*beside.shape)
         begin = time.process_time()
         z = f(z, y, case.drive(k))

@@ -33,6 +33,14 @@ class Filtered:
             of what was to be expected, whose mean is `readings` where the model is right
         readings: (...) how many were read
         log_likelihood: (...) of all readings: what models and delays are compared by
+
+    Examples:
+        >>> pushed = tb.Scene(beam, [tb.TipLoad(force=tb.Input("push", 3)), tb.Damping(0.01)])
+        >>> tip = tb.sensors.TipPosition()["z"]
+        >>> f = tb.KalmanFilter(pushed, tip, dt=0.02, noise=1e-3, process={"push": (0, 0, 0.1)})
+        >>> z = f(f.start(amplitude=0.01), [0.002])
+        >>> z.reading(tip)[1] < 1e-3  # m, its deviation
+        tensor([True])
     """
 
     filter: Any

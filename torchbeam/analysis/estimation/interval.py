@@ -7,19 +7,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import function, instance, listed
+from ...core.arguments import instance
 from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
 from ...math.shapes import broadcast_shapes
 from ...nodal.moves import move_between, moved
 from ...scene.scene import Scene
-from ...sensors.sensor import Sensor
 from ...state.state import State
+from .instruments import Instruments
 from .unknowns import Slopes, Unknowns
 
 
@@ -37,15 +37,13 @@ class Moved(NamedTuple):
 @dataclass(frozen=True)
 class Interval:
     """steps    of the structure from one reading to the next
-    model    whose coordinates are z;  sensors  one, several, or (scene, inputs) -> these
-    rates    (m,) bool: readings of which the mean rate over the interval is read
+    model    whose coordinates are z
     scene    of the parameters' means, `stepper` its;  scene_of  what makes another, by name
     """
 
     scene: Scene
     scene_of: Callable[[dict[str, Tensor]], Scene]
-    sensors: Any
-    rates: Tensor
+    instruments: Instruments
     stepper: Stepper
     model: Linear
     steps: int
@@ -55,32 +53,12 @@ class Interval:
     def inputs(self) -> dict[str, int]:
         return self.scene.inputs
 
-    def read(self, scene: Scene, state: State, inputs: dict[str, Tensor]) -> Tensor:
-        """(..., m): the readings of a state, under inputs."""
-        parts = [sensor.flat(state) for sensor in sensors_of(self.sensors, scene, inputs)]
-        lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
-        return torch.cat([part.expand(*lead, -1) for part in parts], -1)
-
-    def reading(self, scene: Scene, begin: State, end: State, inputs: dict[str, Tensor]) -> Tensor:
-        """(..., m): what is read at the end of an interval."""
-        readings = self.read(scene, end, inputs)
-        if not self.rates.any():
-            return readings
-        change = readings - self.read(scene, begin, inputs)
-        return readings.where(~self.rates, change / (self.steps * self.stepper.dt))
-
-    def at_rest(self, readings: Tensor) -> Tensor:
-        """Those of sensors, with no rate."""
-        return readings.where(~self.rates, 0.0)
-
-    def move(
-        self, state: State, unknowns: Unknowns, coordinates: Tensor, inputs: Tensor, m: int
-    ) -> Moved:
+    def move(self, state: State, unknowns: Unknowns, coordinates: Tensor, inputs: Tensor) -> Moved:
         """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held.
 
         By reverse mode: all n + m rows as one batch of as many equal intervals.
         """
-        n, model = self.model.reads.shape[-2], self.model
+        n, m, model = self.model.reads.shape[-2], self.instruments.count, self.model
         r = n + m
         lead = broadcast_shapes(state.batch_shape, coordinates.shape[:-1], inputs.shape[:-1])
         with torch.enable_grad():
@@ -102,7 +80,7 @@ class Interval:
                 now = stepper.advance(now, given)
             ends = space.to_reduced(now)
             end = ends.broadcast((r, *lead))[0].detach()
-            readings = self.reading(scene, begin, now, given)
+            readings = self.instruments.after(scene, begin, now, given, self.steps * stepper.dt)
             with torch.no_grad():
                 (_, reads), (moves, _) = (
                     slope.unbind(0) for slope in model.slopes(State.stack([start, end]))
@@ -142,21 +120,6 @@ class Interval:
         space = self.model.space
         by = (self.model.moves @ z[..., None])[..., 0]
         return space.to_public(self.model.chart.moved(space.to_reduced(state), by)).broadcast()
-
-
-def still(scene: Scene) -> dict[str, Tensor]:
-    """Inputs that are zero."""
-    return {name: scene.beam.nodes.new_zeros(size) for name, size in scene.inputs.items()}
-
-
-def sensors_of(given: Any, scene: Scene, inputs: dict[str, Tensor]) -> tuple[Sensor, ...]:
-    """Those of a scene. Raises ValueError for what is none."""
-    if not isinstance(given, Sensor) and callable(given):
-        given = function("sensors", given, "scene", "inputs")(scene, inputs)
-    sensors = (given,) if isinstance(given, Sensor) else listed(given)
-    for sensor in sensors:
-        instance("a sensor", sensor, Sensor)
-    return sensors
 
 
 def _diagonal(rows: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
-from ...core.arguments import boolean, count, instance, listed, number, step_size
+from ...core.arguments import count, instance, number, step_size
 from ...core.validation import as_tensor, axis_last, positive, shown
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
@@ -24,9 +24,10 @@ from ...math.square_root import Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered
-from .interval import Interval, sensors_of, still
+from .instruments import Instruments, still
+from .interval import Interval, Moved
 from .modal_start import modal_root
-from .unknowns import Unknowns, with_priors
+from .unknowns import Slopes, Unknowns, with_priors
 
 
 class KalmanFilter:
@@ -58,8 +59,8 @@ class KalmanFilter:
         method: as in `Stepper`, but for one that remembers more than z
 
     Derivatives of the motion and of the readings are exact, by one interval of as many samples as z
-    and the readings have numbers. Readings may depend on the force in their interval (acceleration,
-    reaction); one that is missing is NaN.
+    and the readings have numbers. Readings may depend on the force in their interval; one that is
+    missing is NaN.
 
     Raises ValueError for what is no such thing, or does not fit.
 
@@ -89,7 +90,7 @@ class KalmanFilter:
         parameters: Mapping[str, Any] | None = None,
         walk: Mapping[str, Any] | None = None,
         shaking: float = 0.0,
-        bias: Any = None,
+        bias: Any = 0.0,
         delay: int = 0,
         steps: int = 1,
         model: Linear | None = None,
@@ -99,27 +100,11 @@ class KalmanFilter:
         steps, known = count("steps", steps), with_priors(parameters)
         mean = _mean_scene(scene, known)
         like = mean.beam.nodes.new_zeros(())
-        each = sensors_of(sensors, mean, still(mean))
-        rates = [rate] * len(each) if isinstance(rate, bool) else listed(rate)
-        if len(rates) != len(each):
-            raise ValueError(
-                f"rate = {shown(rate)} was given for {len(each)} sensors; one of each is wanted"
-            )
-        rated = [
-            boolean("rate", r) for r, of in zip(rates, each, strict=True) for _ in range(of.size)
-        ]
-        labels = [
-            f"{sensor.name} {label}"
-            for sensor in each
-            for label in (sensor.labels if len(sensor.shape) == 1 else range(sensor.size))
-        ]
-        self.labels = tuple(
-            f"rate of {label}" if r else label for label, r in zip(labels, rated, strict=True)
-        )
+        self.like = like
+        instruments = Instruments.of(sensors, noise, rate, mean, like)
         self.unknowns = Unknowns.of(
-            known, walk, bias, self.labels, process, mean.inputs, self.dt, like
+            known, walk, bias, instruments.labels, process, mean.inputs, self.dt, like
         )
-        self.noise = positive("noise", self._of_readings("noise", noise, like))
         stepper = Stepper(mean, self.dt / steps, method)
         if type(stepper.method).begin is not Method.begin:
             raise ValueError(
@@ -129,17 +114,9 @@ class KalmanFilter:
         if model is None:
             model = linearize(mean, inputs=still(mean))
         model = instance("model", model, Linear)
-        self.interval = Interval(
-            mean,
-            scene,
-            sensors,
-            torch.tensor(rated, device=like.device),
-            stepper,
-            model,
-            steps,
-            method,
-        )
-        self.moves = n = model.reads.shape[-2]
+        self.interval = Interval(mean, scene, instruments, stepper, model, steps, method)
+        self.read, self.moves = instruments.count, model.reads.shape[-2]
+        n = self.moves
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
         # (s, size): what comes on top of x at the begin of an interval
@@ -150,7 +127,7 @@ class KalmanFilter:
     @property
     def size(self) -> int:
         """Of x: z, the unknowns, and readings on their way."""
-        return self.moves + len(self.unknowns.names) + self.delay * len(self.labels)
+        return self.moves + len(self.unknowns.names) + self.delay * self.read
 
     def start(
         self,
@@ -177,21 +154,21 @@ class KalmanFilter:
         shape = broadcast_shapes(sizes_of("batch", batch), state.batch_shape)
         if number("amplitude", amplitude) and covariance is not None:
             raise ValueError("amplitude was given beside covariance; one of the two is wanted")
-        n, k, late = self.moves, len(self.unknowns.names), self.delay * len(self.labels)
-        factor = self.noise.new_zeros(*shape, self.size, self.size)
+        n, k, late = self.moves, len(self.unknowns.names), self.delay * self.read
+        factor = self.like.new_zeros(*shape, self.size, self.size)
         if amplitude:
             root = modal_root(self.interval.model, amplitude, min(count("modes", modes), n // 2))
             factor[..., : root.shape[-2], :n] = root
         if covariance is not None:
-            given = axis_last("covariance", as_tensor(covariance, self.noise.dtype), n)
+            given = axis_last("covariance", as_tensor(covariance, self.like.dtype), n)
             factor[..., :n, :n] = root_of("covariance", given)
         factor[..., n : n + k, n : n + k] = torch.diag(self.unknowns.deviation)
         state = state.broadcast(shape).detach()
         z = self.interval.model.departure(state)
         x = torch.cat((z, self.unknowns.start.expand(*shape, -1), z.new_zeros(*shape, late)), -1)
         if late:  # readings before the first are those of the start
-            of, scene = self.interval, self.interval.scene
-            y, by = of.slope_of(lambda now: of.at_rest(of.read(scene, now, still(scene))), state)
+            rest, scene = self.interval.instruments.at_rest, self.interval.scene
+            y, by = self.interval.slope_of(lambda now: rest(scene, now), state)
             x[..., n + k :] = torch.cat([y] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
         zero = z.new_zeros(shape)
@@ -205,50 +182,34 @@ class KalmanFilter:
             u: the inputs held over it, (..., inputs) side by side in the scene's order, or by name;
                 those that are not given are 0
         """
-        own, n = self.unknowns, self.moves
-        m, k = len(self.labels), len(own.names)
-        x = instance("before", before, Filtered).x
-        beside = x[..., n : n + k]
+        own, k = self.unknowns, self.moves + len(self.unknowns.names)
+        beside = instance("before", before, Filtered).x[..., self.moves : k]
         acting = own.acting(beside, self._inputs(u))
-        after = self.interval.move(before.state, own, beside[..., : own.of_model], acting, m)
+        after = self.interval.move(before.state, own, beside[..., : own.of_model], acting)
         lead = after.readings.shape[:-1]
-        x, factor = x.expand(*lead, -1), before.factor.expand(*lead, -1, -1)
-        z = self.interval.model.departure(after.state)
-        # columns of what is read now, and of x' = [z'; unknowns; readings on their way]; rows: by
-        # x, by what comes on top of the unknowns, by the forces that are new in each interval
-        sources = k + int((own.white > 0).sum())
-        stay = pad(torch.diag(own.stays), (0, 0, n, self.size - n - k))
-        fresh = torch.cat((torch.diag(own.added), own.added.new_zeros(sources - k, k)))
-        readings = self._columns(own.by(after.readings_by))
-        motion = self._columns(own.by(after.motion_by))
-        unknowns = torch.cat((stay, fresh)).expand(*lead, -1, -1)
-        underway = x[..., n + k :]
+        underway = before.x[..., k:].expand(*lead, -1)
+        expected = after.readings
         if self.delay:
-            on = torch.eye(self.size + sources, dtype=x.dtype, device=x.device)
-            on = on[:, n + k : self.size].expand(*lead, -1, -1)
-            expected, read = underway[..., -m:], on[..., -m:]
-            underway = torch.cat((after.readings, underway[..., :-m]), -1)
-            columns = [read, motion, unknowns, readings, on[..., :-m]]
-        else:
-            expected, columns = after.readings, [readings, motion, unknowns]
-        places = n + own.of_model + torch.arange(len(own.biased))
-        columns[0] = columns[0].clone()
-        columns[0][..., places, own.biased] = 1.0
-        expected = expected.index_add(-1, own.biased, x[..., places])
-        y = x.new_full((m,), torch.nan) if y is None else as_tensor(y, x.dtype, x.device)
-        error = (axis_last("y", y, m) - expected).expand(*lead, m)
-        seen, rows = ~torch.isnan(error), torch.cat(columns, -1)
-        rows = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], rows, 0.0)
-        by_x = rows[..., : self.size, :]
-        begin = torch.cat((factor, self.shaken.expand(*lead, -1, -1)), -2)
-        rows = torch.cat((begin @ by_x, rows[..., self.size :, :]), -2)
-        noise = torch.diag_embed(torch.where(seen, self.noise, 1.0))
-        rows = torch.cat((rows, pad(noise, (0, self.size))), -2)
-        found, read = conditioned(rows, torch.nan_to_num(error, nan=0.0)), seen.sum(-1).to(x)
+            expected = underway[..., -self.read :]
+            underway = torch.cat((after.readings, underway[..., : -self.read]), -1)
+        expected = own.with_offsets(expected, beside)
+        y = (torch.nan,) * self.read if y is None else y
+        y = axis_last("y", as_tensor(y, expected.dtype, expected.device), self.read)
+        error = (y - expected).expand(*lead, self.read)
+        seen, columns = ~torch.isnan(error), self._columns(after)
+        columns = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], columns, 0.0)
+        by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
+        roots = torch.cat(
+            (before.factor, self.shaken.expand(*before.factor.shape[:-2], -1, -1)), -2
+        )
+        noise = torch.diag_embed(torch.where(seen, self.interval.instruments.noise, 1.0))
+        rows = torch.cat((roots @ by_x, by_fresh, pad(noise, (0, self.size))), -2)
+        found, read = conditioned(rows, torch.nan_to_num(error, nan=0.0)), seen.sum(-1).to(error)
+        z = self.interval.model.departure(after.state)
         now = replace(
             before,
             state=after.state,
-            x=torch.cat((z, beside * own.stays, underway), -1),
+            x=torch.cat((z, (beside * own.stays).expand(*lead, -1), underway), -1),
             factor=found.root[..., : self.size, :],
             nis=(found.unit**2).sum(-1),
             readings=read,
@@ -259,9 +220,9 @@ class KalmanFilter:
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
-        y = as_tensor(readings, self.noise.dtype, self.noise.device)
+        y = as_tensor(readings, self.like.dtype, self.like.device)
         found = [start]
-        for k, now in enumerate(axis_last("readings", y, len(self.labels))):
+        for k, now in enumerate(axis_last("readings", y, self.read)):
             given = {name: v[k] for name, v in u.items()} if isinstance(u, Mapping) else u
             given = u[k] if given is u and u is not None else given
             found.append(self(found[-1], now, given))
@@ -271,7 +232,7 @@ class KalmanFilter:
         """What all readings together say of the start, and of each instant of a `run` from it
         (Bryson and Frazier 1963): one more than `found`.
         """
-        smooth, m = [found[-1]], len(self.labels)
+        smooth, m = [found[-1]], self.read
         x = found[-1].x
         later = Later(torch.zeros_like(x), x.new_zeros(*x.shape[:-1], 0, self.size))
         for before, after in zip(reversed([start, *found[:-1]]), reversed(found), strict=True):
@@ -286,29 +247,35 @@ class KalmanFilter:
         state = self.interval.changed(found.state, change[..., : self.moves])
         return replace(found, x=found.x + change, state=state)
 
-    def _columns(self, slopes: Tensor) -> Tensor:
-        """(..., size + sources, r) of slopes (..., r, n + k + sources - k): nothing depends on
-        readings on their way.
+    def _columns(self, after: Moved) -> Tensor:
+        """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their
+        way], by x, and by a deviation of what comes on top of the unknowns and of the forces.
         """
-        late = self.delay * len(self.labels)
-        first = self.moves + len(self.unknowns.names)
-        known, fresh = slopes.mT.split((first, slopes.shape[-1] - first), -2)
-        added = pad(fresh, (0, 0, len(self.unknowns.names), 0))
-        return torch.cat((pad(known, (0, 0, 0, late)), added), -2)
+        own, n, m = self.unknowns, self.moves, self.read
+        k, late = len(own.names), self.delay * m
+        fresh = k + int((own.white > 0).sum())
 
-    def _of_readings(self, name: str, value: Any, like: Tensor) -> Tensor:
-        """(m,). Raises ValueError for another number of them."""
-        value = as_tensor(value, like.dtype, like.device)
-        if value.ndim > 1 or value.numel() not in (1, len(self.labels)):
-            raise ValueError(
-                f"{name} of shape {tuple(value.shape)} was given for {len(self.labels)} readings; "
-                "one number, or one of each, is wanted"
-            )
-        return value.expand(len(self.labels))
+        def column(slopes: Slopes) -> Tensor:
+            by = own.by(slopes).mT  # z, unknowns and forces: nothing depends on readings underway
+            none = by.new_zeros(*by.shape[:-2], late + k, by.shape[-1])
+            return torch.cat((by[..., : n + k, :], none, by[..., n + k :, :]), -2)
+
+        stay = pad(torch.diag(own.stays), (0, 0, n, late))
+        stay = torch.cat((stay, pad(torch.diag(own.added), (0, 0, 0, fresh - k))))
+        reading, motion = column(after.readings_by), column(after.motion_by)
+        lead = motion.shape[:-2]
+        if late:
+            on = torch.eye(self.size + fresh).to(motion)[:, n + k : self.size].expand(*lead, -1, -1)
+            parts = [on[..., -m:], motion, stay.expand(*lead, -1, -1), reading, on[..., :-m]]
+        else:
+            parts = [reading, motion, stay.expand(*lead, -1, -1)]
+        whole = torch.cat(parts, -1)
+        whole[..., n + own.of_model + torch.arange(len(own.biased)), own.biased] = 1.0
+        return whole
 
     def _inputs(self, u: Any) -> Tensor:
         """(..., inputs) side by side."""
-        sizes, like = self.interval.inputs, self.noise
+        sizes, like = self.interval.inputs, self.like
         if u is not None and not isinstance(u, Mapping):
             return axis_last("u", as_tensor(u, like.dtype, like.device), sum(sizes.values()))
         u = dict(u or {})

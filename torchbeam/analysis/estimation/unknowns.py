@@ -17,8 +17,10 @@ from torch.distributions import LogNormal, Normal
 
 from ...core.arguments import number
 from ...core.validation import as_tensor, positive, shown
+from ...math.shapes import broadcast_shapes
 from ..identification.parameter import Parameter
 from ..identification.parameters import Parameters
+from .instruments import of_each
 
 
 class Slopes(NamedTuple):
@@ -84,7 +86,7 @@ class Unknowns:
                     "wanted"
                 )
             steps[places[0]] = math.sqrt(dt) * _size(f"walk of {name!r}", value, like)
-        offsets = _size("bias", 0.0 if bias is None else bias, like).expand(len(labels))
+        offsets = of_each("bias", _size("bias", bias, like), len(labels), like)
         biased = (offsets > 0).nonzero()[:, 0]
         names += [f"offset of {labels[i]}" for i in biased.tolist()]
         forced, white, stays, amounts = [], [], [], []
@@ -96,13 +98,7 @@ class Unknowns:
             )
         for name, size in inputs.items():
             amount, time = _process(name, process.get(name, 0.0))
-            amount = _size(f"process of {name!r}", amount, like)
-            if amount.ndim > 1 or amount.numel() not in (1, size):
-                raise ValueError(
-                    f"process of {name!r} of shape {tuple(amount.shape)} was given; one deviation, "
-                    f"or {size}, is wanted"
-                )
-            amount = amount.expand(size)
+            amount = of_each(f"process of {name!r}", _size("process", amount, like), size, like)
             lasts = time > 0
             forced += [bool(a) and lasts for a in amount.tolist()]
             white.append(torch.zeros_like(amount) if lasts else amount)
@@ -137,10 +133,16 @@ class Unknowns:
     def acting(self, x: Tensor, inputs: Tensor) -> Tensor:
         """Inputs (..., inputs) with the forces among the unknowns x (..., k)."""
         forces = x[..., len(self.names) - int(self.forced.sum()) :]
-        lead = torch.broadcast_shapes(forces.shape[:-1], inputs.shape[:-1])
+        lead = broadcast_shapes(forces.shape[:-1], inputs.shape[:-1])
         return inputs.expand(*lead, -1).index_add(
             -1, self.forced.nonzero()[:, 0], forces.expand(*lead, -1)
         )
+
+    def with_offsets(self, readings: Tensor, x: Tensor) -> Tensor:
+        """Instruments (..., m) with the offsets among the unknowns x (..., k)."""
+        offsets = x[..., self.of_model : self.of_model + len(self.biased)]
+        lead = broadcast_shapes(offsets.shape[:-1], readings.shape[:-1])
+        return readings.expand(*lead, -1).index_add(-1, self.biased, offsets.expand(*lead, -1))
 
     def by(self, slopes: Slopes) -> Tensor:
         """(..., r, n + k + white ones): by z, the unknowns, and a deviation of each force that is

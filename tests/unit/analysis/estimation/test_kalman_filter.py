@@ -146,10 +146,10 @@ def test_derivatives():
 
     def after(dz=0.0, dE=0.0, du=0.0):
         moved = f.interval.changed(state, torch.zeros(f.moves) + dz)
-        out = f.interval.move(moved, own, coordinates + dE, pushes + du, 2)
+        out = f.interval.move(moved, own, coordinates + dE, pushes + du)
         return torch.cat((model.departure(out.state), out.readings))
 
-    found = f.interval.move(state, own, coordinates, pushes, 2)
+    found = f.interval.move(state, own, coordinates, pushes)
     exact = torch.cat([own.by(x) for x in (found.motion_by, found.readings_by)])
     direction, h = 1e-2 * randn(f.moves, seed=3), 1e-4
     for column, step in (
@@ -163,11 +163,26 @@ def test_derivatives():
 
 
 @pytest.mark.steps
+def test_rates_are_read_over_the_interval():
+    """Of a force that is known and speeds that are read as rates: what is expected is what was."""
+    speed = tb.sensors.NodeVelocity(-1)["z"]
+    f = tb.KalmanFilter(strip(), [TIP, speed], dt=DT, noise=1e-3, rate=[False, True], delay=1)
+    assert f.interval.instruments.labels == ("tip position z", "rate of tip velocity z")
+    step, states, z = tb.Stepper(strip(), DT), [f.interval.model.state], f.start()
+    for k in range(4):
+        states.append(step(states[-1], u=up(0.1)))
+        rate = (speed(states[k]) - speed(states[k - 1])) / DT if k else torch.zeros(1)
+        z = f(z, torch.cat((TIP(states[k]), rate)), up(0.1))
+        assert z.nis < 1e-12
+    torch.testing.assert_close(z.state.tip.position, states[-1].tip.position)
+
+
+@pytest.mark.steps
 def test_intervals_hold():
     """Of 48 plants with an unknown stiffness, offset and wandering force, whose readings have
     noise: what is said of them, and of the tip's place, holds nineteen times in twenty.
     """
-    plants, readings = 48, 100
+    plants, readings = 48, 60
     prior = LogNormal(torch.tensor(0.0), torch.tensor(0.1))
     f = tb.KalmanFilter(
         lambda p: strip(p["E"]),
@@ -224,16 +239,17 @@ def test_doubts():
     [
         (dict(process={"v": 1.0}), "names of inputs of the scene"),
         (dict(process={"u": (1.0, 0.0)}), "a time is wanted"),
-        (dict(process={"u": (1.0, 1.0, 1.0, 1.0)}), "one deviation, or 3, is wanted"),
+        (dict(process={"u": (1.0, 1.0, 1.0, 1.0)}), "one number, or 3, is wanted"),
         (dict(parameters={"E": (1.0, 0.1)}), "a function parameters -> Scene is wanted"),
         (dict(scene=strip, parameters={"E": 1.0}), "with a prior, is wanted"),
         (dict(walk={"E": 1.0}), "one of no parameter is wanted"),
-        (dict(noise=(1.0, 1.0)), "one number, or one of each, is wanted"),
+        (dict(noise=(1.0, 1.0)), "one number, or 1, is wanted"),
         (dict(noise=0.0), "positive"),
         (dict(bias=-1.0), "negative"),
         (dict(method="generalized_alpha"), "a midpoint method is wanted"),
         (dict(scene=strip), "a Scene, or a function of `parameters`, is wanted"),
         (dict(delay=-1), "delay"),
+        (dict(rate=[True, False]), "one of each is wanted"),
         (dict(sensors=[max]), "Sensor"),
     ],
 )
