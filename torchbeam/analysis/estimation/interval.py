@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import instance
+from ...core.status import DIVERGED
 from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
 from ...math.shapes import broadcast_shapes
@@ -116,10 +117,17 @@ class Interval:
         return y.detach()[0], slope.movedim(0, -2) @ self.model.slopes(start)[1]
 
     def changed(self, state: State, z: Tensor) -> State:
-        """The state whose coordinates are z (..., n) more."""
+        """The state whose coordinates are z (..., n) more; a sample of which there is none keeps
+        its own, and fails.
+        """
         space = self.model.space
-        by = (self.model.moves @ z[..., None])[..., 0]
-        return space.to_public(self.model.chart.moved(space.to_reduced(state), by)).broadcast()
+        reduced, by = space.to_reduced(state), (self.model.moves @ z[..., None])[..., 0]
+        try:
+            return space.to_public(self.model.chart.moved(reduced, by)).broadcast()
+        except ValueError:
+            if z.ndim == 1:
+                return replace(state, status=torch.full_like(state.status, DIVERGED))
+        return State.stack([self.changed(state[k], z[k]) for k in range(len(z))])
 
 
 def _diagonal(rows: Tensor) -> Tensor:

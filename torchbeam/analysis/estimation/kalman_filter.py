@@ -43,8 +43,8 @@ class KalmanFilter:
             a sensor): of `NodeVelocity` an accelerometer's, without weight
         dt: s, the interval between readings
         noise: deviation of the readings, one or (m,); white
-        process: name of an input of the scene -> deviation of an unknown force (one, or as many as
-            the input has numbers) on top of what is given: another one in each interval; or
+        process: name of an input of the scene -> deviation of an unknown force (one number, or as
+            many as the input has) on top of what is given: another one in each interval; or a pair
             (deviation, time): a force that changes within so many s (of Ornstein and Uhlenbeck),
             and is estimated; one of math.inf s is a constant
         parameters: name -> (mean, deviation), or a `Parameter` with a prior

@@ -22,6 +22,8 @@ from ..identification.parameter import Parameter
 from ..identification.parameters import Parameters
 from .instruments import of_each
 
+UNSEEN = 0.98  # of its first deviation: a parameter of which the readings have said nothing
+
 
 class Slopes(NamedTuple):
     """Derivatives by motion z (..., r, n), parameters (..., r, p) and inputs (..., r, inputs)."""
@@ -32,9 +34,6 @@ class Slopes(NamedTuple):
 
     def rows(self, which: slice) -> Slopes:
         return Slopes(*(slope[..., which, :] for slope in self))
-
-
-UNSEEN = 0.98  # of its first deviation: a parameter of which the readings have said nothing
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,7 @@ class Unknowns:
         )
 
     def with_offsets(self, readings: Tensor, x: Tensor) -> Tensor:
-        """Instruments (..., m) with the offsets among the unknowns x (..., k)."""
+        """Readings (..., m) with the offsets among the unknowns x (..., k)."""
         offsets = x[..., self.of_model : self.of_model + len(self.biased)]
         lead = broadcast_shapes(offsets.shape[:-1], readings.shape[:-1])
         return readings.expand(*lead, -1).index_add(-1, self.biased, offsets.expand(*lead, -1))
@@ -169,7 +168,7 @@ class Unknowns:
 
     def unseen(self, deviation: Tensor) -> tuple[str, ...]:
         """Names of what the readings have said nothing of, in any sample; deviation (..., k)."""
-        share = (deviation / self.deviation).reshape(-1, len(self.names))
+        share = torch.atleast_2d(deviation / self.deviation).flatten(0, -2)
         unseen = (share > UNSEEN).any(0) & (self.deviation > 0) & (self.added == 0)
         return tuple(n for n, lost in zip(self.names, unseen.tolist(), strict=True) if lost)
 

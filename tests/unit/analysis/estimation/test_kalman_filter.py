@@ -232,6 +232,9 @@ def test_doubts():
     assert "times as far from what was expected" in z.doubt
     lost = f(start, [0.0], up(1e12))
     assert "stand still" in lost.doubt
+    two = f(f.start(2, amplitude=0.01), [[0.0], [1e9]])  # no strip has its tip there
+    assert two.state.status.tolist() == [0, 1] and "1 of 2 samples stand still" in two.doubt
+    assert f.start().unseen == ("offset of tip position z",)
 
 
 @pytest.mark.parametrize(
