@@ -120,8 +120,9 @@ CASES = {
         ],
         (2e-3, 5e-6),
         {"payload": near_one(0.2)},
-        {"process": {"motor": 0.02}, "bias": (0.0, 1e-5)},
+        {"process": {"motor": 0.02}, "bias": (0.0, 1e-5), "shaking": 3e-4},
         lambda k: [0.1 * math.sin(6.0 * k * DT)],
+        modes=4,
     ),
 }  # fmt: skip
 
