@@ -13,7 +13,8 @@ from ..core.leaves import map_leaves
 from ..core.validation import broadcast, shown
 from ..scene.effects.contact import Contact
 from ..scene.effects.contact_terms import ContactTerms
-from ..scene.effects.obstacles import Obstacle, Sphere
+from ..scene.effects.obstacle import Obstacle
+from ..scene.effects.obstacles import Sphere
 from ..scene.parts import Part
 from ..scene.scene import Scene
 from ..state.state import State

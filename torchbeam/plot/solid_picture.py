@@ -12,7 +12,8 @@ from torch import Tensor
 from ..core.arguments import instance
 from ..core.leaves import sent, with_values
 from ..math import quaternions as quat
-from ..scene.effects.obstacles import Cylinder, Obstacle, Plane
+from ..scene.effects.obstacle import Obstacle
+from ..scene.effects.obstacles import Cylinder, Plane
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh

@@ -20,7 +20,8 @@ from ..core.files import file_of, folder, reason, write
 from ..core.leaves import sent
 from ..core.validation import positive, shown
 from ..math import quaternions as quat
-from ..scene.effects.obstacles import Obstacle, Sphere
+from ..scene.effects.obstacle import Obstacle
+from ..scene.effects.obstacles import Sphere
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.solution import Solution

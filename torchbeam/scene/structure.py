@@ -20,7 +20,7 @@ from ..topology.framework import Framework
 from .beam import Beam
 from .body import Body
 from .effects.effect import Effect
-from .effects.obstacles import Obstacle
+from .effects.obstacle import Obstacle
 from .effects.point_mass import PointMass
 from .parts import FLAGS, Part, Row, Span, part_of, row_of
 

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import instance, place
+from ..core.arguments import place
 from ..core.functions_of_time import shared
 from ..nodal.conditions import conditions
-from ..nodal.discretise import discretise
 from ..nodal.element_loads import at_points, load_point, point_weights
 from ..nodal.loads import Nodes, load_points
-from ..nodal.model import Model
 from ..nodal.touching_forces import of_nodes
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects.contact import Touch
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.self_contact import SelfContact
-from ..scene.scene import Scene
 from ..state.state import State
-from ..state.state_check import of_mesh
-from .sensor import XYZ, Sensor
+from .of_scene import OfScene
+from .sensor import XYZ
 
 
 class Touched(NamedTuple):
@@ -67,7 +64,7 @@ class Touched(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OfContact(Sensor):
+class OfContact(OfScene):
     """Base of these sensors.
 
     contact  its place among the contacts of the scene
@@ -75,15 +72,11 @@ class OfContact(Sensor):
     Raises ValueError for a scene without such a contact, or a state of another form.
     """
 
-    scene: Scene
     contact: int = 0
-    model: Model = field(init=False)
 
     def __post_init__(self) -> None:
-        instance("a scene", self.scene, Scene)
-        count = len(self._contacts)
-        place("contact", self.contact, count, "a scene has contacts")
-        object.__setattr__(self, "model", discretise(self.scene))
+        super().__post_init__()
+        place("contact", self.contact, len(self._contacts), "a scene has contacts")
 
     @property
     def _contacts(self) -> list[ContactTerms]:
@@ -102,14 +95,10 @@ class OfContact(Sensor):
 
     def _places(self, state: State) -> list[Touched]:
         """The same, and where."""
-        state = of_mesh(state, self.scene.beam, f"{type(self).__name__}: a state")
-        model, t, law = self.model, shared(state.t), self._law
-        state = model.space.to_reduced(state)
-        spin = model.space.to_frame(state.rotation, state.spin)
-        nodes = Nodes(state.position, state.rotation, state.velocity, spin, state.frame)
+        nodes, model, law = self.nodes(state), self.model, self._law
         if law.kind == "pair":
             return self._of_pair(nodes)
-        now = conditions(model, t, {}, loads=(law,))
+        now = conditions(model, shared(state.t), {}, loads=(law,))
         if law.between_nodes:
             at = [
                 (point_weights(model, acting), acting.load, load_point(model, acting, nodes, now))
@@ -117,7 +106,7 @@ class OfContact(Sensor):
             ]
         else:
             at = [
-                (spin.new_ones(1, 1), acting.load, acting.load.of_body(point))
+                (nodes.spin.new_ones(1, 1), acting.load, acting.load.of_body(point))
                 for acting, point in load_points(model, nodes, now, now.loads)
             ]
         touched = []

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice, place
+from ..core.leaves import option
 from ..core.validation import as_tensor, axis_last, common_dtype, finite, rotations
 from ..math import quaternions as quat
 from ..scene.parts import Place, check_node
@@ -22,11 +24,11 @@ class _OfNode(OnPart):
     (name, node) or the name of a body; or `on` has the name.
     """
 
-    node: Place
+    node: Place = option(check_node)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         node, on = self.node, self.on
-        check_node("node", node)
         if isinstance(node, (str, tuple)):
             if on is not None:
                 raise ValueError(
@@ -122,7 +124,7 @@ class Spin(_OfNode):
         tensor([ 0.0000, -5.2346,  0.0000])
     """
 
-    body: bool = False
+    body: bool = option(boolean, default=False)
     what = "spin"
     unit = "rad/s"
     labels = XYZ
@@ -130,10 +132,6 @@ class Spin(_OfNode):
     @property
     def transforms_as(self) -> str | None:
         return None if self.body else "vector"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        boolean("body", self.body)
 
     def read(self, state: Any) -> Tensor:
         if self.body and isinstance(state, State):
@@ -206,13 +204,9 @@ class Angles(_Turned):
         tensor([-0.3550])
     """
 
-    kind: str = "tait-bryan"
+    kind: str = option(partial(choice, known=("tait-bryan", "vector")), default="tait-bryan")
     what = "angles"
     unit = "rad"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        choice("kind", self.kind, ("tait-bryan", "vector"))
 
     @property
     def labels(self) -> tuple[str, ...]:

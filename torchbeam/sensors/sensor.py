@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import listed
+from ..core.declared import check_fields
 from ..core.validation import axis_last, shown
 from ..math.shapes import broadcast_shapes
 from ..scene.parts import part_of
@@ -20,7 +21,7 @@ XYZ = ("x", "y", "z")
 
 class Sensor:
     """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape`
-    if that is no vector.
+    if that is no vector. One that is a dataclass may declare checks of its fields, see `leaf`.
 
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
@@ -42,6 +43,11 @@ class Sensor:
     labels: tuple[str, ...]
     on: str | None = None
     transforms_as: str | None = None
+    called: ClassVar[str] = ""
+    in_words: ClassVar[str] = "{1}"  # what sentences call a field
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -34,7 +34,8 @@ from .load_point import (
     together,
 )
 from .loads import LineLoad, PointLoad, TipLoad
-from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
+from .obstacle import Obstacle
+from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
 from .self_contact import SelfContact
 from .springs import RootSpring, Spring

@@ -17,8 +17,8 @@ from .contact_law import damped, pressure, rubbing
 from .contact_path import leads_through
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant, cross
-from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, each
-from .rounded_box import RoundedBox
+from .obstacle import Obstacle, each
+from .obstacles import Plane
 from .values import Inputs
 
 
@@ -182,9 +182,8 @@ class Contact(ContactTerms):
                 f"Contact of {names[0]!r} and {names[1]!r}, both with surfaces, was given; a beam, "
                 "or a body without one, is wanted as one of both"
             )
-        if self.partner is None and (
-            not isinstance(self.obstacle, Plane) or isinstance(shape, Cylinder)
-        ):
+        solid = shape.in_body
+        if self.partner is None and (not isinstance(self.obstacle, Plane) or solid.corners is None):
             raise ValueError(
                 f"Contact of {name!r}, whose surface is a {shape.called}, with a "
                 f"{self.obstacle.called} was given; a Sphere, Capsule or Box, and a Plane, are "
@@ -198,11 +197,7 @@ class Contact(ContactTerms):
             )
         if self.partner is not None:
             return self
-        box = RoundedBox.of(shape)
-        corners = box.corners
-        if not isinstance(shape, Box):  # two ends of a bar, or one centre
-            corners = corners[..., :: 4 if isinstance(shape, Capsule) else 8, :]
-        return BodyContact.of(self, radius=box.rounding, corners=corners)
+        return BodyContact.of(self, radius=solid.radius, corners=solid.corners)
 
     @property
     def moves(self) -> bool:
