@@ -4,8 +4,8 @@ meet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,21 +20,24 @@ from .structure import Structure
 # numbers may have come in single precision
 MET = {torch.float64: 1e-6, torch.float32: 1e-5}
 VECTOR = "{}'s {}"  # what sentences call a vector of a joint
-ACTS = (
-    "stiffness",
-    "damping",
-    "friction",
-    "slip_speed",
-    "limits",
-    "limit",
-    "limit_stiffness",
-    "torque",
-    "angle",
-    "second_torque",
-    "second_angle",
-    "force",
-    "travel",
-)
+PLACED = frozenset({"a", "b", "at", "axis", "second"})  # fields that say where it is
+
+
+class CoordinateLaw(NamedTuple):
+    """What acts along a coordinate, (...) each, None = nothing: what it resists by, see
+    `DrivenJoint`, and what is given, with values that functions of t and inputs have: the effort,
+    the torque about an angle or the force along a travel, or the coordinate itself, prescribed.
+    """
+
+    stiffness: Tensor | None = None
+    damping: Tensor | None = None
+    friction: Tensor | None = None
+    slip_speed: Tensor | None = None
+    lowest: Tensor | None = None
+    highest: Tensor | None = None
+    limit_stiffness: Tensor | None = None
+    effort: Any = None
+    prescribed: Any = None
 
 
 @dataclass(frozen=True)
@@ -143,23 +146,12 @@ class Joint(Tree):
     @property
     def acts(self) -> dict[str, Any]:
         """What acts in it, by name, where it is there."""
-        return {name: value for name in ACTS if (value := getattr(self, name, None)) is not None}
+        names = [own.name for own in fields(self) if own.name not in PLACED]
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
-    def law(self, name: str, coordinate: int) -> Tensor | None:
-        """What one of its `coordinates` resists by (...), by the names of `JointLaws`; None =
-        nothing.
-        """
-        return None
-
-    def effort(self, coordinate: int) -> Any:
-        """The torque about an angle or the force along a travel that is given, by the coordinate
-        that it acts along; None = none.
-        """
-        return None
-
-    def prescribed(self, coordinate: int) -> Any:
-        """One of its `coordinates`, where it is given, None = it is not."""
-        return None
+    def law(self, coordinate: int) -> CoordinateLaw:
+        """What acts along a coordinate; nothing, where it is none of its `coordinates`."""
+        return CoordinateLaw()
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
         """The joint's point on a and on b (..., 3) m, and its axes (..., 3, 3), columns, of which x
