@@ -78,6 +78,11 @@ def whole(name: str, value: int) -> int:
     return int(value)
 
 
+def is_integer(value: Any) -> bool:
+    """Whether this is a whole number of Python."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
 def _whole(value: Any) -> bool:
     """Whether this is a whole number that a computer counts to."""
     return (

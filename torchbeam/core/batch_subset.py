@@ -135,11 +135,6 @@ def _held(function: FunctionType) -> dict[Any, Any]:
     that have a value.
     """
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
-    filled = {
-        f"closed over {name}": cell.cell_contents for name, cell in cells if cell != CellType()
-    }
-    return {
-        **dict(enumerate(function.__defaults__ or ())),
-        **(function.__kwdefaults__ or {}),
-        **filled,
-    }
+    held = dict(enumerate(function.__defaults__ or ())) | (function.__kwdefaults__ or {})
+    filled = [(name, cell) for name, cell in cells if cell != CellType()]
+    return held | {f"closed over {name}": cell.cell_contents for name, cell in filled}

@@ -118,9 +118,9 @@ def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
         first += size
         size = max(1, ROOM // max(1, *(v[0].numel() for v in values)))
     rest = iter(picked)
-    return (
-        next(rest) if form[0] is None else tuple(next(rest) if there else None for there in form[0])
-    )
+    if form[0] is None:
+        return next(rest)
+    return tuple(next(rest) if there else None for there in form[0])
 
 
 def _each(function: Callable[[Tensor], tuple[Tensor, ...]], instants: Tensor) -> tuple[Tensor, ...]:
@@ -157,11 +157,9 @@ def _picked(
         )
         at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * own)]
         entry = value.gather(0, at.expand(1, *full, *last))[0]
-        picked.append(
-            entry
-            if chosen is None
-            else torch.where(inside[(..., *(None,) * own)], entry, chosen[k])
-        )
+        if chosen is not None:
+            entry = torch.where(inside[(..., *(None,) * own)], entry, chosen[k])
+        picked.append(entry)
     return picked
 
 
@@ -189,9 +187,8 @@ def rate_along(
     if saves_by_hooks():
         raise ValueError(HOOKED)
     value, _ = torch.func.vjp(function, *at)
-    zero = (
-        tuple(map(torch.zeros_like, value)) if isinstance(value, tuple) else torch.zeros_like(value)
-    )
+    several = isinstance(value, tuple)
+    zero = tuple(map(torch.zeros_like, value)) if several else torch.zeros_like(value)
     return value, torch.func.vjp(lambda v: torch.func.vjp(function, *at)[1](v), zero)[1](rates)[0]
 
 
@@ -268,12 +265,8 @@ def with_user_rate(
                 _about(function, value, t, eps**power * (1 + t.abs())) for power in (0.5, 0.25)
             )
             # a rate that is there, but zero, rises with the distance: t^3, t - sin(t)
-            lost = (
-                still
-                & (odd > 8 * even)
-                & (odd > 64 * eps * value.abs())
-                & (far <= 2 * odd * eps**-0.25)
-            )
+            lost = still & (odd > 8 * even) & (odd > 64 * eps * value.abs())
+            lost = lost & (far <= 2 * odd * eps**-0.25)
         if concrete(lost).any():
             raise ValueError(
                 f"{what} changes in time but has no rate in torch; write its function of t with "

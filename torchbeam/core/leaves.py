@@ -373,14 +373,10 @@ def _mapped(
         if axes is BRANCH or isinstance(value, Tree):
             mapped[name] = map_leaves(function, value, *theirs, results=results)
         elif isinstance(value, dict):
-            mapped[name] = {
+            new = {
                 key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()
             }
-            mapped[name] = (
-                value
-                if all(mapped[name][key] is part for key, part in value.items())
-                else mapped[name]
-            )
+            mapped[name] = new if any(new[key] is not x for key, x in value.items()) else value
         elif hasattr(value, "_fields"):
             mapped[name] = type(value)(
                 *(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value))

@@ -20,30 +20,13 @@ import torch
 from torch import Tensor
 
 NUMBERS = (bool, int, float, complex, str, bytes)  # and words
-STEADY = (
-    *NUMBERS,
-    type(None),
-    type(Ellipsis),
-    type(Path()),
-    torch.dtype,
-    torch.device,
-    torch.layout,
-)
-PACKAGES = {  # of functions without memory
-    "torch",
-    "math",
-    "cmath",
-    "operator",
-    "functools",
-    "typing",
-    "itertools",
-    "collections",
-    "dataclasses",
-    "enum",
-    "abc",
-    __name__.split(".")[0],
-}
+OF_TORCH = torch.dtype, torch.device, torch.layout
+STEADY = (*NUMBERS, type(None), type(Ellipsis), type(Path()), *OF_TORCH)
 # fmt: off
+PACKAGES = {  # of functions without memory
+    "torch", "math", "cmath", "operator", "functools", "typing", "itertools", "collections",
+    "dataclasses", "enum", "abc", __name__.split(".")[0],
+}
 PURE = {  # of Python's own
     "abs", "all", "any", "bool", "complex", "dict", "divmod", "enumerate", "filter", "float",
     "frozenset", "getattr",
@@ -88,15 +71,11 @@ def of_class(kind: type) -> Iterator[Read]:
 
 def function_of(value: Any) -> Any:
     """The function that a property, or a method of the class, is made from; all else as it is."""
-    return (
-        value.fget
-        if isinstance(value, property)
-        else value.func
-        if isinstance(value, functools.cached_property)
-        else value.__func__
-        if isinstance(value, (staticmethod, classmethod))
-        else value
-    )
+    if isinstance(value, property):
+        return value.fget
+    if isinstance(value, functools.cached_property):
+        return value.func
+    return value.__func__ if isinstance(value, (staticmethod, classmethod)) else value
 
 
 def class_attribute(kind: type, name: str) -> Any:
@@ -182,15 +161,13 @@ def put_on(module: types.ModuleType, names: set[str]) -> list[str]:
     be put there by anyone; and modules in it, where the same may be so.
     """
     held = {name: vars(module)[name] for name in names & vars(module).keys()}
-    return [
-        name
-        for name, value in held.items()
-        if isinstance(value, PUT)
-        or (
-            isinstance(value, (types.FunctionType, types.ModuleType))
-            and of_package(value) == isinstance(value, types.ModuleType)
-        )
-    ]
+    kinds = (types.FunctionType, types.ModuleType)
+
+    def counts(value: Any) -> bool:
+        module = isinstance(value, types.ModuleType)
+        return isinstance(value, PUT) or (isinstance(value, kinds) and of_package(value) == module)
+
+    return [name for name, value in held.items() if counts(value)]
 
 
 def attributes(value: Any) -> list[str]:
@@ -215,13 +192,9 @@ def lazy(kind: type, name: str) -> bool:
 
 def attribute(value: Any, name: str) -> Any:
     held = getattr(value, "__dict__", {})
-    return (
-        held[name]
-        if name in held
-        else getattr(value, name, ABSENT)
-        if hasattr(type(value), name)
-        else ABSENT
-    )
+    if name in held:
+        return held[name]
+    return getattr(value, name, ABSENT) if hasattr(type(value), name) else ABSENT
 
 
 def of_numpy(value: Any) -> bool:

@@ -21,10 +21,9 @@ def measured_on(dtype: str | None = "float64", threads: int | None = None) -> di
     """Heading of a result file: machine, cores, threads of torch (None = those of now), dtype
     (None = several), versions.
     """
+    own = _processor()
     heading = {
-        "machine": ", ".join(
-            filter(None, (f"{platform.system()} {platform.machine()}", _processor()))
-        ),
+        "machine": ", ".join(filter(None, (f"{platform.system()} {platform.machine()}", own))),
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads() if threads is None else threads,
         "dtype": dtype,
@@ -101,11 +100,7 @@ def _processor() -> str:
     """The processor's name, where the system tells it."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
-        names = [
-            line.partition(":")[2].strip()
-            for line in info.read_text().splitlines()
-            if line.startswith("model name")
-        ]
-        if names:
-            return names[0]
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
     return platform.processor() if platform.processor() != platform.machine() else ""

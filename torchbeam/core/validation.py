@@ -250,11 +250,8 @@ def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = F
         return value
     bad = ~(numbers >= 0) if zero else ~(numbers > 0)
     bad = bad if infinite else bad | torch.isinf(numbers)
-    wanted = (
-        ("a non-negative" if zero else "a positive")
-        + (" or infinite" if infinite else " finite")
-        + " number"
-    )
+    wanted = "a non-negative" if zero else "a positive"
+    wanted = f"{wanted} {'or infinite' if infinite else 'finite'} number"
     raise ValueError(f"{name} = {numbers[bad].flatten()[0].item():g} was given; {wanted} is wanted")
 
 

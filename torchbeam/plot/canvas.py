@@ -110,6 +110,17 @@ def where_installed() -> Iterator[None]:
         print(f"no picture: {error}", file=sys.stderr)
 
 
+@contextmanager
+def matplotlib_wanted() -> Iterator[None]:
+    """For its imports: without it an ImportError says where it is had from."""
+    try:
+        yield
+    except ImportError:
+        raise ImportError(
+            "torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'"
+        ) from None
+
+
 def line_style(options: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """Keywords of a line: those that a user gave, and what is usual of the others, whichever of
     matplotlib's names for the same both use (lw, linewidth). Raises ValueError for another keyword.
@@ -141,13 +152,9 @@ def _figure(size: tuple[float, float]) -> Any:
     """Figure of the given size (inches), of nobody but the caller. Raises ImportError without
     matplotlib.
     """
-    try:
+    with matplotlib_wanted():
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError(
-            "torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'"
-        ) from None
     size = tuple(tolerance("a length of size", length) for length in listed(size))
     if len(size) != 2:
         raise ValueError(f"size = {shown(size)} was given; two lengths, in inches, are wanted")

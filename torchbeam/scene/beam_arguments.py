@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from ..core.arguments import count
+from ..core.arguments import count, instance
 from ..core.memory import check_memory
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
 from ..core.warning import warn
@@ -55,13 +55,12 @@ def placed(
         for name, x in sizes.items()
         if not name.startswith("_")
     ]
-    direction, up, root = (
-        None
-        if value is None and name == "up"
-        else finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
-        for name, value in (("direction", direction), ("up", up), ("root", root))
-    )
-    return values, axes_along(direction, up), root
+
+    def vector(name: str, value: Value) -> Tensor:
+        return finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
+
+    direction, root = vector("direction", direction), vector("root", root)
+    return values, axes_along(direction, None if up is None else vector("up", up)), root
 
 
 def warn_of_batch(
@@ -91,8 +90,5 @@ def dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.de
         return common_dtype(*values)
     sections = tuple(section) if isinstance(section, Sequence) else (section,)
     for s in sections:
-        if not isinstance(s, Section):
-            raise ValueError(
-                f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted"
-            )
+        instance("a section", s, Section)
     return common_dtype(*values, *(s.compliance for s in sections))

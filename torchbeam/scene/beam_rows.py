@@ -93,11 +93,8 @@ class BeamRows(Tree):
     def rows_along(self, effect: Any) -> int:
         """How many nodes an effect along the beam acts on."""
         spans = self.spans(effect)
-        return (
-            self.node_count
-            if spans is None
-            else sum(span.nodes.stop - span.nodes.start for span in spans)
-        )
+        spans = [Span(slice(0, self.node_count), slice(0), 0)] if spans is None else spans
+        return sum(span.nodes.stop - span.nodes.start for span in spans)
 
     def element_counts(self, effect: Any) -> list[int]:
         """The numbers of elements of the pieces along which an effect acts."""

@@ -68,8 +68,5 @@ def _together(one: Joint, other: Joint, structure: Structure) -> bool:
 def _cannot_turn(node: int, scene: Any, joints: list[Joint]) -> bool:
     """Whether a support or a joint keeps a node from turning."""
     supports = scene.supports.given if hasattr(scene.supports, "given") else scene.supports
-    return any(len(joint.rotation) == 3 for joint in joints if node in joint.ends) or any(
-        scene.beam.row(support.node) == node
-        for support in supports or ()
-        if len(support.rotation) == 3
-    )
+    held = [scene.beam.row(x.node) for x in supports or () if len(x.rotation) == 3]
+    return node in held or any(len(x.rotation) == 3 for x in joints if node in x.ends)

@@ -112,11 +112,8 @@ class Joint(Tree):
             raise ValueError(
                 f"a {self.called} of the ground with itself was given; a part is wanted"
             )
-        if (
-            self.at is not None
-            and not self.distance
-            and any(end.point is not None for end in (self.a, self.b))
-        ):
+        points = any(end.point is not None for end in (self.a, self.b))
+        if self.at is not None and not self.distance and points:
             raise ValueError(
                 f"a {self.called} at a place and at a point of a body was given; one of them is "
                 "wanted"
@@ -178,16 +175,11 @@ class Joint(Tree):
                 f"a {self.called} of {self.a.node!r} with itself was given; two different nodes "
                 "are wanted"
             )
-        if (
-            self.at is not None
-            or self.distance
-            or not self.meets
-            or None in (self.a.node, self.b.node)
-        ):
+        placed = self.at is not None or self.distance or not self.meets
+        if placed or None in (self.a.node, self.b.node):
             return
-        off = torch.linalg.vector_norm(
-            self.a.drawn(structure) - self.b.drawn(structure), dim=-1
-        ).detach()
+        apart = self.a.drawn(structure) - self.b.drawn(structure)
+        off = torch.linalg.vector_norm(apart, dim=-1).detach()
         if concrete(off > MET[off.dtype] * structure.size.detach()).any():
             gap = concrete(off).max().item()
             raise ValueError(

@@ -260,10 +260,8 @@ class Universal(PairJoint):
     second_angle: OfTime = leaf(0, default=None, check=scalar_value)
 
     def axes(self, structure: Structure) -> Tensor:
-        x, y = (
-            v / torch.linalg.vector_norm(v, dim=-1, keepdim=True) for v in (self.axis, self.second)
-        )
-        x, y = torch.broadcast_tensors(x, y)
+        both = torch.broadcast_tensors(self.axis, self.second)
+        x, y = (v / torch.linalg.vector_norm(v, dim=-1, keepdim=True) for v in both)
         return torch.stack((x, y, torch.linalg.cross(x, y)), -1)
 
     def check(self, structure: Structure) -> None:
@@ -307,14 +305,10 @@ class Distance(Joint):
         super().__post_init__()
         ground = None in (self.a.node, self.b.node)
         if ground != (self.at is not None):
-            raise ValueError(
-                "a Distance "
-                + (
-                    "from the ground without at= was given; the point there is wanted"
-                    if ground
-                    else "of two parts with at= was given; it is between their own points"
-                )
-            )
+            wrong = "of two parts with at= was given; it is between their own points"
+            if ground:
+                wrong = "from the ground without at= was given; the point there is wanted"
+            raise ValueError(f"a Distance {wrong}")
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
         a, b = (self.at if end.node is None else end.drawn(structure) for end in (self.a, self.b))
@@ -324,10 +318,8 @@ class Distance(Joint):
     def check(self, structure: Structure) -> None:
         super().check(structure)
         a, b = (self.at if end.node is None else end.drawn(structure) for end in (self.a, self.b))
-        if concrete(
-            torch.linalg.vector_norm(b - a, dim=-1).detach()
-            <= MET[structure.nodes.dtype] * structure.size
-        ).any():
+        length = torch.linalg.vector_norm(b - a, dim=-1).detach()
+        if concrete(length <= MET[length.dtype] * structure.size).any():
             raise ValueError(
                 f"a Distance of {self.a!r} and {self.b!r}, which are at one place, was given; a "
                 "Ball holds these"

@@ -13,6 +13,7 @@ from ..core.leaves import with_values
 from ..core.validation import concrete
 from ..math import quaternions as quat
 from .effects import Pose
+from .effects.load_point import cross
 from .frame_turn import turn_between
 from .supports import Support
 
@@ -71,14 +72,14 @@ class PrescribedMotion:
     def absolute(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
         """Absolute velocity (..., 3), frame a, and spin (..., 3), section axes, of a clamp."""
         position, rotation = self.pose(support, t)
-        velocity, spin = (
-            self.rates(support, t) if support.moves else (torch.zeros_like(position),) * 2
-        )
+        velocity = spin = torch.zeros_like(position)
+        if support.moves:
+            velocity, spin = self.rates(support, t)
         v, omega = self.frame(t)
         if v is not None:
             velocity = velocity + v
         if omega is not None:
-            velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, position))
+            velocity = velocity + cross(omega, position)
             spin = spin + omega
         return velocity, quat.rotate(quat.conjugate(rotation), spin)
 
@@ -94,11 +95,7 @@ class PrescribedMotion:
 
         now, rate = with_rate(motion, t)
         omega = self.frame(t)[1]
-        return (
-            rate
-            if omega is None
-            else rate + torch.linalg.cross(*torch.broadcast_tensors(omega[..., None, :], now))
-        )
+        return rate if omega is None else rate + cross(omega[..., None, :], now)
 
     def root_pose(self, t: Tensor) -> Pose:
         """Pose of the support of node 0, for elastic clamps."""
@@ -107,11 +104,9 @@ class PrescribedMotion:
             position, rotation = beam.nodes[..., 0, :], beam.frames[..., 0, :]
             zero = torch.zeros_like(position)
             return Pose(position, quat.matrix(rotation), zero, zero)
-        support = (
-            Support(0)
-            if root is None
-            else with_values(Support(0), displacement=root.displacement, turn=root.rotation)
-        )
+        support = Support(0)
+        if root is not None:
+            support = with_values(support, displacement=root.displacement, turn=root.rotation)
         position, rotation = self.pose(support, t)
         velocity, spin = self.absolute(support, t)
         return Pose(position, quat.matrix(rotation), velocity, quat.rotate(rotation, spin))
@@ -157,12 +152,10 @@ def orientation(scene: Any, shape: tuple[int, ...], t: Tensor | float = 0.0) -> 
     """Of frame a at t (...) s, in the inertial axes with which it coincides at t = 0: (..., 4),
     with the batch axes `shape` and those of a function; None where it does not turn.
     """
+    if not turning(scene):
+        return None
     nodes = scene.beam.nodes
-    return (
-        oriented(scene, quat.identity(shape, nodes.dtype, nodes.device), 0.0, t)
-        if turning(scene)
-        else None
-    )
+    return oriented(scene, quat.identity(shape, nodes.dtype, nodes.device), 0.0, t)
 
 
 def oriented(scene: Any, frame: Tensor, start: Tensor | float, end: Tensor | float) -> Tensor:
@@ -171,11 +164,7 @@ def oriented(scene: Any, frame: Tensor, start: Tensor | float, end: Tensor | flo
     """
     start, end = (torch.as_tensor(t, dtype=frame.dtype, device=frame.device) for t in (start, end))
     gap = end - start
-    if (
-        gap is concrete(gap)
-        and not gap.requires_grad
-        and not within_dual_numbers()
-        and bool((gap == 0).all())
-    ):
+    recorded = gap is not concrete(gap) or gap.requires_grad or within_dual_numbers()
+    if not recorded and bool((gap == 0).all()):
         return frame
     return quat.multiply(frame, PrescribedMotion(scene).turn(start, end))

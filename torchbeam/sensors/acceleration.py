@@ -113,11 +113,8 @@ class NodeAcceleration(_OfNode):
             return torch.stack([self.read(state[k]) for k in range(len(state.t))])
         a = self.solve(state)[..., self.row, :]
         if self.proper is not None:
-            a = a - (
-                self.proper
-                if state.frame is None
-                else quat.rotate(quat.conjugate(state.frame), self.proper)
-            )
+            g, frame = self.proper, state.frame
+            a = a - (g if frame is None else quat.rotate(quat.conjugate(frame), g))
         return quat.rotate(quat.conjugate(state.rotation[..., self.row, :]), a) if self.body else a
 
     def solve(self, state: State) -> Tensor:

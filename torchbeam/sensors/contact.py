@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -14,6 +15,7 @@ from ..core.functions_of_time import shared
 from ..nodal.conditions import conditions
 from ..nodal.element_loads import at_points, load_point, point_weights
 from ..nodal.loads import Nodes, load_points
+from ..nodal.touching import Touching
 from ..nodal.touching_forces import of_nodes
 from ..nodal.touching_motion import TouchingMotion
 from ..scene.effects.contact import Touch
@@ -86,6 +88,12 @@ class OfContact(OfScene):
     def _law(self) -> ContactTerms:
         return self._contacts[self.contact]
 
+    @property
+    def _touching(self) -> list[Touching]:
+        """Of two parts: the places of either that may touch the other."""
+        number = next(k for k, pair in enumerate(self.scene.pairs) if pair is self._law)
+        return [one for one in self.model.touching.each if one.pair == number]
+
     def _touches(self, state: State) -> list[tuple[Tensor, Touch]]:
         """What it does at its points, and the length (..., points, 1) m that each stands for, 1 of
         a body: on each part of a structure along which it acts. Raises ValueError for a state of
@@ -130,10 +138,7 @@ class OfContact(OfScene):
             dict,
             axes=(space.axes(nodes.rotation),),
         )
-        pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
-        number = next(k for k, pair in enumerate(pairs) if pair is self._law)
-        of_pair = [one for one in self.model.touching.each if one.pair == number]
-        for one in of_pair:
+        for one in self._touching:
             near = one.nearby(motion, torch.inf)
             pairs = one.pairs(near)
             found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
@@ -146,6 +151,20 @@ class OfContact(OfScene):
             count = one.places.shares.shape[-2]
             touches.append(Touched(found.measure, touch, meets, near.point, count))
         return touches
+
+    def _means(
+        self, state: State, of: Callable[[Touch, Tensor], tuple[Tensor, ...]]
+    ) -> list[Tensor]:
+        """(...) N that presses in all, and means weighted by it of what it does at points
+        (..., points), by their forces.
+        """
+        sums = []
+        for measure, touch in self._touches(state):
+            force = (measure * touch.pressure)[..., 0]
+            sums.append(torch.stack([force, *(force * x for x in of(touch, force))], -1).sum(-2))
+        total, *weighted = sum(sums[1:], sums[0]).unbind(-1)
+        whole = torch.where(total > 0, total, torch.ones_like(total))
+        return [total, *(x / whole for x in weighted)]
 
     def _forces(self, state: State) -> Tensor:
         """(..., points, 3) N on the beam, frame a."""
@@ -256,14 +275,10 @@ class ContactPressure(OfContact):
     labels: ClassVar[tuple[str, ...]] = ("force", "gap")
 
     def read(self, state: Any) -> Tensor:
-        sums = []
-        for measure, touch in self._touches(state):
-            force = (measure * touch.pressure)[..., 0]
-            gap = torch.where(force > 0, touch.gap[..., 0], torch.zeros_like(force))
-            sums.append(torch.stack((force, force * gap), -1).sum(-2))
-        total, weighted = sum(sums[1:], sums[0]).unbind(-1)
-        whole = torch.where(total > 0, total, torch.ones_like(total))
-        return torch.stack((total, weighted / whole), -1)
+        def gap(touch: Touch, force: Tensor) -> tuple[Tensor]:
+            return (torch.where(force > 0, touch.gap[..., 0], torch.zeros_like(force)),)
+
+        return torch.stack(self._means(state, gap), -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -292,19 +307,15 @@ class ContactSlip(OfContact):
     labels: ClassVar[tuple[str, ...]] = ("speed", "sticking")
 
     def read(self, state: Any) -> Tensor:
-        parts = []
-        for measure, touch in self._touches(state):
+        def slip(touch: Touch, force: Tensor) -> tuple[Tensor, Tensor]:
             if touch.slip is None:
                 raise ValueError(
                     "a contact without friction was given to ContactSlip; one with it is wanted"
                 )
-            force = (measure * touch.pressure)[..., 0]
             speed = torch.linalg.vector_norm(touch.slip, dim=-1)
-            sticks = speed < self._law.slip_speed[..., None]
-            parts.append(torch.stack((force, force * speed, force * sticks), -1).sum(-2))
-        total, *sums = sum(parts[1:], parts[0]).unbind(-1)
-        whole = torch.where(total > 0, total, torch.ones_like(total))
-        return torch.stack([part / whole for part in sums], -1)
+            return speed, speed < self._law.slip_speed[..., None]
+
+        return torch.stack(self._means(state, slip)[1:], -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -337,10 +348,7 @@ class ContactPoints(OfContact):
     def shape(self) -> tuple[int, ...]:
         law = self._law
         if law.kind == "pair":
-            pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
-            number = next(k for k, pair in enumerate(pairs) if pair is law)
-            each = [one for one in self.model.touching.each if one.pair == number]
-            return (sum(one.places.shares.shape[-2] for one in each), 7)
+            return (sum(one.places.shares.shape[-2] for one in self._touching), 7)
         if law.between_nodes:
             return (sum(self.scene.beam.element_counts(law)) * law.points, 7)
         return (1 if law.corners is None else law.corners.shape[-2], 7)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.arguments import listed
+from ..core.arguments import is_integer, listed
 from ..core.declared import check_fields
 from ..core.validation import axis_last, shown
 from ..math.shapes import broadcast_shapes
@@ -148,11 +148,7 @@ class Component(Sensor):
                     f"the components {which} were given, none of the {len(labels)} of "
                     f"{self.of.name}; one or more are wanted"
                 )
-        elif (
-            isinstance(which, int)
-            and not isinstance(which, bool)
-            and -len(labels) <= which < len(labels)
-        ):
+        elif is_integer(which) and -len(labels) <= which < len(labels):
             places = (which % len(labels),)
         else:
             raise ValueError(

@@ -94,11 +94,9 @@ class JointReading(NamedTuple):
         def own(first: int) -> Tensor | None:
             if not coordinates:
                 return None
-            return (
-                row[..., first + coordinates[0]]
-                if len(coordinates) == 1
-                else row[..., first : first + len(coordinates)]
-            )
+            if len(coordinates) == 1:
+                return row[..., first + coordinates[0]]
+            return row[..., first : first + len(coordinates)]
 
         return cls(own(0), own(3), row[..., 6:9], row[..., 9:])
 

@@ -115,11 +115,6 @@ def joined(*parts: Tensor) -> Tensor:
     if len(parts) == 1:
         return parts[0]
     shape = broadcast_shapes(*(x.shape[1:] for x in parts))
-    return torch.cat(
-        [
-            x
-            if x.shape[1:] == shape
-            else x[(slice(None),) + (None,) * (len(shape) + 1 - x.ndim)].expand(len(x), *shape)
-            for x in parts
-        ]
-    )
+    news = [(None,) * (len(shape) + 1 - x.ndim) for x in parts]
+    pairs = zip(parts, news, strict=True)
+    return torch.cat([x[(slice(None), *new)].expand(len(x), *shape) for x, new in pairs])

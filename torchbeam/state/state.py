@@ -22,6 +22,7 @@ from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
 from .instant import READINGS, Instant, JointReading, Point, Reaction
+from .reduced import AT_NODES
 from .rest_shape import RestShape
 from .supported_nodes import at_rest, at_supports
 
@@ -177,25 +178,17 @@ class State(Instant):
     @property
     def joint(self) -> tuple[JointReading, ...]:
         """The joints of a structure, as an equilibrium or a step has left them."""
-        return tuple(
-            JointReading.of(self.joints[..., k, :], names)
-            for k, names in enumerate(self.coordinates)
-        )
+        each = enumerate(self.coordinates)
+        return tuple(JointReading.of(self.joints[..., k, :], own) for k, own in each)
 
     def part(self, name: str) -> State:
         """The state of a beam of a structure, or that of a body, a single node. Raises ValueError
         where there is none such.
         """
         part = part_of(self.parts, name)
-        held = [
-            k
-            for k, node in enumerate(self.supports or ())
-            if part.nodes.start <= node < part.nodes.stop
-        ]
-        rows = {
-            name: getattr(self, name)[..., part.nodes, :]
-            for name in ("position", "rotation", "velocity", "spin")
-        }
+        own = range(part.nodes.start, part.nodes.stop)
+        held = [k for k, node in enumerate(self.supports or ()) if node in own]
+        rows = {name: getattr(self, name)[..., part.nodes, :] for name in AT_NODES}
         return replace(
             self,
             **rows,
@@ -243,22 +236,17 @@ class State(Instant):
         nodes = range(self.reaction.shape[-2]) if self.supports is None else self.supports
         if 0 not in nodes:
             held = ", ".join(map(str, nodes))
+            there = f"supports hold node {held} alone, and reaction_of(k) is their load"
             raise ValueError(
                 "the load of the support at node 0 was asked for; "
-                + (
-                    f"supports hold node {held} alone, and reaction_of(k) is their load"
-                    if held
-                    else "the beam has no support"
-                )
+                f"{there if held else 'the beam has no support'}"
             )
         return self.reaction_of(nodes.index(0))
 
     def reaction_of(self, support: int) -> Reaction:
         """Load of support k of `scene.supports`, which are in the order given."""
-        load = self.reaction[
-            ..., place("support", support, self.reaction.shape[-2], "there are the supports"), :
-        ]
-        return Reaction(load[..., :3], load[..., 3:])
+        k = place("support", support, self.reaction.shape[-2], "there are the supports")
+        return Reaction(*self.reaction[..., k, :].split(3, -1))
 
     @property
     def batch_shape(self) -> torch.Size:
@@ -377,9 +365,8 @@ def with_optional_fields(state: State, scene: Any) -> State:
     nodes, known = supported(scene), state.supports
     state = _of_this_beam(state, scene.beam)
     if state.reaction.shape[-2] != len(nodes) or known not in (None, nodes):
-        state = replace(
-            state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6)
-        )
+        none = state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6)
+        state = replace(state, reaction=none)
     state = state if known == nodes else replace(state, supports=nodes)
     if (state.parts, state.joined) != (scene.beam.parts, scene.beam.joined):
         state = replace(state, parts=scene.beam.parts, joined=scene.beam.joined)

@@ -48,9 +48,8 @@ def frame_motion(state: Placed, prescribed_motion: PrescribedMotion) -> tuple[Te
     """Velocity (..., N+1, 3) m/s, frame a, and spin (..., N+1, 3) rad/s, section axes, of nodes
     that stand in frame a.
     """
-    v, omega = (
-        None if x is None else x[..., None, :] for x in prescribed_motion.frame(shared(state.t))
-    )
+    frame = prescribed_motion.frame(shared(state.t))
+    v, omega = (None if x is None else x[..., None, :] for x in frame)
     velocity = torch.zeros_like(state.position)
     spin = torch.zeros_like(velocity)
     if omega is not None:
@@ -71,10 +70,8 @@ def held_rotation(q: Tensor, at: Tensor, support: Any) -> Tensor:
 
 def _put_held(x: Tensor, support: Any, value: Tensor) -> Tensor:
     """`set_node`, of the components whose position is held."""
-    at = support.node
-    return set_node(
-        x, at, torch.where(torch.tensor(support.held[:3], device=x.device), value, x[..., at, :])
-    )
+    held, own = torch.tensor(support.held[:3], device=x.device), x[..., support.node, :]
+    return set_node(x, support.node, torch.where(held, value, own))
 
 
 def set_node(x: Tensor, node: int, value: Tensor) -> Tensor:

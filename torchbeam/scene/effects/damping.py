@@ -88,9 +88,8 @@ class MassDamping(LoadEffect):
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         # rows R^T v and R^T w
         motion = torch.stack(torch.broadcast_tensors(point.velocity, point.spin), -2) @ point.R
-        momenta = (point.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[
-            ..., 0
-        ] @ point.R.mT
+        momenta = (point.mass @ motion.flatten(-2)[..., None])[..., 0]
+        momenta = momenta.unflatten(-1, (2, 3)) @ point.R.mT
         return tuple((-self.alpha[..., None, None, None] * momenta).unbind(-2))
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:

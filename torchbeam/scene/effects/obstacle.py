@@ -14,22 +14,14 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ...core.functions_of_time import taken, with_user_rate
+from ...core.functions_of_time import taken
 from ...core.leaves import FunctionOfTime, Tree, bound, leaf, own_leaves
 from ...core.validation import Value, shown
 from .drag import norm
 from .load_point import cross
-from .values import Input, load_value
+from .values import Input, Rate, load_value, with_rate
 
-
-@dataclass(frozen=True)
-class Drift(FunctionOfTime):
-    """Velocity (..., 3) m/s of a place (..., 3) m that is a function of t."""
-
-    place: Callable[[Tensor], Tensor] = leaf(1)
-
-    def __call__(self, t: Tensor) -> Tensor:
-        return _with_rate(self.place, t)[1]
+PLACE = "an obstacle's place"
 
 
 @dataclass(frozen=True)
@@ -52,19 +44,11 @@ class Turning(FunctionOfTime):
     origin: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None)
 
     def __call__(self, t: Tensor) -> Tensor:
-        d, rate = _with_rate(self.end, t)
+        d, rate = with_rate(self.end, t, PLACE)
         if self.origin is not None:
-            origin, moves = _with_rate(self.origin, t)
+            origin, moves = with_rate(self.origin, t, PLACE)
             d, rate = d - origin, rate - moves
         return cross(d, rate) / d.square().sum(-1, keepdim=True)
-
-
-def _with_rate(value: Any, t: Tensor) -> tuple[Tensor, Tensor]:
-    """A place and its rate at t."""
-    if not callable(value):
-        return value, torch.zeros_like(value)
-    what = "an obstacle's place"
-    return with_user_rate(what, lambda now: taken(what, value(now), now, 3), t)
 
 
 def place(name: str, value: Any) -> Any:
@@ -140,7 +124,7 @@ class Obstacle(Tree):
     def __post_init__(self) -> None:
         super().__post_init__()
         at = getattr(self, getattr(self, "PLACE", ""), None)
-        object.__setattr__(self, "drift", Drift(at) if callable(at) else None)
+        object.__setattr__(self, "drift", Rate(at, PLACE) if callable(at) else None)
         object.__setattr__(self, "turning", self._turned())
 
     def _turned(self) -> Turning | None:

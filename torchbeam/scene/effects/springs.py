@@ -11,8 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.declared import optional, parameter, plain
-from ...core.functions_of_time import taken, with_user_rate
-from ...core.leaves import FunctionOfTime, leaf, with_values
+from ...core.leaves import leaf, with_values
 from ...core.validation import Value, as_tensor, axis_last, common_dtype
 from ...math import quaternions as quat
 from ...math.quaternions import skew
@@ -31,19 +30,7 @@ from .load_point import (
     cross,
 )
 from .loads import at_offset
-from .values import Inputs, load_value, value_at
-
-
-@dataclass(frozen=True)
-class Rate(FunctionOfTime):
-    """Rate (..., 3) of a function of t, exact, see `functions_of_time.with_rate`."""
-
-    function: Callable[[Tensor], Tensor] = leaf(1)
-
-    def __call__(self, t: Tensor) -> Tensor:
-        return with_user_rate(
-            "a Spring's point", lambda now: taken("a Spring's point", self.function(now), now, 3), t
-        )[1]
+from .values import Inputs, Rate, load_value, value_at
 
 
 @dataclass(frozen=True)
@@ -90,7 +77,7 @@ class Spring(LoadEffect):
     def __post_init__(self) -> None:
         at_offset(self)
         super().__post_init__()
-        moving = Rate(self.to) if self.damped and callable(self.to) else None
+        moving = Rate(self.to, "a Spring's point") if self.damped and callable(self.to) else None
         object.__setattr__(self, "moving", moving)
 
     def drawn_at(self, position: Tensor, rotation: Tensor) -> Spring:
@@ -172,10 +159,8 @@ class Spring(LoadEffect):
             arm, site = skew(point.rotate(self.offset)), point.at(self.offset)
             by_r = replace(self, offset=None).tangent(site, t, inputs)[POSITION][..., :3, :]
             by_s = skew(self._pull(site, t, inputs)) - arm @ by_r
-            both = {POSITION: (by_r, arm @ by_r), ROTATION: (-by_r @ arm, by_s @ arm)}
-            return {
-                name: torch.cat(torch.broadcast_tensors(*parts), -2) for name, parts in both.items()
-            }
+            by = {POSITION: (by_r, arm @ by_r), ROTATION: (-by_r @ arm, by_s @ arm)}
+            return {name: torch.cat(torch.broadcast_tensors(*x), -2) for name, x in by.items()}
         k, length, c = (
             None if v is None else v[..., None, None]
             for v in (self.stiffness, self.length, self.damping)
@@ -303,13 +288,11 @@ class RootSpring(LoadEffect):
         }
         if self.damping is not None:
             c = torch.diag_embed(self.damping.unflatten(-1, (2, 3)))
-            derivatives[VELOCITY], derivatives[SPIN] = (
-                _turned(support.R, part) for part in c.unbind(-3)
-            )
+            both = (_turned(support.R, part) for part in c.unbind(-3))
+            derivatives[VELOCITY], derivatives[SPIN] = both
             if support.spin is not None:
-                derivatives[POSITION] = derivatives[POSITION] - derivatives[VELOCITY] @ skew(
-                    support.spin
-                )
+                turning = derivatives[VELOCITY] @ skew(support.spin)
+                derivatives[POSITION] = derivatives[POSITION] - turning
         pads = {POSITION: (0, 3), VELOCITY: (0, 3), ROTATION: (3, 0), SPIN: (3, 0)}
         return {name: -pad(part, (0, 0, *pads[name])) for name, part in derivatives.items()}
 

@@ -15,8 +15,8 @@ from torch import Tensor
 from ...core.arguments import count, function_of
 from ...core.arguments import function as check_function
 from ...core.declared import plain, real_numbers
-from ...core.functions_of_time import at_time, taken
-from ...core.leaves import Placeholder, Tree, leaf, leaves
+from ...core.functions_of_time import at_time, taken, with_user_rate
+from ...core.leaves import FunctionOfTime, Placeholder, Tree, leaf, leaves
 from ...core.validation import Value, as_tensor, axis_last, real, shown
 from .effect import Effect
 
@@ -42,6 +42,24 @@ class Input(Placeholder):
 
 
 torch.serialization.add_safe_globals([Input])
+
+
+@dataclass(frozen=True)
+class Rate(FunctionOfTime):
+    """Rate (..., 3) of a function of t, exact; what: its value, in sentences."""
+
+    function: Callable[[Tensor], Tensor] = leaf(1)
+    what: str
+
+    def __call__(self, t: Tensor) -> Tensor:
+        return with_rate(self.function, t, self.what)[1]
+
+
+def with_rate(value: Any, t: Tensor, what: str) -> tuple[Tensor, Tensor]:
+    """A value (..., 3), or that of a function at t, and its rate."""
+    if not callable(value):
+        return value, torch.zeros_like(value)
+    return with_user_rate(what, lambda now: taken(what, value(now), now, 3), t)
 
 
 class ByPlace(Tree):
@@ -145,18 +163,13 @@ class PerElement(ByPlace):
         """
 
         def rows(now: Tensor) -> Tensor:
-            return self.checked(
-                taken("a PerElement function's value", self.value(now), s), elements
-            )
+            value = taken("a PerElement function's value", self.value(now), s)
+            return self.checked(value, elements)
 
-        value = (
-            at_time(rows, t, own=2) if callable(self.value) else self.checked(self.value, elements)
-        )
-        value = (
-            input_at(value, inputs).unflatten(-1, (elements, 3))
-            if isinstance(value, Input)
-            else value
-        )
+        function = callable(self.value)
+        value = at_time(rows, t, own=2) if function else self.checked(self.value, elements)
+        if isinstance(value, Input):
+            value = input_at(value, inputs).unflatten(-1, (elements, 3))
         return value if s.shape[-1] == elements else _mean_of_elements(value, s)
 
 
@@ -275,9 +288,8 @@ def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor, interval: int = 0
     def value(name: str, v: Any) -> Any:
         if isinstance(v, PerInterval):
             return v.value[..., interval, :]
-        return (
-            at_time(lambda now: taken(f"the input {name!r}", v(now), like), t) if callable(v) else v
-        )
+        what = f"the input {name!r}"
+        return at_time(lambda now: taken(what, v(now), like), t) if callable(v) else v
 
     return {name: value(name, v) for name, v in inputs.items()}
 
