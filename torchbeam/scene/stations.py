@@ -49,8 +49,7 @@ class Table(Tree):
         super().__post_init__()
         dtype, device = common_dtype(self.s, self.values)
         s, values = (as_tensor(v, dtype, device) for v in (self.s, self.values))
-        object.__setattr__(self, "s", _places(s))
-        object.__setattr__(self, "values", finite("a Table's values", values))
+        vars(self).update(s=_places(s), values=finite("a Table's values", values))
         shape = s.shape[-1:] if self.width is None else (*s.shape[-1:], self.width)
         if values.ndim < len(shape) or values.shape[values.ndim - len(shape) :] != shape:
             wanted = f"(..., {', '.join(map(str, shape))})"
@@ -119,8 +118,7 @@ class Stations(Tree):
                 "a strain that is impossible at some stations was given; at all or at none is "
                 "wanted"
             )
-        object.__setattr__(self, "s", s)
-        object.__setattr__(self, "section", section)
+        vars(self).update(s=s, section=section)
 
     def __call__(self, s: Tensor) -> Section:
         """The sections at s (..., m) m, m their last batch axis. Raises ValueError for an s beyond

@@ -79,9 +79,8 @@ class _Along(OnPart):
         else:
             length = self.beam.length
             station = finite("station", as_tensor(self.station, length.dtype, length.device))
-            object.__setattr__(self, "station", station)
             weights = station_weights(station, length, self.beam.order)
-            object.__setattr__(self, "weights", weights)
+            vars(self).update(station=station, weights=weights)
 
     @property
     def name(self) -> str:

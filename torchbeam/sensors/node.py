@@ -36,8 +36,7 @@ class _OfNode(OnPart):
                     "the part"
                 )
             on, node = node if isinstance(node, tuple) else (node, 0)
-        for name, value in (("node", int(node)), ("on", on)):
-            object.__setattr__(self, name, value)
+        vars(self).update(node=int(node), on=on)
 
     @property
     def name(self) -> str:

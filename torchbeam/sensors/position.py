@@ -56,8 +56,8 @@ class Position(_Along):
         super().__post_init__()
         length = self.beam.length
         point = axis_last("point", as_tensor(self.point, length.dtype, length.device), 3)
-        object.__setattr__(self, "point", finite("point", point))
-        object.__setattr__(self, "arclength", self.beam.topology.arclength(length))
+        arclength = self.beam.topology.arclength(length)
+        vars(self).update(point=finite("point", point), arclength=arclength)
 
     def read(self, state: Any) -> Tensor:
         position = state.position

@@ -104,11 +104,10 @@ class Contact(ContactTerms):
     corners = None  # of a body, see `BodyContact`
 
     def __post_init__(self) -> None:
-        other, set_ = self.other, object.__setattr__
+        other = self.other
         if isinstance(self.obstacle, str):  # then on, and obstacle or other, say it all
-            set_(self, "on", self.obstacle)
-            set_(self, "obstacle", None if isinstance(other, str) else other)
-            set_(self, "other", other if isinstance(other, str) else None)
+            both = (None, other) if isinstance(other, str) else (other, None)
+            vars(self).update(on=self.obstacle, obstacle=both[0], other=both[1])
         elif other is not None and not (self.obstacle is None and isinstance(self.on, str)):
             raise ValueError(
                 f"{shown(self.obstacle)} was given as the first of two; the name of a beam is "
@@ -139,7 +138,7 @@ class Contact(ContactTerms):
                     "given; a smaller one is wanted"
                 )
         if self.points is None and self.partner is None:
-            set_(self, "points", 2)
+            vars(self).update(points=2)
 
     @property
     def partner(self) -> str | None:

@@ -204,5 +204,4 @@ def at_offset(effect: Any) -> None:
             f"{effect.called} with an offset and a point of {node!r} was given; one of them is "
             "wanted"
         )
-    object.__setattr__(effect, "node", node)
-    object.__setattr__(effect, "offset", effect.offset if point is None else point)
+    vars(effect).update(node=node, offset=effect.offset if point is None else point)

@@ -124,8 +124,7 @@ class Obstacle(Tree):
     def __post_init__(self) -> None:
         super().__post_init__()
         at = getattr(self, getattr(self, "PLACE", ""), None)
-        object.__setattr__(self, "drift", Rate(at, PLACE) if callable(at) else None)
-        object.__setattr__(self, "turning", self._turned())
+        vars(self).update(drift=Rate(at, PLACE) if callable(at) else None, turning=self._turned())
 
     def _turned(self) -> Turning | None:
         """How it turns, where a direction of it is a function of t."""

@@ -78,8 +78,8 @@ class PointMass(Effect):
             arm = torch.zeros(()) if offset is None else torch.as_tensor(offset).square().sum(-1)
             _check_inertia(J, m.detach() * arm.detach())
         # its own: a model's inertia is of these
-        for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):
-            object.__setattr__(self, name, None if value is None else own(value))
+        held = dict(mass=mass, inertia=inertia, offset=offset)
+        vars(self).update({k: None if value is None else own(value) for k, value in held.items()})
 
     @property
     def about_node(self) -> Tensor:
