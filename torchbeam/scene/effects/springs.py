@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch
@@ -150,17 +150,9 @@ class Spring(LoadEffect):
         return rate if self.moving is None else rate - value_at(self.moving, t, inputs, point.R)
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Undamped: -k (I - length/|d| (I - n n^T)); at the end of an arm a, which a spin s moves
-        by s x a, with the moment a x force.
-        """
-        if self.damped and not (self.linear and self.offset is None):
+        """Undamped, at the node: -k (I - length/|d| (I - n n^T))."""
+        if self.offset is not None or (self.damped and not self.linear):
             return super().tangent(point, t, inputs)
-        if self.offset is not None:
-            arm, site = skew(point.rotate(self.offset)), point.at(self.offset)
-            by_r = replace(self, offset=None).tangent(site, t, inputs)[POSITION][..., :3, :]
-            by_s = skew(self._pull(site, t, inputs)) - arm @ by_r
-            by = {POSITION: (by_r, arm @ by_r), ROTATION: (-by_r @ arm, by_s @ arm)}
-            return {name: torch.cat(torch.broadcast_tensors(*x), -2) for name, x in by.items()}
         k, length, c = (
             None if v is None else v[..., None, None]
             for v in (self.stiffness, self.length, self.damping)
