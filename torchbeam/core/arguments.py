@@ -1,6 +1,4 @@
-"""Arguments that are no tensors: switches, counts, names, functions, times, masks; errors of one
-sentence.
-"""
+"""Arguments that are no tensors: switches, counts, names, functions, times, masks."""
 
 from __future__ import annotations
 
@@ -188,9 +186,7 @@ def batch(name: str, value: Any) -> torch.Size:
 
 
 def instance(name: str, value: Any, wanted: type) -> Any:
-    """`value` if it is an object of the class `wanted`, one of torchbeam's; ValueError
-    otherwise.
-    """
+    """`value` if it is an object of torchbeam's class `wanted`; ValueError otherwise."""
     if not isinstance(value, wanted):
         raise ValueError(
             f"{name} of type {type(value).__name__} was given; a torchbeam.{wanted.__name__} is "

@@ -43,9 +43,7 @@ class BatchSubset:
 
     @classmethod
     def worthwhile(cls, going: Tensor) -> BatchSubset | None:
-        """Subset of the samples that are `going` (...), where solving these alone is faster; else
-        None.
-        """
+        """Subset of the samples `going` (...), where solving these alone is faster; else None."""
         if going.ndim != 1 or len(going) < LEAST or going is not concrete(going):
             return None
         if not 0 < int(going.sum()) <= SHARE * len(going):
@@ -59,9 +57,7 @@ class BatchSubset:
         return map_leaves(self._taken, tree)
 
     def scatter(self, tree: Any, part: Any) -> Any:
-        """The tree with these samples replaced by those of `part`. Out of place; gradients of both
-        survive.
-        """
+        """The tree with these samples replaced by those of `part`. Out of place, differentiable."""
         return map_leaves(self._replaced, tree, part)
 
     def merge(self, tree: Any, part: Any) -> Any:

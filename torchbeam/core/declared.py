@@ -89,9 +89,7 @@ def check_fields(tree: Any) -> None:
 
 @cache
 def _declared(kind: Any) -> tuple[tuple[str, str, Check, bool], ...]:
-    """Of the checked fields of a class: name, what sentences call it, check, whether None is
-    nothing.
-    """
+    """Of a class's checked fields: name, name in sentences, check, whether None is nothing."""
     return tuple(
         (
             field.name,

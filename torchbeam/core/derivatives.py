@@ -1,6 +1,4 @@
-"""Derivatives switched off, and cached properties that keep what was computed so apart from the
-rest.
-"""
+"""Derivatives switched off, and cached properties that keep what was computed so apart."""
 
 from __future__ import annotations
 
@@ -22,9 +20,7 @@ def no_derivatives() -> Iterator[None]:
 
 
 def untracked(tensors: Iterable[torch.Tensor]) -> bool:
-    """Whether no derivative of these is recorded, backward or forward, and no function of
-    torch.func runs.
-    """
+    """Whether no derivative of these is recorded, in either mode, and no torch.func runs."""
     if forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
         return False
     recorded = torch.is_grad_enabled()
@@ -35,9 +31,7 @@ def untracked(tensors: Iterable[torch.Tensor]) -> bool:
 
 
 def lasting() -> AbstractContextManager[None]:
-    """For values that are kept: in inference mode too they become tensors that can be used in a
-    graph later.
-    """
+    """For values that are kept: in inference mode too they can be used in a graph later."""
     return _past_inference() if torch.is_inference_mode_enabled() else NOTHING
 
 
@@ -88,9 +82,7 @@ ABSENT = object()
 
 
 def cache_of(owner: Any, name: str) -> bool:
-    """Whether an object's attribute of that name is a cached value: no field has a space in its
-    name.
-    """
+    """Whether an attribute of that name is a cached value: no field has a space in its name."""
     return " " in name or name in caches_of(type(owner))
 
 

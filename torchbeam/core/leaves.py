@@ -147,9 +147,7 @@ class Tree:
         check_fields(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies and pickles go without what is this object's alone, whose name begins with a
-        space.
-        """
+        """Copies and pickles go without what is this object's alone: ` name`."""
         return {name: value for name, value in vars(self).items() if not name.startswith(" ")}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:

@@ -69,9 +69,7 @@ class Times(NamedTuple):
 
 
 def timed(runs: Sequence[Callable[[], Any]], repeats: int) -> list[Times]:
-    """Times of each run, after one to warm up, in turns: what else the machine does falls on all
-    alike.
-    """
+    """Times of each run, after one to warm up, in turns: the machine is the same to all."""
     measured = [Times([], []) for _ in runs]
     for k in range(repeats + 1):
         for run, times in zip(runs, measured, strict=True):

@@ -239,9 +239,7 @@ def top(value: Any) -> str:
 
 
 def installed(value: Any) -> bool:
-    """Whether a module, class or function is of a package that was installed, NumPy and `PACKAGES`
-    aside.
-    """
+    """Whether a module, class or function is of an installed package, not NumPy or `PACKAGES`."""
     name = top(value)
     file = str(getattr(sys.modules.get(name), "__file__", None) or "")
     return name not in PACKAGES | {"numpy"} and bool(INSTALLED & {*Path(file).parts})

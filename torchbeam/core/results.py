@@ -34,9 +34,7 @@ def measured_on(dtype: str | None = "float64", threads: int | None = None) -> di
 
 
 def sentence(heading: Mapping[str, Any]) -> str:
-    """A heading as a line under a table; `heading` may hold less, or more, than `measured_on`
-    gives.
-    """
+    """A heading as a line under a table; it may hold less, or more, than `measured_on` gives."""
 
     def number(name: str, noun: str) -> list[str]:
         count = heading.get(name)

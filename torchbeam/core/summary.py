@@ -62,9 +62,7 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
 
 
 def lines(name: str, *parts: str) -> str:
-    """name(first; second; ...), in lines of at most about WIDTH characters that break between
-    parts.
-    """
+    """name(first; second; ...), in lines of about WIDTH characters that break between parts."""
     margin = "\n" + " " * (len(name) + 1)
     text, room = name + "(", WIDTH - len(name) - 1
     for k, part in enumerate(parts):

@@ -136,9 +136,7 @@ class Surroundings:
         return [x for x in met if x.is_floating_point() and x.device.type == "cpu"]
 
     def by_sample(self, tensors: list[Tensor], axes: int) -> Surroundings:
-        """The same with these of its tensors as inputs, whose first `axes` axes are those of a
-        batch.
-        """
+        """The same with these of its tensors as inputs, whose first `axes` axes are a batch's."""
         other = copy(self)
         other.batched = {id(x): axes for x in tensors}
         other.inputs = [*self.inputs, *(x for x in tensors if all(x is not y for y in self.inputs))]
@@ -314,9 +312,7 @@ class Surroundings:
             self._holders.append((kind.__name__, kind, set()))
 
     def _look(self) -> bool:
-        """At what functions name of objects, classes and modules; whether there was anything
-        new.
-        """
+        """At what functions name of objects, classes and modules; whether any of it was new."""
         before = len(self.variables)
         for name, value, seen in self._holders:
             if isinstance(value, type):

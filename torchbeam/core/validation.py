@@ -1,6 +1,4 @@
-"""Validation of tensors given to public functions: conversion of numbers, and errors of one
-sentence.
-"""
+"""Validation of tensors given to public functions: numbers converted, errors of one sentence."""
 
 from __future__ import annotations
 
@@ -100,9 +98,7 @@ def converted(value: Value, dtype: torch.dtype, device: torch.device | None = No
 
 
 def real(value: Tensor) -> Tensor:
-    """`value` if it holds real numbers; ValueError for booleans and complex numbers, and as of
-    `dense`.
-    """
+    """`value` if it holds real numbers; ValueError for others, and as of `dense`."""
     if value.dtype == torch.bool or value.dtype.is_complex:
         raise ValueError(f"a tensor of {value.dtype} was given; real numbers are wanted")
     return dense(value)
@@ -220,9 +216,7 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
 
 
 def unmapped(what: str, value: Tensor) -> Tensor:
-    """`value` if it is not one at a time of samples that torch.func.vmap has; ValueError
-    otherwise.
-    """
+    """`value` if it is not one sample at a time, as torch.func.vmap has it; else ValueError."""
     if mapped(value):
         raise ValueError(
             f"{what} within torch.func.vmap was given, where samples cannot go ways of their own; "
@@ -239,9 +233,7 @@ def axis_last(name: str, value: Any, size: int) -> Any:
 
 
 def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = False) -> Tensor:
-    """`value` if every entry is positive (or zero, or infinite, where allowed); ValueError
-    otherwise.
-    """
+    """`value` if all of it is positive (or zero, or infinite, where allowed); else ValueError."""
     numbers = concrete(value).detach()
     if not numbers.numel():
         return value
@@ -267,9 +259,7 @@ def finite(name: str, value: Tensor) -> Tensor:
 
 
 def rotations(name: str, value: Tensor) -> Tensor:
-    """`value` (..., 3, 3) if its columns are right-handed and orthonormal, to 1e-5; ValueError
-    otherwise.
-    """
+    """`value` (..., 3, 3) if its columns are right-handed, orthonormal to 1e-5; else ValueError."""
     if value.ndim < 2 or value.shape[-2:] != (3, 3):
         raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., 3, 3) is wanted")
     R = concrete(finite(name, value)).detach()

@@ -43,9 +43,7 @@ class SolidPicture:
 
     @classmethod
     def of(cls, scene: Scene, state: Any, ax: Axes, seen: list[int], color: Any) -> SolidPicture:
-        """On axes that show the coordinates `seen`. Raises ValueError for a state of another
-        scene.
-        """
+        """On axes that show the coordinates `seen`. Raises ValueError for another scene."""
         instance("scene", scene, Scene)
         of_mesh(state, scene.beam, "a state")
         plane = next((name for name, pair in PLANES.items() if list(pair) == seen), None)
@@ -201,9 +199,7 @@ def _tube(axis: Tensor, across: Tensor, corners: Tensor) -> Mesh:
 
 
 def _outline(axis: Tensor, across: Tensor, corners: Tensor) -> Tensor:
-    """(2 p, 2) m about an axis (p, 2) m: as far as corners (p, k, 2) in axes (p, 2, 2) are from
-    it.
-    """
+    """(2 p, 2) m about an axis (p, 2) m: as far as corners (p, k, 2) in axes (p, 2, 2) are."""
     along = torch.gradient(axis, dim=0)[0]
     normal = torch.stack((-along[:, 1], along[:, 0]), -1) / along.norm(dim=-1, keepdim=True)
     reach = ((corners @ across.mT) @ normal[..., None]).amax(1)
@@ -238,9 +234,7 @@ def _about(obstacle: Obstacle, middle: Tensor) -> Obstacle:
 
 
 def _plane_mesh(plane: Plane, limits: Tensor) -> Mesh:
-    """As far as the picture's limits (3, 2) m across the coordinate that is most along its
-    normal.
-    """
+    """As far as the picture's limits (3, 2) m across the coordinate most along its normal."""
     deep = int(plane.normal.abs().argmax())
     x, y = (k for k in range(3) if k != deep)
     corners = plane.point.expand(4, 3).clone()

@@ -347,9 +347,7 @@ def _meshes(
     pose: tuple[Tensor, Tensor] | None = None,
     **look: Any,
 ) -> dict[str, tuple[str, dict, dict]]:
-    """Triangles of a mesh in two shades; with a centre and axes it keeps its form, else its points
-    move.
-    """
+    """Triangles of a mesh in two shades; with a centre and axes its form stays."""
     shapes = {}
     for shade, kept, end in ((1.0, ~mesh.dark, ""), (0.7, mesh.dark, " dark")):
         if not kept.any():

@@ -1,6 +1,4 @@
-"""How a beam was made, remembered by the beam itself, so that it can be made again of other
-elements.
-"""
+"""How a beam was made, remembered by the beam, so that it can be made again of other elements."""
 
 from __future__ import annotations
 

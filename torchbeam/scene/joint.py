@@ -1,6 +1,4 @@
-"""Joint: what two parts of a structure, or a part and the ground, have in common where they
-meet.
-"""
+"""Joint: what two parts of a structure, or a part and the ground, share where they meet."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Parts of a structure: beams and bodies by their names, and the rows that they have among those of
-all.
-"""
+"""Parts of a structure: beams and bodies by their names, and their rows among those of all."""
 
 from __future__ import annotations
 
@@ -55,9 +53,7 @@ class Span(NamedTuple):
 
 
 class Row(int):
-    """The row of a node among those of a structure; it prints as the user says the node, which is
-    `given`.
-    """
+    """The row of a node of a structure; it prints as the user says the node, `given`."""
 
     given: Any
 
@@ -104,9 +100,7 @@ def _is_named(given: Any) -> bool:
 
 
 def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
-    """The row of a node, (name, number) or a body's name. Raises ValueError where there is none
-    such.
-    """
+    """The row of a node, (name, number) or a body's name. Raises ValueError for none."""
     given = node.given if isinstance(node, Row) else node
     check_node(name, given)
     if isinstance(given, int) or not parts:

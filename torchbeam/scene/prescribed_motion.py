@@ -44,9 +44,7 @@ class PrescribedMotion:
     def pose(
         self, support: Support, t: Tensor, share: Tensor | float = 1.0
     ) -> tuple[Tensor, Tensor]:
-        """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its
-        motion.
-        """
+        """Position (..., 3) and quaternion (..., 4) of a support, after a share of its motion."""
         beam = self.scene.beam
         position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
         return moved(position, rotation, *self.displacement(support, t), share)
@@ -57,9 +55,7 @@ class PrescribedMotion:
         return tuple(None if x is None else self._value(x, t) for x in given)
 
     def rates(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
-        """Velocity and spin (..., 3) of a support in frame a, both in frame a's axes, relative to
-        it.
-        """
+        """Velocity and spin (..., 3) of a support in frame a, in its axes, relative to it."""
         still = torch.zeros_like(self.scene.beam.nodes[..., support.node, :])
         velocity = spin = still
         if callable(support.displacement):
@@ -84,9 +80,7 @@ class PrescribedMotion:
         return velocity, quat.rotate(quat.conjugate(rotation), spin)
 
     def acceleration(self, support: Support, t: Tensor) -> Tensor:
-        """Rates (..., 2, 3) of the absolute velocity and spin of a clamp, absolute, in frame a's
-        axes.
-        """
+        """Rates (..., 2, 3) of a clamp's absolute velocity and spin, absolute, frame a."""
 
         def motion(now: Tensor) -> Tensor:
             v, spin = self.absolute(support, now)
@@ -159,9 +153,7 @@ def orientation(scene: Any, shape: tuple[int, ...], t: Tensor | float = 0.0) -> 
 
 
 def oriented(scene: Any, frame: Tensor, start: Tensor | float, end: Tensor | float) -> Tensor:
-    """Orientation (..., 4) of frame a, which turns, at `end` (...) s, if it is `frame` (..., 4) at
-    `start`.
-    """
+    """Orientation (..., 4) of frame a at `end` (...) s, if it is `frame` (..., 4) at `start`."""
     start, end = (torch.as_tensor(t, dtype=frame.dtype, device=frame.device) for t in (start, end))
     gap = end - start
     recorded = gap is not concrete(gap) or gap.requires_grad or within_dual_numbers()

@@ -310,9 +310,7 @@ class Scene(Tree):
         return any(map(functions, self.effects)) or not all(still + library)
 
     def _supported(self) -> tuple[Support, ...]:
-        """The supports as given, nodes counted from the root; the root's motion in that of node
-        0.
-        """
+        """The supports as given, nodes counted from the root; the root's motion in node 0's."""
         freed = any(e.frees_root for e in self._of("load"))
         asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
         given = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
@@ -391,9 +389,7 @@ class Scene(Tree):
 
     @cached
     def batch_shape(self) -> torch.Size:
-        """Broadcast of the leading axes of every tensor in the scene (functions and inputs join
-        later).
-        """
+        """Broadcast of the leading axes of all tensors (functions and inputs join later)."""
         return broadcast("a beam and what acts on it", *batch_shapes(self))
 
     def tensors(self, given: dict[str, Any] | None) -> Inputs:

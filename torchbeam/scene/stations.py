@@ -270,9 +270,7 @@ def _places(s: Tensor) -> Tensor:
 
 
 def _between(s: Tensor, values: Tensor, at: Tensor) -> Tensor:
-    """Straight lines through values (..., n, k) at s (..., n), looked up at (..., m):
-    (..., m, k).
-    """
+    """Straight lines through values (..., n, k) at s (..., n), looked up at (..., m)."""
     shape = broadcast("places and values", s.shape[:-1], values.shape[:-2], at.shape[:-1])
     n, m, k = s.shape[-1], at.shape[-1], values.shape[-1]
     s, at = s.expand(*shape, n), at.to(values).expand(*shape, m)

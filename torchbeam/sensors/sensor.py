@@ -58,9 +58,7 @@ class Sensor:
         return math.prod(self.shape)
 
     def __call__(self, state: Any) -> Tensor:
-        """(..., *shape). Raises ValueError for what is not a state, or has no such node or
-        element.
-        """
+        """(..., *shape). Raises ValueError for what is no state, or has no such node or element."""
         if not hasattr(state, "position"):
             raise ValueError(
                 f"{type(state).__name__} was given to a sensor; a state is wanted (of a "

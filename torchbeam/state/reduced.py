@@ -1,6 +1,4 @@
-"""Reduced states: in the coordinates in which they were solved for, public as far as they are asked
-for.
-"""
+"""Reduced states: in the coordinates in which they were solved for, public as far as asked for."""
 
 from __future__ import annotations
 

@@ -167,9 +167,7 @@ class Solution:
 
     @property
     def tip(self) -> Point:
-        """position, velocity (time, ..., 3), rotation (time, ..., 3, 3), spin (time, ..., 3), frame
-        a.
-        """
+        """position, velocity, spin (time, ..., 3), rotation (time, ..., 3, 3), frame a."""
         one_beam(self._parts, "tip")
         return self.states.node(-1)
 

@@ -1,6 +1,4 @@
-"""State: the beam at one instant in the nodal form; the beam at rest, and checks of a state that
-was given.
-"""
+"""State: the beam at one instant in the nodal form; the beam at rest."""
 
 from __future__ import annotations
 
@@ -154,9 +152,7 @@ class State(Instant):
         return quat.matrix(quat.half_way(self.rotation[..., :-1, :], self.rotation[..., 1:, :]))
 
     def at(self, t: float | Tensor) -> State:
-        """The same state at another time, its work counted from there and its failures
-        forgotten.
-        """
+        """The same state at another time; its work counts from there, its failures are gone."""
         return replace(
             self,
             t=torch.zeros_like(self.t) + instants("t", t, self.t),

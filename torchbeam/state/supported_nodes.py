@@ -1,6 +1,4 @@
-"""Supported nodes: their places and motions put into a state, and the motion of all nodes with
-frame a.
-"""
+"""Supported nodes: their places and motions put into a state; the motion of frame a."""
 
 from __future__ import annotations
 

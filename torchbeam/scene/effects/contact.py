@@ -286,9 +286,7 @@ class Contact(ContactTerms):
         return v if moves is None else v - moves
 
     def slip(self, point: LoadPoint, normal: Tensor) -> Tensor:
-        """(..., points, 3) m/s of the beam's surface along the obstacle's, both where the beam's
-        is.
-        """
+        """(..., points, 3) m/s of the beam's surface along the obstacle's, at the former."""
         x, v = point.position, _in_frame(point)
         if self.radius is not None:
             spin, omega, arm = point.spin, point.frame[1], -self.radii * normal

@@ -168,9 +168,7 @@ class Load(LoadEffect):
         self._check_functions()
 
     def _check_functions(self) -> None:
-        """ValueError where the functions do not take what is handed over, each by a name of its
-        own.
-        """
+        """ValueError where functions do not take what is handed over, each by its own name."""
         names = [
             *(i.name for i in self.inputs),
             *self.values,

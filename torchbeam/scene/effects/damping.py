@@ -1,6 +1,4 @@
-"""Damping proportional to stiffness (stress by strain rate) and to mass
-(force against velocity).
-"""
+"""Damping proportional to stiffness (stress by strain rate) and to mass (force by velocity)."""
 
 from __future__ import annotations
 

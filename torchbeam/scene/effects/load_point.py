@@ -1,6 +1,4 @@
-"""Load points, where and how a load acts at one instant, and loads in general: force, moment,
-tangent.
-"""
+"""Load points, where and how a load acts at one instant, and the base of loads."""
 
 from __future__ import annotations
 

@@ -157,9 +157,7 @@ class Tendon(Effect):
         return tuple(int(eyelet.node) for eyelet in self.eyelets if eyelet.node is not None)
 
     def at(self, position: Tensor, rotation: Tensor) -> Tensor:
-        """Its eyelets (..., m, 3) m, frame a, where nodes (..., N+1, 3) have the axes
-        (..., N+1, 4).
-        """
+        """Its eyelets (..., m, 3) m, frame a, of nodes (..., N+1, 3) with axes (..., N+1, 4)."""
         points = torch.broadcast_tensors(*(x.at(position, rotation) for x in self.eyelets))
         return torch.stack(points, -2)
 
