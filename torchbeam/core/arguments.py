@@ -308,9 +308,7 @@ def _real(value: Any) -> bool:
 
 
 def duration(name: str, value: float | Tensor, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """`value` as a 0-dim tensor if it is a positive finite number or such a tensor; ValueError
-    otherwise.
-    """
+    """`value` as a 0-dim tensor if it is a positive finite number; ValueError otherwise."""
     if not isinstance(value, Tensor):
         return torch.as_tensor(step_size(name, value), dtype=dtype, device=device)
     if value.ndim or value.is_complex() or value.dtype == torch.bool:

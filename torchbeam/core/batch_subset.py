@@ -127,9 +127,7 @@ def _same(a: Any, b: Any, met: frozenset[tuple[int, int]] = frozenset()) -> bool
 
 
 def _held(function: FunctionType) -> dict[Any, Any]:
-    """Defaults of a function by place and by name, and the variables that it closes over, those
-    that have a value.
-    """
+    """Defaults of a function by place and by name, and the variables that it closes over."""
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
     held = dict(enumerate(function.__defaults__ or ())) | (function.__kwdefaults__ or {})
     filled = [(name, cell) for name, cell in cells if cell != CellType()]

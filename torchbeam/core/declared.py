@@ -75,9 +75,7 @@ def real_numbers(name: str, value: Value, *size: int) -> Tensor | np.ndarray:
 
 
 def check_fields(tree: Any) -> None:
-    """Checks what is declared of the fields of a tree, in their order. One whose default is None
-    may be left out.
-    """
+    """Checks the declared fields of a tree in order. One whose default is None may be left out."""
     for field, name, check, optional in _declared(type(tree)):
         value = getattr(tree, field)
         if value is None and optional:
@@ -129,9 +127,7 @@ def plain(value: Value) -> Tensor | np.ndarray:
 
 
 def own(value: Tensor | np.ndarray) -> Tensor | np.ndarray:
-    """A copy, of which other numbers are made: nothing written to the value later changes some of
-    these alone.
-    """
+    """A copy, of which other numbers are made: what is written to the value later is not in it."""
     return value.clone() if isinstance(value, Tensor) else value.copy()
 
 

@@ -77,9 +77,7 @@ def shared(t: Tensor, moving: Tensor | None = None) -> Tensor:
 
 
 def _called(function: Callable[[Tensor], Any], t: Tensor) -> Any:
-    """function(t). Raises `OtherPrecision` where tensors of another dtype meet in it that torch
-    does not take to one.
-    """
+    """function(t). Raises `OtherPrecision` where dtypes meet in it that torch does not join."""
     try:
         return function(t)
     except RuntimeError as error:
@@ -193,9 +191,7 @@ def rate_along(
 
 
 def within_dual_numbers() -> bool:
-    """Whether plain dual numbers (`torch.autograd.forward_ad`) are in use, not those of
-    torch.func.jvp, which nest.
-    """
+    """Whether plain dual numbers (`forward_ad`) are in use, not those of torch.func.jvp."""
     levels = torch._C._functorch.get_interpreter_stack() or ()
     return forward_ad._current_level >= 0 and not any(
         x.key() == torch._C._functorch.TransformType.Jvp for x in levels

@@ -92,8 +92,6 @@ def _most_since() -> int:
 
 
 def _amount(path: str, name: str) -> int:
-    """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError where
-    it does not.
-    """
+    """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError."""
     lines = dict(line.split(":", 1) for line in Path(path).read_text().splitlines())
     return 1024 * int(lines[name].split()[0])

@@ -54,9 +54,7 @@ Read = tuple[str, Callable[[], Any]]  # a name, and what gives what it stands fo
 
 
 def of_class(kind: type) -> Iterator[Read]:
-    """What the classes that a user wrote give their objects beside fields: methods, functions of
-    properties, values.
-    """
+    """What a user's classes give their objects beside fields: methods, properties, values."""
     field_names = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
     for parent in kind.__mro__:
         for name, value in () if of_package(parent) else vars(parent).items():
@@ -109,9 +107,7 @@ def word_of(value: Any) -> Hashable:
 
 
 def number_of(value: Any) -> str | None:
-    """The number or the word itself of an object of a class derived from theirs, or the name of an
-    enumeration's.
-    """
+    """The number or word of an object of a class derived from theirs, or an enumeration's name."""
     if isinstance(value, enum.Enum):
         return value.name
     for kind in NUMBERS:
@@ -140,9 +136,7 @@ def frozen(value: Any) -> bool:
 
 
 def followed(value: Any) -> bool:
-    """Whether it is a module of torch.nn, a user's Python module, or an object of a user's class,
-    or of a frozen one.
-    """
+    """Whether it is a module of torch.nn or a user's, or of a user's or a frozen class."""
     if isinstance(value, types.ModuleType):
         name = value.__name__.split(".")[0]
         return name == "numpy" or name not in PACKAGES | sys.stdlib_module_names | {"__main__"}
@@ -171,9 +165,7 @@ def put_on(module: types.ModuleType, names: set[str]) -> list[str]:
 
 
 def attributes(value: Any) -> list[str]:
-    """Names of what an object holds: of a frozen dataclass its fields, else what it was given, also
-    in slots.
-    """
+    """Names of what an object holds: a frozen dataclass's fields, else attributes and slots."""
     if frozen(value):
         return [field.name for field in fields(value)]
     if isinstance(value, Tensor):
@@ -211,9 +203,7 @@ def of_numpy(value: Any) -> bool:
 
 
 def of_package(value: Any) -> bool:
-    """Whether a module, class, function or operation is of one of `PACKAGES`, or of Python's own
-    that are pure.
-    """
+    """Whether it is of one of `PACKAGES`, or of Python's own that are pure."""
     if isinstance(value, types.ModuleType):
         name = value.__name__
     elif callable(value) and hasattr(value, "__name__"):

@@ -1,6 +1,4 @@
-"""Summaries of tensors in words, for the `__repr__` of public objects: ranges and sizes, never the
-numbers one by one.
-"""
+"""Summaries of tensors in words, for the `__repr__` of public objects: ranges and sizes."""
 
 from __future__ import annotations
 

@@ -305,9 +305,7 @@ class Surroundings:
         self._hold(f"numbers of {name}", lambda: (value.dtype.str, value.shape, value.tobytes()))
 
     def _class(self, kind: type) -> None:
-        """What a user's class gives its objects: what is done to them without a name, and what
-        functions name.
-        """
+        """What a user's class gives its objects: special methods, and what functions name."""
         if any(not of_package(parent) for parent in kind.__mro__):
             self._holders.append((kind.__name__, kind, set()))
 

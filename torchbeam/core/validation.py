@@ -177,9 +177,7 @@ def present(value: Value, part: Tensor | None = None) -> bool:
 
 
 def has_dtype(value: Value) -> bool:
-    """Whether there is a tensor, or a floating array or scalar of NumPy, in `value`: it is then
-    taken as a tensor.
-    """
+    """Whether `value` is taken as a tensor: it has one, or a floating array or scalar, in it."""
     return any(isinstance(leaf, Tensor) or numpy_dtype(leaf) is not None for leaf in _leaves(value))
 
 

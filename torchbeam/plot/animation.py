@@ -145,9 +145,7 @@ class _Film:
         trail: bool,
         frames: bool,
     ) -> _Film:
-        """Film of states, before its first picture; axes with room for the whole motion. Raises
-        ValueError as `shape`.
-        """
+        """Film of states, axes with room for the whole motion. Raises ValueError as `shape`."""
         position, turn = nodes_of(states)
         times = states.position.shape[0]
         ax, seen = _prepared(ax, plane, position)

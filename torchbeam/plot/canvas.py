@@ -149,9 +149,7 @@ def numbers(x: Tensor) -> Any:
 
 
 def _figure(size: tuple[float, float]) -> Any:
-    """Figure of the given size (inches), of nobody but the caller. Raises ImportError without
-    matplotlib.
-    """
+    """Figure of the given size (inches), the caller's alone. ImportError without matplotlib."""
     with matplotlib_wanted():
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

@@ -68,9 +68,7 @@ def obstacles(
 def cut(
     ax: Axes, plane: str, through: Tensor, distance: Callable[[Tensor], Tensor], color: Any
 ) -> None:
-    """What is solid, by its distance (n, 1) m from points (n, 3) m, in the plane `through` (3) m,
-    on flat axes.
-    """
+    """What is solid, by its distance (n, 1) m from points (n, 3) m, in a plane on flat axes."""
     first, second = PLANES[plane]
     across, up = (
         torch.linspace(*ends, CELLS).to(through) for ends in (ax.get_xlim(), ax.get_ylim())
@@ -114,9 +112,7 @@ def surfaces(scene: Scene, state: State) -> Iterator[tuple[Tensor, Tensor, Obsta
 def surface_of(
     scene: Scene, body: Part, batch: Sequence[int] = (), sample: int = 0
 ) -> Obstacle | None:
-    """Of a body, in a sample of a batch: its own, or the ball by which contacts take it; None = it
-    touches nothing.
-    """
+    """Of a body, in a sample: its own, or the ball by which contacts take it; None = neither."""
     surface = scene.beam.surface(body.name)
     if surface is not None:
         return map_leaves(lambda x, axes: _sample(x, axes, batch, sample), surface)

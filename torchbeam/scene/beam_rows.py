@@ -34,9 +34,7 @@ class BeamRows(Tree):
 
     @property
     def station_count(self) -> int:
-        """The number of stations of stress, which is that of intervals between neighbouring nodes:
-        N, times the order.
-        """
+        """The number of stations of stress, of intervals between neighbouring nodes: N order."""
         return self.length.shape[-1]
 
     @property

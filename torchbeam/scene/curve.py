@@ -1,6 +1,4 @@
-"""Curves: from a curvature; and section axes along one through nodes, by second-order tangents and
-parallel transport.
-"""
+"""Curves: from a curvature; section axes along one through nodes, by parallel transport."""
 
 from __future__ import annotations
 

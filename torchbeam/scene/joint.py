@@ -51,9 +51,7 @@ class JointEnd(Tree):
 
     @classmethod
     def of(cls, given: Any) -> JointEnd:
-        """Of what a user writes: a node, (name of a body, point in its axes), or None. Raises
-        ValueError otherwise.
-        """
+        """Of a node, (name of a body, point in its axes), or None. Raises ValueError otherwise."""
         if isinstance(given, JointEnd):
             return given
         node, point = node_and_point(given)
@@ -165,9 +163,7 @@ class Joint(Tree):
         return torch.eye(3, dtype=structure.nodes.dtype, device=structure.nodes.device)
 
     def check(self, structure: Structure) -> None:
-        """ValueError for what does not fit a structure: a part joined with itself, parts that do
-        not meet as drawn.
-        """
+        """ValueError for a part joined with itself, and parts that do not meet as drawn."""
         if self.a.node == self.b.node:
             raise ValueError(
                 f"a {self.called} of {self.a.node!r} with itself was given; two different nodes "

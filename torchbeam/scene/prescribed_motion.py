@@ -127,9 +127,7 @@ def moved(
     turn: Tensor | None,
     share: Tensor | float = 1.0,
 ) -> tuple[Tensor, Tensor]:
-    """A position (..., 3) and a quaternion (..., 4) after a share (..., 1) of a displacement and a
-    turn (..., 3).
-    """
+    """A position (..., 3) and quaternion (..., 4) after a share of a displacement and a turn."""
     if displacement is not None:
         position = position + share * displacement
     if turn is not None:

@@ -270,9 +270,7 @@ class Section(Tree):
 
 
 def _positive_all(nu: Value, **values: Value) -> list[Tensor]:
-    """The given values as tensors in the order of the caller's keywords, nu among them, each
-    checked for its sign.
-    """
+    """Values as tensors in the order of the keywords, nu among them, each checked for its sign."""
     dtype, device = common_dtype(nu, *values.values())
     values = {
         name: positive(name, as_tensor(value, dtype, device)) for name, value in values.items()

@@ -121,9 +121,7 @@ class Stations(Tree):
         vars(self).update(s=s, section=section)
 
     def __call__(self, s: Tensor) -> Section:
-        """The sections at s (..., m) m, m their last batch axis. Raises ValueError for an s beyond
-        the stations.
-        """
+        """The sections at s (..., m) m, m their last batch axis. Raises ValueError for s beyond."""
         slack = 1e-5 * (self.s[..., -1:] - self.s[..., :1])
         if ((s < self.s[..., :1] - slack) | (s > self.s[..., -1:] + slack)).any():
             span = f"{self.s.min().item():g} to {self.s.max().item():g} m"

@@ -155,9 +155,7 @@ class Structure(Beam):
 
     @property
     def extent(self) -> Tensor:
-        """(...) m: `size`, or how far the mass of a body is from its centre, if that is more; 1 m
-        of a point alone.
-        """
+        """(...) m: `size`, or how far a body's mass is from its centre, if more; 1 m of a point."""
         spread = [
             (mass.inertia.diagonal(dim1=-2, dim2=-1).sum(-1) / (2 * mass.mass)).sqrt()
             for mass in self.masses

@@ -27,9 +27,7 @@ def bent(
     velocity: Value | None,
     spin: Value | None,
 ) -> Placed:
-    """The state `still` of the beam at rest, bent into the curve of the nodes; arguments as of
-    `State.from_nodes`.
-    """
+    """The state `still` of the beam at rest, bent; arguments as of `State.from_nodes`."""
     beam = scene.beam
 
     def given(name: str, value: Value) -> Tensor:

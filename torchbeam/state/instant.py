@@ -1,6 +1,4 @@
-"""Instant: what the states of all forms of the beam have in common; points and reactions as they
-are read from them.
-"""
+"""Instant: what the states of all forms have in common; points and reactions read from them."""
 
 from __future__ import annotations
 

@@ -336,9 +336,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
 
 
 def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
-    """Fields of a state whose joints stand as drawn, with axes `like` these (...); none where there
-    are no joints.
-    """
+    """Fields of a state whose joints stand as drawn, of the batch axes of `like`; or none."""
     if not scene.joints:
         return {}
     return {

@@ -29,9 +29,7 @@ def at_supports(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
 
 
 def at_rest(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
-    """A state at rest in frame a, in absolute velocities, what supports hold with the motion that
-    they have at its time.
-    """
+    """A state at rest in frame a, what supports hold with the motion that they have."""
     t = shared(state.t)
     velocity, spin = frame_motion(state, prescribed_motion)
     for support in prescribed_motion.scene.supports:

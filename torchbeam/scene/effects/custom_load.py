@@ -334,9 +334,7 @@ def _differentiated(what: str) -> Iterator[None]:
 
 
 def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:
-    """Value that a function of the motion returned, (..., size), if its axes fit the arguments';
-    ValueError otherwise.
-    """
+    """What a function returned, (..., size), if its axes fit the arguments'; else ValueError."""
     if not isinstance(value, (Tensor, tuple, list)):
         raise ValueError(
             f"{whose} that returns {shown(value)} was given; tensors (..., {size}) are wanted"

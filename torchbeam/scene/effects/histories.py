@@ -114,9 +114,7 @@ def _sampled(whose: str, t: Value, values: Value) -> tuple[Tensor, Tensor]:
 
 
 def _interval(samples: Tensor, t: Tensor) -> Tensor:
-    """Number (1,) of the interval that t lies in, the first or last outside; a tensor all along: no
-    number leaves torch.
-    """
+    """Number (1,), a tensor, of the interval that t lies in, the first or last outside."""
     k = (torch.searchsorted(samples.detach(), t.detach().to(samples), right=True) - 1).clamp(
         0, len(samples) - 2
     )

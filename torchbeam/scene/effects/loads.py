@@ -54,9 +54,7 @@ class GivenLoad(LoadEffect):
 
     @property
     def conservative(self) -> bool:
-        """Whether its work is independent of the path: that of a dead force is, that of a dead
-        moment is not.
-        """
+        """Whether its work is independent of the path: of a dead force it is, of a moment not."""
         return self.moment is None and not self.follower
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:

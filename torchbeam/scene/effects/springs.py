@@ -176,9 +176,7 @@ def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _six(name: str, value: Value) -> Value:
-    """Six values (..., 6), not negative, from six, or from a pair of numbers, of (..., 1) or of
-    triples (..., 3).
-    """
+    """Six values (..., 6), not negative, from six, or a pair of numbers, (..., 1) or (..., 3)."""
     if isinstance(value, (list, tuple)) and len(value) == 2:
         parts = [as_tensor(p, *common_dtype(value)) for p in value]
         for p in parts:
@@ -240,9 +238,7 @@ class RootSpring(LoadEffect):
         )
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi
-        ~phi.
-        """
+        """force -k d; moment -T^-T k phi, T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi^2."""
         support = _spread(point)
         back = support.R.mT
         k = self.stiffness
@@ -290,9 +286,7 @@ class RootSpring(LoadEffect):
 
 
 def _spread(point: LoadPoint) -> Pose:
-    """The support with the site's batch axes: one matrix times a batch rounds otherwise than a
-    batch times a batch.
-    """
+    """The support with the site's batch axes: one matrix times a batch would round otherwise."""
     shape = broadcast_shapes(point.support.R.shape, point.R.shape)
     return point.support._replace(R=point.support.R.expand(shape))
 

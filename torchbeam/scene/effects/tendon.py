@@ -183,9 +183,7 @@ class Tendon(Effect):
         return with_values(self, eyelets=eyelets)
 
     def check(self, scene: Any) -> None:
-        """ValueError in a scene of small motions, and where eyelets that follow each other are one,
-        as drawn.
-        """
+        """ValueError in a scene of small motions, and where successive eyelets are one as drawn."""
         large_rotations(scene, "a Tendon")
         beam = scene.beam
         points = self.at(beam.nodes, beam.frames).detach()

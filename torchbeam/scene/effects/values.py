@@ -140,9 +140,7 @@ class PerElement(ByPlace):
     value: Value | Callable[[Tensor], Tensor] = leaf(2, check=_rows)
 
     def checked(self, value: Any, elements: int) -> Any:
-        """`value` if it has a row for each of the elements, or is an Input of as many numbers;
-        ValueError otherwise.
-        """
+        """`value` if it has a row, or an Input three numbers, for each element; else ValueError."""
         if isinstance(value, Input):
             if value.size != 3 * elements:
                 raise ValueError(
@@ -281,9 +279,7 @@ class PerInterval(Tree):
 
 
 def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor, interval: int = 0) -> dict[str, Any]:
-    """Inputs by name at the time t: functions of it evaluated, values of the interval taken, the
-    others as they are.
-    """
+    """Inputs by name at the time t: functions evaluated, values of the interval taken."""
 
     def value(name: str, v: Any) -> Any:
         if isinstance(v, PerInterval):
@@ -351,9 +347,7 @@ def value_along(
     like: Tensor,
     elements: int,
 ) -> Tensor:
-    """The same (..., sites or 1, 3) at sites along the beam of so many elements, at the arclengths
-    s (..., sites).
-    """
+    """The same (..., sites or 1, 3) at sites along the beam, at the arclengths s (..., sites)."""
     if isinstance(value, ByPlace):
         return value(s, t, inputs, elements)
     return value_at(value, t, inputs, like)[..., None, :]
