@@ -52,7 +52,7 @@ def remembered(function: Callable[..., T], *arguments: Any) -> T:
 
 
 def keep(entries: dict[K, T], key: K, value: T, most: int) -> T:
-    """The value, as the last of at most so many entries: the first go. Other threads may do so, too."""
+    """The value, as the last of at most so many entries. Other threads may do the same."""
     entries.pop(key, None)
     for oldest in [*entries][: max(0, len(entries) + 1 - most)]:
         entries.pop(oldest, None)

@@ -151,7 +151,7 @@ def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
 
 
 def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
-    """Axes, and which coordinates of positions (samples, N+1, 3) they show; ValueError as `shape`."""
+    """Axes, and which coordinates they show of positions (samples, N+1, 3); raises as `shape`."""
     choice("plane", plane, (*PLANES, None))
     if ax is not None and is_3d(check_axes(ax)):
         return ax, [0, 1, 2]
