@@ -196,9 +196,7 @@ def instance(name: str, value: Any, wanted: type) -> Any:
 
 
 def number(name: str, value: Any, *, infinite: bool = False) -> float:
-    """One real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise, and for one
-    that is not finite.
-    """
+    """One finite real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise."""
     parsed = converted(value, torch.float64) if value is not None else torch.empty(0)
     if parsed.ndim or not (torch.isfinite(parsed) or (infinite and torch.isinf(parsed))):
         raise ValueError(
@@ -238,9 +236,7 @@ def some(name: str, value: Tensor) -> Tensor:
 
 
 def instants(name: str, value: Any, like: Tensor) -> Tensor:
-    """Times (...) s, one or one of each sample, in the dtype and on the device of `like`;
-    ValueError for what is none.
-    """
+    """Times (...) s, one or one of each sample, as `like`; ValueError for what is none."""
     return finite(name, some(name, as_tensor(value, like.dtype, like.device)))
 
 

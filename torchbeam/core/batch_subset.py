@@ -22,9 +22,7 @@ PLAIN = (bool, int, float, complex, str)  # what is compared by its value
 
 
 class NotSeparable(Exception):
-    """Error: the batch cannot be split into samples; something holds a function of the motion, of
-    unknown batch axes.
-    """
+    """Error: something holds a function of the motion, of unknown batch axes: no samples alone."""
 
 
 @dataclass(frozen=True)

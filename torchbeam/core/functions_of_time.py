@@ -162,9 +162,7 @@ def _picked(
 
 
 def with_rate(function: Callable[[Tensor], Tensor], t: Tensor) -> tuple[Tensor, Tensor]:
-    """function(t) and its derivative by t (0-dim, or one for each sample), exact, see `rate_along`.
-    Differentiable itself.
-    """
+    """function(t) and its exact derivative by t (0-dim, or each sample's), see `rate_along`."""
     value, rate = rate_along(function, (t,), (torch.ones_like(t),))
     # forward mode may promote: 0.1 * t of a 0-dim float32 has a float64 rate
     return value, rate.to(value.dtype)

@@ -1,6 +1,4 @@
-"""Measurements of the benchmark: one row each, times of runs in turns, functions that run in a
-process of their own.
-"""
+"""Measurements of the benchmark: rows, runs timed in turns, functions in a process of their own."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Memory of this machine: what is asked for is compared with what is there before it is used, and
-what a run takes is told.
-"""
+"""Memory of this machine: what is asked for against what is there; what a run takes."""
 
 from __future__ import annotations
 

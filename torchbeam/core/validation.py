@@ -48,9 +48,7 @@ def precision(dtype: torch.dtype) -> torch.dtype:
 
 
 def numpy_dtype(value: np.ndarray | np.generic) -> torch.dtype | None:
-    """torch's dtype of a floating NumPy array or scalar, None of whole and `Plain` numbers; or
-    NumPy's own.
-    """
+    """torch's dtype of a floating NumPy array or scalar, or NumPy's; None of whole and `Plain`."""
     typed = value.dtype.kind in "fc" and not isinstance(value, Plain)
     return getattr(torch, value.dtype.name, value.dtype) if typed else None
 

@@ -101,9 +101,7 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
 
 @contextmanager
 def where_installed() -> Iterator[None]:
-    """For the pictures of a command, which goes on without them where matplotlib is not installed,
-    and says so.
-    """
+    """For the pictures of a command, which goes on without matplotlib, and says so."""
     try:
         yield
     except ImportError as error:

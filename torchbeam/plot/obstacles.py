@@ -139,9 +139,7 @@ def radius_of(
 
 
 def _sample(x: Any, axes: int | None, batch: Sequence[int], sample: int) -> Any:
-    """Of a batch one sample; without axes of the batch the first. Raises ValueError for a batch
-    that is none of the scene's.
-    """
+    """Of a batch one sample; without its axes the first. Raises ValueError for another batch."""
     if not isinstance(x, Tensor) or axes is None:
         return x
     lead, last_axes = x.shape[: x.ndim - axes], x.shape[x.ndim - axes :]

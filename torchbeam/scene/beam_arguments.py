@@ -1,6 +1,4 @@
-"""Arguments that the ways to make a beam have in common: how many elements, of which order, where
-it starts, in which dtype.
-"""
+"""Arguments that all ways to make a beam have: elements, order, where it starts, dtype."""
 
 from __future__ import annotations
 

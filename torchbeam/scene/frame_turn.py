@@ -1,6 +1,4 @@
-"""Rotation of axes whose angular velocity is given in themselves: the integral of R' = R ~omega
-from one instant to another.
-"""
+"""Rotation of axes whose angular velocity is told in themselves: the integral of R' = R ~omega."""
 
 from __future__ import annotations
 

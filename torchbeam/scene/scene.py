@@ -1,6 +1,4 @@
-"""Scene: a beam, or a structure of beams and bodies, its supports, the motion of its frame, and the
-effects that act on it.
-"""
+"""Scene: a beam, or a structure, its supports, the motion of its frame, and what acts on it."""
 
 from __future__ import annotations
 
@@ -300,9 +298,7 @@ class Scene(Tree):
 
     @property
     def changes(self) -> bool:
-        """Whether anything may be a function of time: a load, a motion, an eigenstrain, any effect
-        that is none of the library's.
-        """
+        """Whether anything may be a function of time, as any effect of a user's own."""
         held = (*self.effects, *self.joints, *self.supports, self.frame, self.root)
         called = [v for x in held if x is not None for v in vars(x).values() if callable(v)]
         still = [isinstance(v, Table) or _is_rows(v) for v in called]

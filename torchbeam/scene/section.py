@@ -173,9 +173,7 @@ class Section(Tree):
         ).declared(self.coupled or moved, self.offset or moved, self.rotary or moved)
 
     def like(self, compliance: Tensor, mass: Tensor) -> Section:
-        """Section with these matrices, means or multiples of this one's: it has what this one has,
-        and is not checked again.
-        """
+        """Section with means or multiples of its matrices: it has what this one has, unchecked."""
         return with_values(self, compliance=compliance, mass=mass)
 
     def declared(self, coupled: bool, offset: bool, rotary: bool) -> Section:

@@ -1,6 +1,4 @@
-"""Structure: several beams and bodies as one set of rows, those of the beams one after the other,
-then the bodies' nodes.
-"""
+"""Structure: beams and bodies as one set of rows, beams one after the other, then bodies."""
 
 from __future__ import annotations
 

@@ -155,9 +155,7 @@ class OfContact(OfScene):
     def _means(
         self, state: State, of: Callable[[Touch, Tensor], tuple[Tensor, ...]]
     ) -> list[Tensor]:
-        """(...) N that presses in all, and means weighted by it of what it does at points
-        (..., points), by their forces.
-        """
+        """(...) N that presses in all, and means by it of what a function says of points."""
         sums = []
         for measure, touch in self._touches(state):
             force = (measure * touch.pressure)[..., 0]

@@ -254,9 +254,7 @@ class Load(LoadEffect):
         return at_time(rate, t, own=1 if self.node is not None else 2)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Derivative (..., internal, 3 or internal) of z' by each name that the load depends on, as
-        in `tangent`, and by z.
-        """
+        """Derivative (..., internal, 3 or internal) of z' by names, as in `tangent`, and by z."""
         with _differentiated("rate"):
             names = (*sorted(self.depends), INTERNAL)
             return derivatives(lambda at: self.rates(at, at.internal, t, inputs), point, names)

@@ -156,9 +156,7 @@ class PerElement(ByPlace):
         return value
 
     def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
-        """(..., sites, 3) at sites with the arclengths s (..., sites), of a beam of so many
-        elements: its elements or nodes.
-        """
+        """(..., sites, 3) at arclengths s (..., sites), of the elements or nodes of a beam."""
 
         def rows(now: Tensor) -> Tensor:
             value = taken("a PerElement function's value", self.value(now), s)
@@ -242,9 +240,7 @@ def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tenso
 
 
 def input_at(value: Input, inputs: Inputs) -> Tensor:
-    """An input's value (..., size) among those given by name. Raises ValueError where it is missing
-    or of another size.
-    """
+    """An input's value (..., size). Raises ValueError where it is missing or of another size."""
     if value.name not in inputs:
         given = ", ".join(sorted(inputs)) or "none"
         raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {given}")
@@ -327,9 +323,7 @@ def first_of(inputs: dict[str, Any]) -> dict[str, Any]:
 
 
 def changing(inputs: dict[str, Any], intervals: int) -> bool:
-    """Whether inputs by name change over so many intervals. Raises ValueError where one has values
-    for another number.
-    """
+    """Whether inputs change over so many intervals; ValueError for values of another number."""
     for name, v in inputs.items():
         if isinstance(v, PerInterval) and v.value.shape[-2] != intervals:
             raise ValueError(
