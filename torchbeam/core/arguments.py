@@ -91,9 +91,7 @@ def _whole(value: Any) -> bool:
 
 
 def place(name: str, value: int, count: int, there: str) -> int:
-    """`value` if it is the place of one of `count` things, from either end; ValueError, with what
-    there is, otherwise.
-    """
+    """`value` if it is the place of one of `count` things, from either end; else ValueError."""
     if not -count <= whole(name, value) < count:
         raise ValueError(
             f"{name} = {value} was given; {there} 0 to {count - 1}"
@@ -140,9 +138,7 @@ def choice(name: str, value: Any, known: Iterable[Any]) -> Any:
 
 
 def function(name: str, value: Any, *arguments: str, named: Iterable[str] = ()) -> Any:
-    """`value` if it can be called, with arguments by place and others by name, where they are said;
-    ValueError otherwise.
-    """
+    """`value` if it can be called, with these arguments; ValueError otherwise."""
     if not callable(value):
         raise ValueError(
             f"{name} = {shown(value)} was given; a function{_of(arguments, named)} is wanted"

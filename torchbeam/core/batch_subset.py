@@ -108,9 +108,7 @@ class BatchSubset:
 
 
 def _same(a: Any, b: Any, met: frozenset[tuple[int, int]] = frozenset()) -> bool:
-    """Whether two functions, or things that they hold, are one, or are made alike; pairs that hold
-    themselves were `met`.
-    """
+    """Whether two functions, or what they hold, are one or made alike; pairs `met` are."""
     if a is b or type(a) is not type(b):
         return a is b
     if isinstance(a, Tensor):

@@ -290,9 +290,7 @@ def inertia(name: str, J: Tensor, size: Tensor) -> Tensor:
 
 
 def increasing(name: str, value: Tensor) -> Tensor:
-    """`value` if it is a strictly increasing series of at least two finite numbers; ValueError
-    otherwise.
-    """
+    """`value` if it is a strictly increasing series of two or more numbers; else ValueError."""
     if value.ndim != 1 or value.numel() < 2:
         raise ValueError(
             f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants "

@@ -31,9 +31,7 @@ THIN = 0.003  # radius of a tendon, of the extent of all
 
 @dataclass(frozen=True)
 class SolidPicture:
-    """On axes `ax`: of a `plane`, or in space where that is None; color: None = by samples, or of
-    one sample by its parts.
-    """
+    """On axes `ax`, of a `plane`, None = in space; color: None = by samples, or by parts."""
 
     scene: Scene
     ax: Axes
@@ -145,9 +143,7 @@ class SolidPicture:
     def _each(
         self, state: State, *, body: bool
     ) -> Iterator[tuple[Any, int, int, Any, Tensor, Tensor]]:
-        """Of every sample and part: a colour, sample, place among beams or bodies, the part,
-        positions and axes of all nodes.
-        """
+        """Of each sample and part: colour, sample, place, part, positions and axes of all nodes."""
         position, R = (_plain(x) for x in nodes_of(state))
         known = self.scene.beam.parts
         for i in range(len(position)):

@@ -79,9 +79,7 @@ def warn_of_batch(
 
 
 def dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:
-    """Of sections and values together. Raises ValueError for what is no section, and where dtypes
-    or devices differ.
-    """
+    """Of sections and values. Raises ValueError for no section, and where devices differ."""
     if isinstance(section, Stations):
         return common_dtype(*values, section.s, section.section.compliance)
     if callable(section):

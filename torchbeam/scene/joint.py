@@ -131,9 +131,7 @@ class Joint(Tree):
 
     @property
     def coordinates(self) -> tuple[int, ...]:
-        """Which coordinates it has: 0 an angle, 1 a travel or a second angle; all three of a turn
-        about a point.
-        """
+        """Which it has: 0 an angle, 1 a travel or second angle; all three of a turn."""
         return tuple(k for k, held in enumerate((self.rotation, self.position)) if held == "yz")
 
     @property

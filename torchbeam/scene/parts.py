@@ -145,9 +145,7 @@ def one_beam(parts: tuple[Part, ...], name: str) -> None:
 
 
 def end_of_element(beam: Any, node: Any, name: str, what: str) -> Row:
-    """The row of a node between elements. Raises ValueError for one within an element; name and
-    what: of the node, in sentences.
-    """
+    """The row of a node between elements. Raises ValueError, with name and what, for others."""
     row = beam.row(node, name)
     first = beam.part_at(row).first_node if beam.parts else 0
     row = row if beam.parts else row % beam.node_count

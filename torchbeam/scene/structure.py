@@ -97,9 +97,7 @@ class Structure(Beam):
         return [self._line(part) for part in self.parts]
 
     def loops(self, supported: tuple[int, ...]) -> int:
-        """How many closed loops joints and the supports of nodes make of the parts, and of the
-        ground that they are held by.
-        """
+        """How many closed loops joints and supports make of the parts, and of the ground."""
         place = [self.parts.index(self.part_at(row)) for row in range(self.node_count)]
         place.append(len(self.parts))
         edges = [*self.joined, *((node, None) for node in supported)]

@@ -138,9 +138,7 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
 
 
 def _slopes(t: Tensor, values: Tensor) -> Tensor:
-    """Derivatives of `values` (time, ...) at their instants: those of the polynomials through
-    `NEIGHBOURS` of them.
-    """
+    """Derivatives of `values` (time, ...) at their instants, of polynomials through neighbours."""
     n = min(NEIGHBOURS, len(t))
     order = torch.arange(n, device=t.device)
     near = (torch.arange(len(t), device=t.device) - n // 2).clamp(0, len(t) - n)[:, None] + order

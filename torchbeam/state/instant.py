@@ -85,9 +85,7 @@ class JointReading(NamedTuple):
 
     @classmethod
     def of(cls, row: Tensor, coordinates: tuple[int, ...]) -> JointReading:
-        """row (..., READINGS): up to three coordinates, their rates, force, moment; coordinates:
-        which of them the joint has.
-        """
+        """row (..., READINGS): coordinates, rates, force, moment; coordinates: which it has."""
 
         def own(first: int) -> Tensor | None:
             if not coordinates:

@@ -178,9 +178,7 @@ class State(Instant):
         return tuple(JointReading.of(self.joints[..., k, :], own) for k, own in each)
 
     def part(self, name: str) -> State:
-        """The state of a beam of a structure, or that of a body, a single node. Raises ValueError
-        where there is none such.
-        """
+        """The state of a beam or, a single node, of a body. Raises ValueError for neither."""
         part = part_of(self.parts, name)
         own = range(part.nodes.start, part.nodes.stop)
         held = [k for k, node in enumerate(self.supports or ()) if node in own]

@@ -41,9 +41,7 @@ def at_rest(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
 
 
 def frame_motion(state: Placed, prescribed_motion: PrescribedMotion) -> tuple[Tensor, Tensor]:
-    """Velocity (..., N+1, 3) m/s, frame a, and spin (..., N+1, 3) rad/s, section axes, of nodes
-    that stand in frame a.
-    """
+    """Velocity (..., N+1, 3) m/s, frame a, and spin, section axes, of nodes at rest in it."""
     frame = prescribed_motion.frame(shared(state.t))
     v, omega = (None if x is None else x[..., None, :] for x in frame)
     velocity = torch.zeros_like(state.position)

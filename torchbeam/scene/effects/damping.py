@@ -160,9 +160,7 @@ def rayleigh(
 
 
 def geometric_means(tau: Tensor) -> Tensor:
-    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau itself, so that a zero has a derivative
-    there (none beside it).
-    """
+    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau, so that a zero has a derivative."""
     some = tau > 0
     root = torch.where(
         some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau)

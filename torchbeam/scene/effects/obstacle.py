@@ -161,9 +161,7 @@ class Obstacle(Tree):
 
     @property
     def corners(self) -> Tensor | None:
-        """(..., K, 3) m: those whose balls, of its `radius`, are what of it is next to any plane;
-        None = it has none.
-        """
+        """(..., K, 3) m: balls of its `radius` there are next to planes; None = there are none."""
         return None
 
     @property
