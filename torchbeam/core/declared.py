@@ -88,16 +88,12 @@ def check_fields(tree: Any) -> None:
 @cache
 def _declared(kind: Any) -> tuple[tuple[str, str, Check, bool], ...]:
     """Of a class's checked fields: name, name in sentences, check, whether None is nothing."""
-    return tuple(
-        (
-            field.name,
-            (field.metadata[NAME] or kind.in_words).format(kind.called, field.name),
-            field.metadata[CHECK],
-            field.default is None,
-        )
-        for field in fields(kind)
-        if CHECK in field.metadata
-    )
+    declared = []
+    for own in fields(kind):
+        if CHECK in own.metadata:
+            name = (own.metadata[NAME] or kind.in_words).format(kind.called, own.name)
+            declared.append((own.name, name, own.metadata[CHECK], own.default is None))
+    return tuple(declared)
 
 
 def one_of(tree: Any, *names: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache, cached_property
+from itertools import product
 from typing import Any
 
 import torch
@@ -53,11 +54,8 @@ class cached(cached_property):
 
     def __set_name__(self, owner: type, name: str) -> None:
         super().__set_name__(owner, name)
-        self.keys = {
-            (grad, forward): f"{name} {grad:d}{forward:d}"
-            for grad in (False, True)
-            for forward in (False, True)
-        }
+        modes = product((False, True), (False, True))
+        self.keys = {(grad, dual): f"{name} {grad:d}{dual:d}" for grad, dual in modes}
         self.recorded = self.keys[True, True]
 
     def __get__(self, owner: Any, kind: type | None = None) -> Any:

@@ -41,14 +41,9 @@ def sentence(heading: Mapping[str, Any]) -> str:
         return [] if count is None else [f"{count} {noun}" + ("" if count == 1 else "s")]
 
     software = {"Python": heading.get("python"), **heading.get("versions", {})}
-    said = [
-        *filter(None, [heading.get("machine")]),
-        *number("cores", "core"),
-        *number("threads", "thread"),
-        *filter(None, [heading.get("dtype")]),
-        *(f"{name} {v}" for name, v in software.items() if v),
-    ]
-    return f"Measured on: {', '.join(said)}."
+    said = [heading.get("machine"), *number("cores", "core"), *number("threads", "thread")]
+    said += [heading.get("dtype"), *(f"{name} {v}" for name, v in software.items() if v)]
+    return f"Measured on: {', '.join(filter(None, said))}."
 
 
 def versions(*packages: str) -> dict[str, str]:

@@ -315,11 +315,8 @@ class Surroundings:
         for name, value, seen in self._holders:
             if isinstance(value, type):
                 reads = dict(of_class(value))
-                wanted = {
-                    key
-                    for key in reads
-                    if not self.strict or key in self._named or key.startswith("__")
-                }
+                named = {key for key in reads if key in self._named or key.startswith("__")}
+                wanted = named if self.strict else {*reads}
             else:
                 reads, whole = self._attributes(name, value)
                 wanted = {key for key in reads if whole or key in self._named}

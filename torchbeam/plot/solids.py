@@ -44,11 +44,8 @@ def tube_mesh(axis: Tensor, across: Tensor, corners: Tensor) -> Mesh:
     cap = torch.stack((torch.zeros_like(inner), inner + 2, inner + 1, inner), -1) % sides
     caps = torch.cat((cap, cap.flip(-1) + sides * (count - 1)))
     no = torch.zeros(len(caps), dtype=torch.bool)
-    return Mesh(
-        points.flatten(0, 1),
-        torch.cat((quads.flatten(0, 1), caps)),
-        torch.cat((dark.flatten(), no)),
-    )
+    quads, dark = torch.cat((quads.flatten(0, 1), caps)), torch.cat((dark.flatten(), no))
+    return Mesh(points.flatten(0, 1), quads, dark)
 
 
 def rounds(radius: Tensor) -> Tensor:
@@ -105,12 +102,10 @@ def _rounded(centre: Tensor, R: Tensor, half: Tensor, radius: Tensor, ends: bool
     side = half.new_tensor([-1.0, 1.0]).repeat_interleave(len(up) // 2)
     flat = torch.stack((around.cos(), around.sin()), -1)
     rows, columns = len(up), len(around)
-    normal = torch.cat(
-        (up.cos()[:, None, None] * flat, up.sin()[:, None, None].expand(rows, columns, 1)), -1
-    )
-    sign = torch.cat(
-        (signs.expand(rows, columns, 2), side[:, None, None].expand(rows, columns, 1)), -1
-    )
+    shape = rows, columns, 1
+    high = up.sin()[:, None, None].expand(shape)
+    normal = torch.cat((up.cos()[:, None, None] * flat, high), -1)
+    sign = torch.cat((signs.expand(rows, columns, 2), side[:, None, None].expand(shape)), -1)
     points = centre + (sign * half + radius * normal).flatten(0, 1) @ R.mT
     first = columns * torch.arange(rows - 1)[:, None] + torch.arange(columns)
     right = columns * torch.arange(rows - 1)[:, None] + (torch.arange(columns) + 1) % columns

@@ -153,11 +153,10 @@ class _Turned(_OfNode):
         super().__post_init__()
         if self.reference is not None:
             given = self.reference
-            q = (
-                _quaternion(self.seen(given), self.node)
-                if hasattr(given, "position")
-                else quat.from_matrix(rotations("reference", _given(given)))
-            )
+            if hasattr(given, "position"):
+                q = _quaternion(self.seen(given), self.node)
+            else:
+                q = quat.from_matrix(rotations("reference", _given(given)))
             object.__setattr__(self, "reference", quat.conjugate(q))
 
     def quaternion(self, state: Any) -> Tensor:
@@ -235,9 +234,8 @@ def _given(reference: Any) -> Tensor:
 def _quaternion(state: Any, node: int) -> Tensor:
     if not isinstance(state, State):
         return quat.from_matrix(state.node(node).rotation)
-    return state.rotation[
-        ..., place("node", node, state.rotation.shape[-2], "the beam has the nodes"), :
-    ]
+    k = place("node", node, state.rotation.shape[-2], "the beam has the nodes")
+    return state.rotation[..., k, :]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
