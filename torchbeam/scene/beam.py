@@ -283,13 +283,16 @@ class Beam(BeamRows):
             "the distance of neighbouring nodes", torch.linalg.vector_norm(chord, dim=-1)
         )
         if frames is None:
-            return cls._chain(section, nodes, carried_along(chord, length, up), length)
-        frames = orthonormal(as_tensor(frames, dtype, device), N)
-        if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
-            raise ValueError(
-                "frames whose first column leaves the chord were given; it runs from node to node"
-            )
-        return cls._chain(section, nodes, quat.from_matrix(frames), length)
+            elements = carried_along(chord, length, up)
+        else:
+            frames = orthonormal(as_tensor(frames, dtype, device), N)
+            if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
+                raise ValueError(
+                    "frames whose first column leaves the chord were given; it runs from node to "
+                    "node"
+                )
+            elements = quat.from_matrix(frames)
+        return cls._with_section(section, nodes, axes_of_nodes(elements), length, 1, elements)
 
     @classmethod
     @remembered
@@ -343,10 +346,6 @@ class Beam(BeamRows):
             frames = as_tensor(frames, nodes.dtype, nodes.device)
             q = quat.from_matrix(orthonormal(frames, nodes.shape[-2]))
         return cls._with_section(section, nodes, q, length, 2)
-
-    @classmethod
-    def _chain(cls, section, nodes: Tensor, elements: Tensor, length: Tensor) -> Beam:
-        return cls._with_section(section, nodes, axes_of_nodes(elements), length, 1, elements)
 
     @classmethod
     def _with_section(

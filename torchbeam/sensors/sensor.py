@@ -116,8 +116,15 @@ def part_of_state(state: Any, name: str) -> Any:
     return state.part(name)
 
 
+class OfSensor(Sensor):
+    """Base of what reads another sensor, its field `of`, otherwise."""
+
+    name = property(lambda self: self.of.name)
+    unit = property(lambda self: self.of.unit)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Component(Sensor):
+class Component(OfSensor):
     """Some numbers of another sensor's reading: `sensor[which]`.
 
     Examples:
@@ -154,14 +161,6 @@ class Component(Sensor):
                 f"{', '.join(labels)}"
             )
         object.__setattr__(self, "places", places)
-
-    @property
-    def name(self) -> str:
-        return self.of.name
-
-    @property
-    def unit(self) -> str:
-        return self.of.unit
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -31,7 +31,6 @@ from .load_point import (
     LoadEffect,
     LoadPoint,
     Pose,
-    together,
 )
 from .loads import LineLoad, PointLoad, TipLoad
 from .obstacle import Obstacle
@@ -62,6 +61,6 @@ __all__ = [
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "Sphere", "Spring",
     "Tendon", "TipLoad", "changing", "first_of", "inputs_at", "inputs_of", "inputs_over",
-    "rayleigh", "together", "value_at",
+    "rayleigh", "value_at",
 ]
 # fmt: on
