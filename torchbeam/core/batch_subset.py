@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from types import CellType, FunctionType, MethodType
 from typing import Any
@@ -84,14 +83,11 @@ class BatchSubset:
             return self.take(value, axes)
         if isinstance(value, np.ndarray) and axes is not None:
             return self.take(torch.from_numpy(value), axes).numpy()
-        if callable(value):
-            return self._function(value, axes)
-        return value
-
-    def _function(self, function: Callable[..., Any], axes: int | None) -> Callable[..., Any]:
+        if not callable(value):
+            return value
         if axes is None:
             raise NotSeparable
-        return lambda t: self.take(taken("a function's value", function(t), t), axes)
+        return lambda t: self.take(taken("a function's value", value(t), t), axes)
 
     def _replaced(self, value: Any, axes: int | None, part: Any) -> Any:
         return self.put(value, part, axes) if isinstance(value, Tensor) else value

@@ -21,9 +21,8 @@ from torch.autograd import forward_ad
 from ..math.shapes import broadcast_shapes
 from .validation import as_tensor, axis_last, concrete
 
-OTHER = re.compile(
-    "same dtype|scalar type|same data type"
-)  # torch's words for two dtypes that meet
+# torch's words for two dtypes that meet
+OTHER = re.compile("same dtype|scalar type|same data type")
 MANY = 256  # instants that are asked for at once, whatever the size of the answer
 ROOM = 2**20  # numbers in the answers to more of them
 DOUBLE = {torch.float64: "double", torch.float32: "float"}

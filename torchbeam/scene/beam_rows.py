@@ -84,14 +84,16 @@ class BeamRows(Tree):
 
     def rows_along(self, effect: Any) -> int:
         """How many nodes an effect along the beam acts on."""
-        spans = self.spans(effect)
-        spans = [Span(slice(0, self.node_count), slice(0), 0)] if spans is None else spans
-        return sum(span.nodes.stop - span.nodes.start for span in spans)
+        return sum(span.nodes.stop - span.nodes.start for span in self._spans(effect))
 
     def element_counts(self, effect: Any) -> list[int]:
         """The numbers of elements of the pieces along which an effect acts."""
-        spans = self.spans(effect)
-        return [self.element_count] if spans is None else [span.element_count for span in spans]
+        return [span.element_count for span in self._spans(effect)]
+
+    def _spans(self, effect: Any) -> tuple[Span, ...]:
+        nodes, spans = slice(0, self.node_count), self.spans(effect)
+        whole = Span(nodes, slice(0, self.station_count), self.element_count)
+        return (whole,) if spans is None else spans
 
     def at_stations(self, x: Tensor, axes: int) -> Tensor:
         """Values of elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""

@@ -21,10 +21,8 @@ from .effect import Effect
 from .values import Input, OfTime, scalar_value
 
 WORDS = "an eyelet's node", "an eyelet at"
-APART = {
-    torch.float64: 1e-9,
-    torch.float32: 1e-5,
-}  # of the whole: eyelets that are one after another
+# of the whole: eyelets that are one after another
+APART = {torch.float64: 1e-9, torch.float32: 1e-5}
 
 
 @dataclass(frozen=True)
