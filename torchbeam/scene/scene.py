@@ -433,9 +433,7 @@ def _is_rows(value: Any) -> bool:
 
 
 class SceneSupports(tuple):
-    """A scene's supports; `given` is what they were found from, so that `dataclasses.replace` finds
-    them afresh.
-    """
+    """A scene's supports; `given`: what `dataclasses.replace` finds them from afresh."""
 
     given: Iterable[Support] | None = None
 
