@@ -251,7 +251,7 @@ class Section(Tree):
 
     @classmethod
     def circle(cls, radius: Value, E: Value, nu: Value, rho: Value) -> Section:
-        """Solid circle of a radius (m); E (Pa), Poisson's ratio nu, rho (kg/m^3). Shear factor 9/10."""
+        """Solid circle: radius (m), E (Pa), Poisson's ratio nu, rho (kg/m^3). Shear factor 9/10."""
         radius, E, nu, rho = _positive_all(radius=radius, E=E, nu=nu, rho=rho)
         G = E / (2 * (1 + nu))
         I = math.pi * radius**4 / 4
