@@ -155,6 +155,8 @@ class Scene(Tree):
         for name, value in given.items():
             set_(self, name, self._bound(value))
         set_(self, "effects", with_defaults(self.effects, self.beam))
+        if not isinstance(self.supports, SceneSupports | None):
+            set_(self, "supports", listed(self.supports))
         if self.joints or self.beam.parts:
             joints = joints_of(self)
             set_(self, "joints", joints)
