@@ -25,7 +25,7 @@ from .measurement import Measurement, each
 from .noise import NOISES, Noise
 from .parameters import Parameters
 from .problem import FitProblem
-from .reweighting import search_by_channel
+from .reweighting import search_in_rounds
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
@@ -178,8 +178,8 @@ def identify(
                     progress=report,
                 )
 
-            if own is not None and own.names:
-                problem, search_result = search_by_channel(problem, x, run)
+            if problem.in_rounds:
+                problem, search_result = search_in_rounds(problem, x, run)
             else:
                 search_result = run(problem, x, torch.arange(len(x), device=x.device))
         region = region.against(problem.target)
