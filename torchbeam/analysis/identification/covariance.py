@@ -52,7 +52,8 @@ class Spread:
         scale = 1.0
         if not problem.sigma_given:
             redundancy = redundancy.clamp(min=1)
-            scale = (noise.sums(r.square(), problem.known) / redundancy).sqrt().item()
+            squares = losses.squares(problem.loss, problem.white.share, r)
+            scale = (noise.sums(squares, problem.known) / redundancy).sqrt().item()
         slope = torch.where(held, J.mT @ r + pull, 0) / (scale**2 or 1)
         covariance, freedom = scale**2 * C, _freedom(problem, J, C, free)
         if problem.loss.any():

@@ -23,6 +23,17 @@ def weights(loss: Tensor, u: Tensor) -> Tensor:
     return torch.where(loss == 1, huber, torch.where(loss == 2, student, 1.0))
 
 
+def squares(loss: Tensor, share: Tensor, r: Tensor) -> Tensor:
+    """(T,) of weighted misfits, by which their deviation is found; of Huber's loss those of its
+    derivative over their mean under normal noise (his second proposal), which no outlier carries
+    away.
+    """
+    corner = r.new_tensor(HUBER)
+    inside, density = _inside(r), (-(corner**2) / 2).exp() * (2 / torch.pi) ** 0.5
+    mean = inside - corner * density + corner**2 * (1 - inside)
+    return torch.where(loss == 1, (share * r * inside).square() / mean, r.square())
+
+
 def slopes(loss: Tensor, u: Tensor) -> Tensor:
     """Second derivatives (T,) of the losses."""
     huber = (u.abs() < HUBER).to(u) / _inside(u)

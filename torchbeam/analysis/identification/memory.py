@@ -5,16 +5,16 @@ is found with the parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from ...math.extremum import golden_section
 from .blocks import series_of
 
 LARGEST = 0.9999  # correlation of neighbours
-GOLDEN = (5**0.5 - 1) / 2
-HALVINGS = 30  # of the interval of a correlation, by the golden ratio
 
 
 @dataclass(frozen=True)
@@ -82,19 +82,7 @@ class Memory:
             return (squares + log_det + (1 - white.carried.square()).log().sum()).item()
 
         for k in range(len(self.names)):
-            low, high = 0.0, LARGEST
-            inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-            value = [least(k, rho) for rho in inner]
-            for _ in range(HALVINGS):
-                if value[0] < value[1]:
-                    high = inner[1]
-                    inner = [high - GOLDEN * (high - low), inner[0]]
-                    value = [least(k, inner[0]), value[0]]
-                else:
-                    low = inner[0]
-                    inner = [inner[1], low + GOLDEN * (high - low)]
-                    value = [value[1], least(k, inner[1])]
-            memory = memory.with_(k, inner[int(value[1] < value[0])])
+            memory = memory.with_(k, golden_section(partial(least, k), 0.0, LARGEST))
         return memory
 
     @property

@@ -182,9 +182,15 @@ class FitProblem:
 
     def weighted(self, x: Tensor) -> Tensor:
         """Weighted readings (N, T) of coordinates (N, model) of the model's parameters."""
-        nuisance = x.new_zeros(len(x), len(self.basis))  # of which the model knows nothing
-        theta = self.parameters.transform.theta(torch.cat((x, nuisance), -1))
-        return self.white(self.values(theta)[:, self.known])
+        return self.white(self.values(self.theta(x))[:, self.known])
+
+    def theta(self, x: Tensor) -> Tensor:
+        """Parameters (N, p) of coordinates (N, model); offsets, of which the model knows nothing,
+        are 0.
+        """
+        return self.parameters.transform.theta(
+            torch.nn.functional.pad(x, (0, len(self.parameters.names) - x.shape[1]))
+        )
 
     def residuals(self, x: Tensor, which: Tensor) -> Tensor:
         """r (N, T) of coordinates (N, p) of the starts `which` (N,)."""
@@ -196,22 +202,21 @@ class FitProblem:
         """r (N, T) and J (N, T, p); r where it is known already. A rough J is of differences of one
         side.
         """
-        m, besides = self.parameters.model, self._besides(x, which)
-        if self.method == "forward":
-            y, J = forward(self.weighted, x[:, :m])
-        else:
-            bounds = (b[..., :m] for b in self.parameters.bounds(x))
-            y, J = difference(
-                self.weighted,
-                x[:, :m],
-                self.steps(x)[:, :m],
-                *bounds,
-                None if r is None else r - besides,
-                central=not rough,
-            )
+        besides = self._besides(x, which)
+        y, J = self.derivatives(self.weighted, x, None if r is None else r - besides, rough)
         if len(self.basis):
             J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
         return y + besides, J
+
+    def derivatives(
+        self, f: Callable[[Tensor], Tensor], x: Tensor, y: Tensor | None, rough: bool = False
+    ) -> tuple[Tensor, Tensor]:
+        """f (N, n) of the model's coordinates, and its derivatives (N, n, model) by them."""
+        m = self.parameters.model
+        if self.method == "forward":
+            return forward(f, x[:, :m])
+        bounds = (end[..., :m] for end in self.parameters.bounds(x))
+        return difference(f, x[:, :m], self.steps(x)[:, :m], *bounds, y, central=not rough)
 
     def region(self, x: Tensor) -> Region:
         """Where a search may move from coordinates (S, p)."""

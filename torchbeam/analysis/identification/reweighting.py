@@ -125,5 +125,6 @@ def _factor(problem: FitProblem, search_result: Found, spread: Spread, least: Te
     at least.
     """
     problem.noise.refuse(spread.redundancy, problem.known)
-    squares = problem.noise.sums(search_result.r[0].square(), problem.known)
+    squares = losses.squares(problem.loss, problem.white.share, search_result.r[0])
+    squares = problem.noise.sums(squares, problem.known)
     return torch.maximum((squares / spread.redundancy).sqrt(), least / problem.deviations)

@@ -37,6 +37,7 @@ from .loads import LineLoad, PointLoad, TipLoad
 from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
 from .point_mass import PointMass
 from .self_contact import SelfContact
+from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
 from .tendon import Eyelet, Tendon
 from .values import (
@@ -90,6 +91,8 @@ __all__ = [
     "Pose",
     "RootSpring",
     "SelfContact",
+    "SmoothHistory",
+    "SmoothRotation",
     "Sphere",
     "Spring",
     "Tendon",
