@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from .problem import FitProblem
 from .profile import Profile, profiles
 from .readings import Readings
 from .refinement import refined
+from .report import write_report
 from .result import REASON, conclusions
 from .table import table
 from .transform import Transform
@@ -314,6 +315,22 @@ class Fit:
         and hints.
         """
         return table(self, level, REASON)
+
+    def report(
+        self, path: str | Path, *, level: float = 0.95, predictions: Mapping[str, Any] | None = None
+    ) -> Path:
+        """Write a page of HTML that holds all of its own pictures: doubts, parameters with their
+        intervals, data, fit and residuals of each measurement, correlations, predictions. It wants
+        matplotlib.
+
+        Args:
+            path: ends in .html
+            predictions: name -> (times (m,), `predict`'s answer (m, ...)), or these and data that
+                were measured there, of which it is counted how many lie in the bands
+
+        Raises ValueError for other predictions, files.NotWritten (an OSError).
+        """
+        return write_report(self, path, level_of("level", level), predictions, REASON[self.status])
 
     def save(self, path: str | Path) -> None:
         """Write all but the model into a file. Raises files.NotWritten (an OSError) where that
