@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import count
+from ...core.arguments import count, number
 from ...core.leaves import FunctionOfTime, leaf, option
 from ...core.validation import Value, as_tensor, common_dtype, increasing, positive
 from ...core.warning import warn
@@ -27,7 +27,9 @@ UNCERTAIN = 0.5  # share of accelerations that are not known, above which a sent
 
 
 def _sigma(name: str, value: Any) -> Any:
-    return None if value is None else float(positive(name, as_tensor(value, torch.float64)))
+    if value is None:
+        return None
+    return positive(name, torch.tensor(number(name, value), dtype=torch.float64)).item()
 
 
 def _order(order: int) -> int:
@@ -61,7 +63,7 @@ class SmoothHistory(FunctionOfTime):
 
     Examples:
         >>> t = torch.linspace(0, 1, 101)  # s
-        >>> noise = 1e-4 * torch.randn(101, 3, generator=torch.Generator().manual_seed(0))
+        >>> noise = 1e-5 * torch.randn(101, 3, generator=torch.Generator().manual_seed(0))
         >>> measured = 0.01 * torch.sin(10 * t)[:, None] * torch.tensor([0.0, 0.0, 1.0]) + noise
         >>> moved = tb.SmoothHistory(t, measured)
         >>> moved.share < 0.1  # accelerations are known to a tenth
@@ -72,7 +74,7 @@ class SmoothHistory(FunctionOfTime):
     t: Tensor = leaf(1)
     values: Tensor = leaf(2)
     sigma: float | None = option(_sigma, default=None)
-    noise: float = option(lambda name, value: value, default=0.0)
+    noise: float = field(default=0.0, init=False)
     _breaks: Tensor = leaf(1, init=False)
     _pieces: Tensor = leaf(3, init=False)
     _root: Tensor = leaf(2, init=False)
