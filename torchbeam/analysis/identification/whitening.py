@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -59,6 +59,3 @@ class Whitening:
         """With readings of independent noise behind the others."""
         more = Whitening.of(weight)
         return Whitening(*(torch.cat((a, vars(more)[k])) for k, a in vars(self).items()))
-
-    def with_weight(self, weight: Tensor) -> Whitening:
-        return replace(self, weight=weight)

@@ -125,6 +125,16 @@ def test_residuals_raise_no_alarm_and_the_rest_goes_on(tmp_path):
     assert_close(fit.misfit, misfit)
 
 
+def test_ways_to_derivatives_agree():
+    fits = [
+        identified(1 + 2 * T + alike(0, 0.8), derivatives=way)
+        for way in ("difference", "forward", "adjoint")
+    ]
+    for fit in fits[1:]:
+        assert_close(fit.theta, fits[0].theta, rtol=1e-3, atol=0)
+        assert_close(fit.memory["laser"], fits[0].memory["laser"], rtol=1e-2, atol=0)
+
+
 def test_noise_that_hardly_forgets_stays_below_one():
     fit = identified(1 + 2 * T + 0.05 * torch.linspace(-1, 1, N).sign() * T.sqrt())
     assert 0 < fit.memory["laser"] < LARGEST
