@@ -37,6 +37,7 @@ from .obstacle import Obstacle
 from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
 from .self_contact import SelfContact
+from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
 from .tendon import Eyelet, Tendon
 from .values import (
@@ -59,8 +60,8 @@ __all__ = [
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
     "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
-    "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "Sphere", "Spring",
-    "Tendon", "TipLoad", "changing", "first_of", "inputs_at", "inputs_of", "inputs_over",
+    "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
+    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing", "first_of", "inputs_at", "inputs_of", "inputs_over",
     "rayleigh", "value_at",
 ]
 # fmt: on
