@@ -61,7 +61,7 @@ __all__ = [
     "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
-    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing", "first_of", "inputs_at", "inputs_of", "inputs_over",
-    "rayleigh", "value_at",
+    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing",
+    "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
 # fmt: on
