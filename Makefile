@@ -42,8 +42,7 @@ test-first: lint
 	$(BIN)/$(PYTEST) $(addprefix --ignore=,$(UNITS))
 
 test-second: .venv/dev.done
-	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(UNITS)
-	TORCHBEAM_ENGINE=eager $(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(PROPERTIES)
+	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) --eager tests/properties $(UNITS) $(PROPERTIES)
 
 # The same of all units that compute.
 test-rounding: .venv/dev.done

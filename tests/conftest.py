@@ -24,17 +24,16 @@ torch.set_num_threads(THREADS)
 pytest_plugins = ["tests.costs"]
 HERE, ENGINE = Path(__file__).parent, "TORCHBEAM_ENGINE"
 EAGER = {HERE / "unit", HERE / "studies"}
-# What is compiled as users have it: the compiler's own tests, equality of both engines over random
-# scenes, cases of the verification table. All else is made at LLVM's level 0, for a quarter of the
-# time.
+# What is compiled as users have it: the compiler's own tests, both engines over random scenes, and
+# the verification. All else is made at LLVM's level 0, for a quarter of the time.
 OPTIMISED = {
-    HERE / "unit/engine/compiler", HERE / "properties/test_engine_fuzz.py",
-    HERE / "unit/engine/chain/test_compiled_step.py",
+    HERE / "unit/engine/compiler", HERE / "properties/test_engine_fuzz.py", HERE / "verification",
 }  # fmt: skip
 
 
 def pytest_addoption(parser):
     parser.addoption("--share", help="K/N: of the chosen tests each N-th, from the K-th (1 to N)")
+    parser.addoption("--eager", metavar="FOLDER", help="whose tests step eagerly, as units do")
 
 
 @pytest.hookimpl(trylast=True)
@@ -53,7 +52,9 @@ def pytest_runtest_protocol(item):
     or the environment says otherwise.
     """
     with patch.dict(os.environ):  # what a test leaves there does not reach the next
-        if EAGER & {*item.path.parents} and not item.get_closest_marker("steps"):
+        folder = item.config.getoption("--eager")
+        eager = EAGER | ({Path(folder).absolute()} if folder else set())
+        if eager & {*item.path.parents} and not item.get_closest_marker("steps"):
             os.environ.setdefault(ENGINE, "eager")
         with nullcontext() if OPTIMISED & {item.path, *item.path.parents} else QUICKLY:
             return (yield)

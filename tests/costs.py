@@ -1,8 +1,9 @@
 """What tests cost, in CPU seconds, which other work on the machine changes little: the dearest
-files at the end of a run, all of them in `out/test_costs.json`, and a sentence for each folder that
-took more than `cost_bounds.json` says. A plugin of `conftest.py`; no test fails by it.
+files at the end of a run; all of them, each by its last run of many, in `out/test_costs.json`; and
+a sentence for each folder that took more than `cost_bounds.json` says. A plugin of `conftest.py`;
+no test fails by it.
 
-After a change that is meant: `python -m tests.costs` makes the bounds of the last run's costs.
+After a change that is meant: `.ci/run`, then `python -m tests.costs` makes the bounds anew.
 """
 
 import json
@@ -20,7 +21,6 @@ BOUNDS, COSTS = HERE / "cost_bounds.json", HERE.parent / "out" / "test_costs.jso
 DEAREST = 15  # files that are shown
 LEAST = 60.0  # CPU seconds of a run that is told of
 ROOM = 1.3  # by which a bound is more than what was measured, for another processor
-BESIDE = "imports and collection"
 
 
 def cpu_seconds():
@@ -96,21 +96,29 @@ def beyond(bounds, folders):
     ]
 
 
+def with_others(files):
+    """Beside them what the stored runs say of files that did not run now, and are still there."""
+    stored = json.loads(COSTS.read_text())["files"] if COSTS.exists() else {}
+    root = HERE.parent
+    others = {k: Counter(x) for k, x in stored.items() if k not in files and (root / k).exists()}
+    return dict(sorted({**files, **others}.items(), key=lambda row: -row[1]["cpu"]))
+
+
 def pytest_terminal_summary(terminalreporter):
     """Programs that were found on disk are not compiled."""
     total = sum(FILES.values(), Counter())
     if total["cpu"] < LEAST:
         return
-    files = dict(sorted(FILES.items(), key=lambda row: -row[1]["cpu"]))
-    files[BESIDE] = Counter(cpu=max(0.0, sum(PROCESSES) - total["cpu"]))
-    total["cpu"] += files[BESIDE]["cpu"]
-    folders = by_folder(files) | {"all": total}
+    beside = max(0.0, sum(PROCESSES) - total["cpu"])
+    files = with_others(FILES)
+    folders = by_folder(files) | {"all": sum(files.values(), Counter())}
     COSTS.parent.mkdir(exist_ok=True)
     COSTS.write_text(json.dumps({"folders": folders, "files": files}, indent=1) + "\n")
 
     terminalreporter.section(f"dearest test files; all of them: {COSTS.relative_to(HERE.parent)}")
-    shown = [*files.items()][:DEAREST]
-    for name, cost in [*shown, (BESIDE, files[BESIDE]), ("all", total)]:
+    shown = sorted(FILES.items(), key=lambda row: -row[1]["cpu"])[:DEAREST]
+    rows = [*shown, ("all of this run", total), ("imports and collection", Counter(cpu=beside))]
+    for name, cost in rows:
         counts = f"{cost['compiled']:5} compiled {cost['tests']:5} tests"
         terminalreporter.line(f"{cost['cpu']:8.1f} CPU s {counts}  {name}")
     for sentence in beyond(json.loads(BOUNDS.read_text()), folders):
