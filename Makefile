@@ -38,7 +38,7 @@ test-long: .venv/dev.done
 # what is compiled, as this one does: `test-first`. The same relations between answers hold by eager steps too.
 UNITS := $(addprefix tests/unit/,math nodal state linear solvers statics) tests/unit/equations/test_load_steps.py
 PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes metamorphic))
-test-first: lint
+test-first: .venv/dev.done
 	$(BIN)/$(PYTEST) $(addprefix --ignore=,$(UNITS))
 
 test-second: .venv/dev.done
