@@ -9,7 +9,7 @@ OTHER_ROUNDING := MKL_CBWR=COMPATIBLE ATEN_CPU_CAPABILITY=default OMP_NUM_THREAD
 # A process that finds no compiled modules takes a second longer to import torchbeam, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test quick test-long test-second test-rounding test-lowest bench docs docs-serve gallery dist lint clean
+.PHONY: demo test quick test-long test-first test-second test-rounding test-lowest bench docs docs-serve gallery dist lint clean
 
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
@@ -33,13 +33,16 @@ quick: .venv/dev.done
 test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
 
-# CI's second pass, eagerly and with another processor's rounding: of the properties that `make test` takes through native code
-# those that rest on rounding and name no engine of their own (zero, second_derivatives, new_effect do, or are no matter of
-# rounding), and of the units those of linear algebra, local functions, statics and linear models.
+# What a machine runs before a change lands has each test once. Of the units those of linear algebra, local functions,
+# statics and linear models, which rest on rounding most, run as another processor rounds: `test-second`; all others, and
+# what is compiled, as this one does: `test-first`. The same relations between answers hold by eager steps too.
 UNITS := $(addprefix tests/unit/,math nodal state linear solvers statics) tests/unit/equations/test_load_steps.py
-PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes dynamics gradients metamorphic))
+PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes metamorphic))
+test-first: .venv/dev.done
+	$(BIN)/$(PYTEST) $(addprefix --ignore=,$(UNITS))
+
 test-second: .venv/dev.done
-	TORCHBEAM_ENGINE=eager $(OTHER_ROUNDING) $(BIN)/$(PYTEST) $(UNITS) $(PROPERTIES) tests/verification/test_effects.py
+	$(OTHER_ROUNDING) $(BIN)/$(PYTEST) --eager tests/properties $(UNITS) $(PROPERTIES)
 
 # The same of all units that compute.
 test-rounding: .venv/dev.done

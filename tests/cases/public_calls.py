@@ -51,7 +51,6 @@ def model(p):
 
 DATA = model({"f": torch.tensor(1.0)})
 
-PRESSED = tb.Scene(BEAM, [tb.TipLoad(force=(-1.0, 0, 0))])
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 FOLDER = TemporaryDirectory(prefix="torchbeam-calls-")  # of this process alone
 SAVED = tb.save(START, Path(FOLDER.name) / "saved.pt", scene=SCENE)

@@ -19,7 +19,7 @@ from tests.cases.parity_scenes import Draw
 from torchbeam.extend import own_leaves
 
 pytest.importorskip("llvmlite")
-STEPS = 4
+STEPS = 3
 
 # By scene: what it is asked for; "~" = long, as others have its parts. One row a new effect, joint,
 # contact or tendon; steps = those of the midpoint rule.
@@ -91,7 +91,8 @@ ROWS = {
 # the pivots have a condition of 1e8.
 LOOSE = {"inextensible": 1e-10, "unshearable": 1e-10} | dict.fromkeys(
     "arm ring ring_in_a_plane quadratic_structure bodies tree hand hand_that_is_held linkage "
-    "all_joints sliding_joints tendons tendons_in_a_plane tendons_at_rest on_a_floor elbow "
+    "all_joints sliding_joints tendons tendons_in_a_plane tendons_at_rest on_a_ball_that_moves "
+    "on_a_floor elbow "
     "elbow_of_order_2 shapes falling rubbing rubbing_in_space taper_on_a_floor taper_on_itself "
     "taper_on_a_beam taper_on_a_body".split(), 1e-11)  # fmt: skip
 # Each effect by itself, as the study of what they cost has it
@@ -173,12 +174,10 @@ def answer(name, ask, engine, sizes=None):
     (values, iterations), (found, _), draw = ran(False), ran(True), torch.Generator().manual_seed(3)
     sizes = sizes or {key: max(1e-3, float(x.abs().max())) for key, x in values.items()}
     mix = sum((torch.randn(x.shape, generator=draw) * x).sum() / sizes[k] for k, x in found.items())
-    slopes, again = (
-        torch.autograd.grad(mix, list(by.values()), allow_unused=True, retain_graph=True)
-        for _ in range(2)
-    )
-    for x, y in zip(slopes, again, strict=True):  # the graph serves twice
-        assert x is y is None or torch.equal(x, y)
+    slopes = torch.autograd.grad(mix, list(by.values()), allow_unused=True, retain_graph=True)
+    if engine == "compiled":  # the graph of native code serves twice, as torch's own
+        again = torch.autograd.grad(mix, list(by.values()), allow_unused=True)
+        assert all(x is y is None or torch.equal(x, y) for x, y in zip(slopes, again, strict=True))
     return values, iterations, dict(zip(by, slopes, strict=True)), sizes
 
 

@@ -18,6 +18,11 @@ LONG = {
     "plectoneme",  # a beam that touches itself: as the knot
     "the derivation's element, ramped and sudden load",  # unit/mixed/test_trajectories.py
     "double pendulum of bodies",  # as the triple one
+    "cone at rest on a floor",  # as the one that rolls, unit/scene/test_tapered_contact.py
+    "ball held by two fingers",  # unit/dynamics/test_grasp.py, examples/finger_grasp.py
+    "joined wing, dead force",  # as under the force that follows
+    "six-strut parallel robot",  # examples/parallel_robot.py
+    "flexible four-bar linkage",  # examples/four_bar.py, the slider-crank
 }
 
 

@@ -1,0 +1,131 @@
+"""What tests cost, in CPU seconds, which other work on the machine changes little: the dearest
+files at the end of a run; all of them, each by its last run of many, in `out/test_costs.json`; and
+a sentence for each folder that took more than `cost_bounds.json` says. A plugin of `conftest.py`;
+no test fails by it.
+
+After a change that is meant: `.ci/run`, then `python -m tests.costs` makes the bounds anew.
+"""
+
+import json
+import math
+import os
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from torchbeam.engine.compiler import library
+
+HERE = Path(__file__).parent
+BOUNDS, COSTS = HERE / "cost_bounds.json", HERE.parent / "out" / "test_costs.json"
+DEAREST = 15  # files that are shown
+LEAST = 60.0  # CPU seconds of a run that is told of
+ROOM = 1.3  # by which a bound is more than what was measured, for another processor
+
+
+def cpu_seconds():
+    """Of this process and of those that it has waited for."""
+    return sum(os.times()[:4])
+
+
+SPENT = Counter(cpu=cpu_seconds(), compiled=0)  # by this process up to the last report
+FILES, PROCESSES = {}, []  # costs by reports; CPU seconds of whole processes that ran tests
+
+
+def counted(make):
+    """Compiles, and counts it."""
+
+    def compiled(*args):
+        SPENT["compiled"] += 1
+        return make(*args)
+
+    return compiled
+
+
+library._object = counted(library._object)
+
+
+def pytest_collection_finish():
+    SPENT["cpu"] = cpu_seconds()  # what came before the first test is none's
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    """What a phase of a test cost, in its report, which other processes send to the first."""
+    report, now = (yield), cpu_seconds()
+    report.cpu, report.compiled = now - SPENT["cpu"], SPENT.pop("compiled", 0)
+    SPENT["cpu"] = now
+    return report
+
+
+def pytest_runtest_logreport(report):
+    FILES.setdefault(report.nodeid.partition("::")[0], Counter()).update(
+        cpu=report.cpu, compiled=report.compiled, tests=report.when == "call"
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish(session):
+    """A process of xdist says what it took; the first has run no test where there are such."""
+    if (output := getattr(session.config, "workeroutput", None)) is not None:
+        output["cpu"] = cpu_seconds()
+    elif not session.config.getoption("numprocesses", None):
+        PROCESSES.append(cpu_seconds())
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    PROCESSES.append(getattr(node, "workeroutput", {}).get("cpu", 0.0))
+
+
+def by_folder(files):
+    """Costs by folder, the dearest first; of the units by the folders below."""
+    sums = {}
+    for name, cost in files.items():
+        *parts, _ = Path(name).parts
+        sums.setdefault("/".join(parts[: 3 if "unit" in parts else 2]), Counter()).update(cost)
+    return dict(sorted(sums.items(), key=lambda row: -row[1]["cpu"]))
+
+
+def beyond(bounds, folders):
+    """A sentence for each folder that took more than its bound."""
+    return [
+        f"{name} took {folders[name]['cpu']:.0f} CPU s, and {bound} is its bound"
+        for name, bound in bounds.items()
+        if name in folders and folders[name]["cpu"] > bound
+    ]
+
+
+def with_others(files):
+    """Beside them what the stored runs say of files that did not run now, and are still there."""
+    stored = json.loads(COSTS.read_text())["files"] if COSTS.exists() else {}
+    root = HERE.parent
+    others = {k: Counter(x) for k, x in stored.items() if k not in files and (root / k).exists()}
+    return dict(sorted({**files, **others}.items(), key=lambda row: -row[1]["cpu"]))
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Programs that were found on disk are not compiled."""
+    total = sum(FILES.values(), Counter())
+    if total["cpu"] < LEAST:
+        return
+    beside = max(0.0, sum(PROCESSES) - total["cpu"])
+    files = with_others(FILES)
+    folders = by_folder(files) | {"all": sum(files.values(), Counter())}
+    COSTS.parent.mkdir(exist_ok=True)
+    COSTS.write_text(json.dumps({"folders": folders, "files": files}, indent=1) + "\n")
+
+    terminalreporter.section(f"dearest test files; all of them: {COSTS.relative_to(HERE.parent)}")
+    shown = sorted(FILES.items(), key=lambda row: -row[1]["cpu"])[:DEAREST]
+    rows = [*shown, ("all of this run", total), ("imports and collection", Counter(cpu=beside))]
+    for name, cost in rows:
+        counts = f"{cost['compiled']:5} compiled {cost['tests']:5} tests"
+        terminalreporter.line(f"{cost['cpu']:8.1f} CPU s {counts}  {name}")
+    for sentence in beyond(json.loads(BOUNDS.read_text()), folders):
+        terminalreporter.line(f"dearer than it was: {sentence}", yellow=True)
+
+
+if __name__ == "__main__":
+    found = json.loads(COSTS.read_text())["folders"]
+    bounds = {name: 5 * math.ceil(ROOM * cost["cpu"] / 5) for name, cost in found.items()}
+    BOUNDS.write_text(json.dumps(bounds, indent=1) + "\n")
