@@ -14,8 +14,7 @@ export PYTHONDONTWRITEBYTECODE =
 demo: .venv/demo.done
 	$(BIN)/python -m torchbeam demo --out out/demo
 
-test: lint
-	$(BIN)/$(PYTEST)
+test: lint test-first test-second
 
 # A minute: the style, a row or two of the nets, and the tests of the modules that differ from main (or from BASE=...).
 BASE ?= main
@@ -33,9 +32,9 @@ quick: .venv/dev.done
 test-long: .venv/dev.done
 	$(BIN)/$(PYTEST) -m long
 
-# What a machine runs before a change lands has each test once. Of the units those of linear algebra, local functions,
-# statics and linear models, which rest on rounding most, run as another processor rounds: `test-second`; all others, and
-# what is compiled, as this one does: `test-first`. The same relations between answers hold by eager steps too.
+# Each test once. Of the units those of linear algebra, local functions, statics and linear models, which rest on rounding
+# most, run as another processor rounds: `test-second`; all others, and what is compiled, as this one does: `test-first`.
+# The same relations between answers hold by eager steps too.
 UNITS := $(addprefix tests/unit/,math nodal state linear solvers statics) tests/unit/equations/test_load_steps.py
 PROPERTIES := $(addsuffix .py,$(addprefix tests/properties/test_,batch_sizes metamorphic))
 test-first: .venv/dev.done
