@@ -10,8 +10,7 @@ from ..math.shapes import broadcast_shapes
 from .surface_pairs import SurfacePairs
 from .touching import Nearby, PairLaw
 from .touching_forces import AllTouching, Near
-from .touching_motion import TouchingMotion
-from .touching_pairs import TouchingPairs
+from .touching_pairs import PairMotion, TouchingPairs
 
 # axes of the constants of a pair
 RANKS = {"own": 1, "measure": 0, "control": 2, "ends": 1, "radii": 1, "taper": 1}
@@ -28,7 +27,7 @@ class FixedTouching(AllTouching):
     nodes: tuple[tuple[int, ...], ...]
     laws: tuple[PairLaw, ...]
 
-    def near(self, motion: TouchingMotion | None) -> list[Near]:
+    def near(self, motion: PairMotion | None) -> list[Near]:
         if self.pairs is None:
             return []
         return [Near(self.pairs, torch.tensor(self.nodes, device=self.moves.device))]

@@ -19,10 +19,11 @@ from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
 from .ball_laws import BallLaws
 from .balls import Balls
+from .between_nodes import BetweenNodes
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
 from .joint_laws import JointLaws
-from .joint_motion import Factor, NoJoints
+from .joint_motion import Factor
 from .joints import Joints
 
 # the axes of a and of b that a turn about this one brings together, and the sign of their product
@@ -98,9 +99,9 @@ class End:
 
 
 def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
-    """`Joints` of a scene, or `NoJoints`."""
+    """`Joints` of a scene, or none."""
     if not scene.joints:
-        return NoJoints()
+        return BetweenNodes()
     bare = tuple(map(_without_laws, scene.joints))
     fields = remembered(_as_drawn, bare, unstressed(scene.beam), space, topology)
     fields = fields | dict(space=space, framework=topology, balls=_balls(scene))

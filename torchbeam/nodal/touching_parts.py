@@ -11,18 +11,18 @@ from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.rounded_box import RoundedBox
 from ..scene.parts import part_of
 from ..scene.scene import Scene
+from .between_nodes import BetweenNodes
 from .centreline import control_shares, piece_nodes
 from .coordinates.spatial import Spatial
 from .touching import Touching
 from .touching_forces import AllTouching
-from .touching_motion import NoTouching
 from .touching_surface import TouchingSurface
 
 
-def touching_of(scene: Scene, space: Spatial, s: Tensor) -> NoTouching:
+def touching_of(scene: Scene, space: Spatial, s: Tensor) -> BetweenNodes:
     """Of a scene; s (..., N+1) m, arclength of its nodes."""
     if not scene.pairs:
-        return NoTouching()
+        return BetweenNodes()
     each = [one for k, pair in enumerate(scene.pairs) for one in _both(scene, pair, k, s)]
     eye = torch.eye(space.unknowns, dtype=scene.dtype, device=scene.device)
     return AllTouching(space, space.embed(eye), tuple(each))

@@ -17,7 +17,7 @@ from ..nodal.element_loads import at_points, load_point, point_weights
 from ..nodal.loads import Nodes, load_points
 from ..nodal.model import Model
 from ..nodal.touching_forces import of_nodes
-from ..nodal.touching_motion import TouchingMotion
+from ..nodal.touching_pairs import PairMotion
 from ..scene.effects.contact import Touch
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.self_contact import SelfContact
@@ -132,13 +132,11 @@ class OfContact(Sensor):
     def _of_pair(self, nodes: Nodes) -> list[Touched]:
         """Of two parts: at all places of both, on the first."""
         space, touches = self.model.space, []
-        motion = TouchingMotion(
+        motion = PairMotion(
             space.public_position(nodes.position),
             None,
             space.public_vector(nodes.velocity),
             space.public_spin(nodes.spin),
-            None,
-            dict,
             axes=(space.axes(nodes.rotation),),
         )
         pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]

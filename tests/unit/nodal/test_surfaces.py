@@ -78,13 +78,13 @@ def test_tangent_is_the_derivative_of_the_forces(surface, law):
     def forces(move):
         moved = problem.update(x, move, torch.zeros_like(x.stress))
         kinematics = problem.motion.kinematics(moved.u, moved.m)
-        return model.touching.loaded(zero, lambda: problem.touching_motion(kinematics))
+        return model.touching.loaded(zero, problem.node_motion(kinematics))
 
     kinematics = problem.motion.kinematics(x.u, x.m)
     assert forces(zero).abs().max() > 1
     wanted = jacfwd(forces)(zero).flatten(0, 1).flatten(-2)
     none = model.topology.diagonal(torch.zeros(5, 6, 6))
-    found = model.touching.matrix(none, lambda: problem.touching_motion(kinematics)).dense()
+    found = model.touching.matrix(none, x.stress, problem.node_motion(kinematics)).dense()
     assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())
 
 

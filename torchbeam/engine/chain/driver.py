@@ -13,7 +13,7 @@ from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
 from .driver_code import ALL, Places
 from .elimination_driver import Elimination
-from .interaction import COUPLING, JOINT, PAIR
+from .interaction import FINISHED, JOINT
 from .layout import BETWEEN, FLAGS, INNER, LAW, MIDDLE, OWN
 from .node_kinds import SIDES
 
@@ -307,7 +307,7 @@ class Driver(Elimination):
         with code.loop(0, self.args["elements"]) as e:
             self._finish_element(e, good)
         self._finish_tendons(good)
-        for one in (PAIR, COUPLING, JOINT):
+        for one in FINISHED:
             self._each_of(one, lambda entry: self._finish_interaction(entry, good), look=True)
         with code.loop(0, self.args["nodes"]) as j:
             self._at_node("finish", j, ("change", 0))
