@@ -254,7 +254,7 @@ class DrivenJoints(Joints):
         """(..., J, w) of what is given of each joint, in the rows of its coordinates."""
         total, balls = None, () if self.balls is None else self.balls.at
         given = [
-            (k, None if k in balls else rows, getattr(joint, name)(coordinate))
+            (k, None if k in balls else rows, getattr(joint.law(coordinate), name))
             for k, joint in enumerate(joints)
             for coordinate, rows in enumerate((self.first, self.second))
             if coordinate in joint.coordinates and not (coordinate and k in balls)

@@ -14,7 +14,7 @@ from ..core.leaves import with_values
 from ..core.remembered import remembered
 from ..math import quaternions as quat
 from ..scene.ball import Ball
-from ..scene.joint import ACTS, Joint
+from ..scene.joint import Joint
 from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
 from .ball_laws import BallLaws
@@ -110,10 +110,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     second, like = fields["second"], scene.beam.nodes
     rows = fields["angles"] + fields["travels"] - second, second
     prescribed = sum(
-        own
-        * like.new_tensor(
-            [[k in joint.coordinates and joint.prescribed(k) is not None] for joint in scene.joints]
-        )
+        own * like.new_tensor([[joint.law(k).prescribed is not None] for joint in scene.joints])
         for k, own in enumerate(rows)
     )
     laws = JointLaws(
@@ -129,7 +126,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
 
 def _without_laws(joint: Joint) -> Joint:
     """What says where it is and what it holds."""
-    return with_values(joint, **{name: None for name in ACTS if hasattr(joint, name)})
+    return with_values(joint, **dict.fromkeys(joint.acts))
 
 
 def _as_drawn(
@@ -180,7 +177,7 @@ def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> T
     """
     total = None
     for k, own in enumerate(rows):
-        values = [joint.law(name, k) if k in joint.coordinates else None for joint in joints]
+        values = [getattr(joint.law(k), name) for joint in joints]
         if all(value is None for value in values):
             continue
         none = own.new_zeros(())

@@ -18,6 +18,7 @@ from ..math.concrete import mapped
 from ..scene.effects.contact_terms import ContactTerms, thinnest, widest
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY
+from ..scene.effects.obstacle import Obstacle
 from ..scene.stations import Table
 from .centreline import least_distance, piece_nodes
 from .touching_pairs import PairMotion, TouchingPairs
@@ -30,13 +31,13 @@ def spread(x: Tensor) -> Tensor:
 
 
 class PairLaw(NamedTuple):
-    """Whether pairs have friction, and damping; whether their pieces are surfaces of bodies, or
-    taper.
+    """Whether pairs have friction, and damping; the shape of their pieces where these are surfaces
+    of bodies, None = they are curves; whether these taper.
     """
 
     rubs: bool
     damps: bool
-    surface: bool
+    surface: type[Obstacle] | None
     tapers: bool = False
 
 
@@ -270,7 +271,7 @@ class Touching(Tree):
     @property
     def law(self) -> PairLaw:
         damps, tapers = self.contact.damping is not None, isinstance(self.profiles[1], Table)
-        return PairLaw(self.contact.rubs, damps, False, tapers)
+        return PairLaw(self.contact.rubs, damps, None, tapers)
 
 
 @lru_cache(64)

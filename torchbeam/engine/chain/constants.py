@@ -96,7 +96,7 @@ class LoadRoles(NamedTuple):
             given
             for joint in scene.joints
             for coordinate in joint.coordinates
-            for given in (joint.effort(coordinate), joint.prescribed(coordinate))
+            for given in joint.law(coordinate)[-2:]
         ]
         drives += [x for tendon in scene.tendons for x in (tendon.tension, tendon.length)]
         asks = by_time or not given_eigenstrain or not rests or any(map(callable, drives))

@@ -136,13 +136,13 @@ def distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, Stret
 
 class PairKind(NamedTuple):
     """What code of a pair that may touch depends on, see `TouchingPairs`: what holds its six nodes;
-    its law.
+    its law, see `PairLaw`.
     """
 
     ends: tuple[EndKind, ...]
     rubs: bool
     damps: bool
-    surface: bool
+    surface: type | None
     tapers: bool
 
     sides = property(lambda self: PAIR_SIDES)

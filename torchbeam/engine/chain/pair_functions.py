@@ -63,8 +63,8 @@ class PairFunctions(LocalProblems):
         """The problem of one pair, whose nodes have no loads, and how they move."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(PAIR_SIDES)))
         pairs = filled(self.pairs, lambda k: fields[f"pair.{k}"][None])
-        if not kind.surface and isinstance(pairs, SurfacePairs):
-            pairs = pairs.curves
+        if isinstance(pairs, SurfacePairs):
+            pairs = pairs.of(kind.surface)
         if not kind.rubs:
             pairs = replace(pairs, friction=None, slip_speed=None)
         if not kind.tapers:
