@@ -111,6 +111,13 @@ def rounding(M: Any, K: Any, x: Tensor) -> Tensor:
     return _rounded(K, x) / _form(M, x).abs()
 
 
+def _of_shift(shift: Tensor) -> Tensor:
+    """(..., 1) what is left of an eigenvalue 0, or its square, once a shift is taken off again: all
+    that rounding makes where there is no stiffness at all.
+    """
+    return SURE * torch.finfo(shift.dtype).eps * shift[..., None]
+
+
 def error(M: Any, D: Tensor | None, K: Any, value: Tensor, x: Tensor, times: Any = 1.0) -> Tensor:
     """(..., m) 1/s what that, so many times, makes of eigenvalues (..., m): by |x^H (D + 2 lambda
     M) x|; at most by its root, where this vanishes, as two eigenvalues meet.
@@ -175,6 +182,7 @@ def _symmetric(
     if found is None:
         return None
     square, vectors, unknown = found
+    unknown = unknown + _of_shift(shift)
     apart = _apart(square.clamp(min=0), unknown)
     none = (square.abs() < unknown) | apart & (square < 0) & (-square <= SURE * unknown)
     square = torch.where(none, 0.0, square)
@@ -294,13 +302,16 @@ def _dense(
     # of the moves alone
     m, d, k = (None if A is None else A[..., : n - lags, : n - lags] for A in (M, D, K))
     moves = vectors[..., : n - lags, :]
+    left_over = _of_shift(_shift(M, K) if D is None else _shift(M, K).sqrt())
     unknown, value = rounding(m, k, moves), eigenvalues
     if D is None:
+        unknown = unknown + left_over
         value = _upper(torch.where(value.abs() < unknown, 0.0, value).sqrt())
     stiffness = _form(k, moves).abs() / _form(m, moves).abs()
     swings = value.imag.abs() > STRAIGHT * value.abs()
     apart = _apart(torch.where(swings, stiffness, 0.0), unknown)
     least = error(m, d, k, value, moves, torch.where(apart, SURE, 1.0))
+    least = least if D is None else least + left_over
     grown = (value.real > 0) & (value.real <= least)
     value = torch.complex(torch.where(grown, 0.0, value.real), value.imag)
     value = torch.where(value.abs() <= least, 0.0, value)  # of a motion that nothing resists

@@ -32,14 +32,14 @@ class FixedTouching(AllTouching):
 
 def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
     """With these pairs alone, of each of its places and pieces; what the law of a pair has not is
-    1 where another's has it.
+    1 where another's of the scene has it, near or not: one program is for all such lists.
     """
-    each = [(one, own) for one, own in zip(touching.each, near, strict=True) if len(own.point)]
+    each = [*zip(touching.each, near, strict=True)]
     laws = tuple(one.law for one, own in each for _ in own.point)
     nodes = tuple(tuple(row) for _, own in each for row in own.nodes.tolist())
     shapes = [one.law.surface for one in touching.each]
     count = max((count_of(shape) for shape in shapes if shape is not None), default=0)
-    pairs = joined([one.pairs(own) for one, own in each], count) if each else None
+    pairs = joined([one.pairs(own) for one, own in each], count) if nodes else None
     return FixedTouching(touching.space, touching.moves, touching.each, pairs, nodes, laws)
 
 

@@ -44,6 +44,12 @@ from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}
 SWEEPS = 2  # of inverse iteration, towards the softest motion
 SHARE = 1e-3  # of the loads in the softest motion: less does not bring it about
+# how the warning of what is unstable ends
+LOOKS = "branch='stable' looks for it"
+NOT_FOUND = (
+    "branch='stable' did not come to it; a load across, a millionth of what presses, says to which "
+    "side where a beam buckles alike to all, as a round column does"
+)
 
 
 def equilibrium(
@@ -237,7 +243,7 @@ def _equilibrium(
         if concrete(unstable).any():
             warn(
                 f"{_which(unstable)} is in unstable equilibrium: a small disturbance or "
-                "imperfection leads to another (branch='stable' looks for it)"
+                f"imperfection leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
             )
     return problem.state(x, reaction, status)
 

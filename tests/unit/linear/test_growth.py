@@ -122,3 +122,16 @@ def test_what_grows_is_told(name, units):
     if rate is not None:
         growth = found.eigenvalue.real.max() * bars.s
         assert abs(growth - rate) < 1e-2 * rate
+
+
+@pytest.mark.parametrize("damping", [None, 0.1])
+@pytest.mark.parametrize("joint", [tb.Hinge, tb.Slider])
+def test_a_body_that_nothing_resists_does_not_grow(joint, damping):
+    """Where there is no stiffness at all, of any mass, however the numbers are rounded."""
+    for k in range(12):
+        parts = {"m": tb.Body(1.0 + 0.3 * k, 1e-2 * (1 + 0.7 * k))}
+        law = {} if damping is None else dict(damping=damping)
+        held = joint(None, "m", axis=(0, 0, 1.0), **law)
+        modes = tb.modes(tb.Scene(parts, joints=[held]), count=1)
+        assert not modes.unstable.any()
+        assert (modes.eigenvalue == 0).all()

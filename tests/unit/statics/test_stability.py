@@ -2,6 +2,7 @@
 what rests where nothing moves; and that neither this nor a path depends on units.
 """
 
+import math
 import re
 import warnings
 from dataclasses import replace
@@ -9,6 +10,7 @@ from functools import cache
 
 import pytest
 import torch
+from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.equations.steady import Configuration, SteadyProblem
@@ -281,3 +283,23 @@ def test_statics_do_not_depend_on_units(shape, units):
     torch.testing.assert_close(settled.position / length, stable.position, rtol=0, atol=1e-6)
     torch.testing.assert_close(path.factor, way.factor, rtol=0, atol=1e-4)
     assert torch.equal(path.negative, way.negative) and torch.equal(path.kind, way.kind)
+
+
+def test_a_round_column_that_buckles_alike_to_all_sides():
+    """It has a ring of stable shapes: the warning says what picks one, and that is the plane's."""
+    section = tb.Section.circle(radius=0.005, E=69e9, nu=0.33, rho=2700.0)
+    beam = tb.Beam.straight(1.0, 8, section, direction=(0, 0, 1.0))
+    down = -1.2 * math.pi**2 * 69e9 * math.pi * 0.005**4 / 16  # N, 1.2 of Euler's
+
+    def tip(across=0.0, **options):
+        scene = tb.Scene(beam, [tb.TipLoad(force=(across, 0, down))], **options)
+        return tb.equilibrium(scene, branch="stable").tip.position
+
+    with pytest.warns(RuntimeWarning, match="did not come to it; a load across"):
+        straight = tip()
+    assert straight[0].abs() < 1e-9
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        leans, flat = tip(-1e-6 * down), tip(plane="xz")
+    assert_close(leans.abs(), flat.abs(), rtol=0, atol=1e-5)
+    assert flat[2] < 0.7

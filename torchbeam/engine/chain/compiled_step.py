@@ -455,6 +455,11 @@ class CompiledStep:
             self._forms[key] = form
         return form
 
+    def compile(self, samples: int, lanes: int | None = None) -> None:
+        """What steps of so many samples take, which the first of them does otherwise."""
+        instance = self.structure.instance_for(samples, lanes)
+        instance.program.run(lanes or instance.lanes(samples), instance.lanes_each)
+
     def adjoint(self, names: frozenset[str], values: dict[str, Tensor]) -> ProgramInstance:
         """Of the cotangents of constants of these names; values: of those that change. Traced once,
         and no part of the graph: a part of torch.utils.checkpoint that is made again does not find

@@ -94,6 +94,11 @@ class StepStructure:
             if place is not None
         ]
 
+    def instance_for(self, samples: int, lanes: int | None) -> ProgramInstance:
+        """What steps so many samples; lanes: None = as this processor has them."""
+        by_cells = lanes is None and self.by_cells and self.by_cells.pays(samples)
+        return self.by_cells if by_cells else self.instance
+
     def adjoint(
         self, names: frozenset[str], model: Model, program: Callable[[], AdjointProgram]
     ) -> ProgramInstance:
@@ -168,9 +173,7 @@ class StepStructure:
         batch = broadcast_shapes(
             *(lead if K is None else lead[len(lead) > dims :] for lead in leads)
         )
-        instance = self.instance
-        if lanes is None and self.by_cells and self.by_cells.pays(batch.numel()):
-            instance = self.by_cells
+        instance = self.instance_for(batch.numel(), lanes)
         call = Call(instance, batch, K or 1, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[: dims - axes].numel() == 1:

@@ -27,7 +27,7 @@ from ...core.remembered import keep
 from ...core.status import SUCCESS
 from ...nodal.fixed_touching import fixed
 from ...nodal.model import Model
-from ...nodal.touching import Nearby, spread
+from ...nodal.touching import Nearby, Touching, spread
 from ...nodal.touching_pairs import PairMotion
 from ...scene.effects import Inputs
 from ...state.state import State
@@ -82,6 +82,7 @@ class TouchingStep:
         self.far = self._known(self._none)  # without pairs; what is refused is refused here
         self.eager_because: str | None = None
         self._list: PairList | None = None  # the last one
+        self._compiled: set[Any] = set()  # for these samples and lanes, see `_compile_ahead`
         laws = [one.contact for one in model.touching.each]
         self._numbers = [x.value for x in leaves(laws) if isinstance(x.value, Tensor)]
         self._seen = self._written()
@@ -149,6 +150,7 @@ class TouchingStep:
                 self.eager_because = pairs.step.eager_because
                 return None
             made = made if K else _stacked(made)
+            self._compile_ahead(made.status[0].numel(), lanes)
             after = self._places(made.fields["position"])
             before = position.expand(after.shape[1:])
             good = pairs.clearance.within(before, after)
@@ -193,22 +195,37 @@ class TouchingStep:
         ahead = AHEAD * dt.detach().abs().amax()
         for one in self.model.touching.each:
             skin = (one.nearing(position, velocity) * ahead).clamp(least, most)
-            pairs = one.may_touch & (one.ball_slack(motion) <= skin)
-            near.append(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
-            chosen.append(one.chosen(near[-1].repeat_interleave(one.places.count, 0)))
+            near.append(_anywhere(one.may_touch & (one.ball_slack(motion) <= skin)))
+            chosen.append(_chosen(one, near[-1]))
         clearance = Clearance(self.model.touching, near, self.model.node_count)
         self._list = PairList(self._known(chosen), clearance, torch.is_grad_enabled())
         return self._list
+
+    def _compile_ahead(self, samples: int, lanes: int | None) -> None:
+        """Compiles, at the first call, what steps with pairs take, so that no motion waits for it
+        where two parts come near: one pair stands for all that there may be.
+        """
+        if (samples, lanes) in self._compiled or self.around is None:
+            return  # None: each list has a program of its own
+        self._compiled.add((samples, lanes))
+        some = []
+        for one in self.model.touching.each:
+            first = _anywhere(one.may_touch)
+            first[first.nonzero()[1:].unbind(-1)] = False
+            some.append(_chosen(one, first))
+        if any(len(own.point) for own in some):
+            self._made(some).compile(samples, lanes)
 
     def _known(self, near: list[Nearby]) -> CompiledStep:
         """Steps with these pairs."""
         key = tuple((tuple(own.point.tolist()), tuple(own.piece.tolist())) for own in near)
         key = torch.is_grad_enabled(), key
         step = self._steps.pop(key, None)
-        if step is None:
-            with lasting(), past_hooks():
-                step = self.step(with_pairs(self.model, near), self.far)
-        return keep(self._steps, key, step, LISTS)
+        return keep(self._steps, key, self._made(near) if step is None else step, LISTS)
+
+    def _made(self, near: list[Nearby]) -> CompiledStep:
+        with lasting(), past_hooks():
+            return self.step(with_pairs(self.model, near), self.far)
 
 
 def with_pairs(model: Model, near: list[Nearby]) -> Model:
@@ -217,6 +234,16 @@ def with_pairs(model: Model, near: list[Nearby]) -> Model:
     nodes = sorted({node for own in touching.nodes for node in own})
     topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
     return replace(model, touching=touching, topology=topology)
+
+
+def _anywhere(pairs: Tensor) -> Tensor:
+    """(n, K) bool: which are so in any sample (..., n, K)."""
+    return pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs.clone()
+
+
+def _chosen(touching: Touching, near: Tensor) -> Nearby:
+    """Pairs by the nodes of places, (n, K) bool."""
+    return touching.chosen(near.repeat_interleave(touching.places.count, 0))
 
 
 def _stacked(steps: Steps) -> Steps:

@@ -13,7 +13,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.dynamics import step_solver
-from torchbeam.engine.chain import native, touching_step
+from torchbeam.engine.chain import native, program, step_structure, touching_step
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
@@ -158,6 +158,38 @@ def test_what_is_far_is_stepped_as_if_it_did_not_touch(scenes):
     sizes = [{x: record.size for x, record in one.layout.records.items()} for one in programs]
     assert counts[0] == counts[1]
     assert sizes[0] == sizes[1]
+
+
+@pytest.mark.parametrize("names", [("upper",), ("upper", "ball")])
+def test_what_takes_some_seconds_is_made_before_the_motion(names, monkeypatch):
+    """The first step has made all native code that those after a contact take; one program is for
+    lists of one law, of another, and of both.
+    """
+    parts = {
+        "lower": tb.Beam.straight(0.12, 2, SECTION),
+        "upper": tb.Beam.straight(0.12, 2, SECTION, root=(0.0, 0.0, 0.15)),
+        "ball": tb.Body(0.02, 2e-6, position=(0.06, 0.0, -0.15)),
+    }
+    laws = {"upper": dict(force=2000.0), "ball": dict(force=20.0, other_radius=0.01, **RUBS)}
+    effects = [tb.Contact("lower", name, radius=R, thickness=2e-3, **laws[name]) for name in names]
+    supports = [tb.Support(("lower", 0)), tb.Support(("lower", 2))]
+    scene = tb.Scene(parts, effects, supports=supports, plane="xz")
+    speeds = torch.tensor([0.0, 0, 0, -2, -2, -2, 1.5])[:, None] * torch.tensor([0.0, 0, 1])
+    states = [replace(tb.rest(scene), velocity=speeds)]
+    library, made, counts, touched = native.Library, [], [], set()
+    monkeypatch.setattr(native, "Library", lambda *given: made.append(1) or library(*given))
+    monkeypatch.setattr(program, "PROGRAMS", {})
+    monkeypatch.setattr(step_structure, "_STRUCTURES", {})
+    monkeypatch.setattr(touching_step, "AHEAD", 0)
+    stepper = tb.Stepper(scene, 2e-3, engine="compiled")
+    while len(states) < 50 and touched != {*range(len(names))}:
+        states.append(stepper(states[-1]))
+        gaps = [tb.sensors.ContactGap(scene, k)(states[-1]).min() for k in range(len(names))]
+        touched |= {k for k, gap in enumerate(gaps) if gap < 2e-3}
+        counts.append(len(made))
+    assert touched == {*range(len(names))}
+    assert len(states) > 5
+    assert counts == [2] * len(counts)  # with pairs, and without
 
 
 def test_what_falls_together_is_stepped_once(monkeypatch):
