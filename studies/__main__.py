@@ -14,6 +14,7 @@ MODULES = {
     "convergence": "convergence",
     "coverage": "uncertainty.coverage",
     "effects": "effect_costs",
+    "estimation": "estimation",
     "gradients": "gradient_costs",
     "hardcases": "hard_cases.command",
     "house": "house",

@@ -33,6 +33,7 @@ QUICK = {HERE / f"unit/engine/chain/test_{name}.py" for name in CHAIN.split()} |
     HERE / "properties/test_written_tensors.py", HERE / "properties/test_second_derivatives.py",
     HERE / "unit/core/test_entry_point.py", HERE / "unit/dynamics/test_order_and_error.py",
     HERE / "unit/dynamics/test_prepared.py",
+    HERE / "unit/analysis/estimation/test_kalman_filter.py",
 }  # fmt: skip
 
 

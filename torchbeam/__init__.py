@@ -23,6 +23,8 @@ from .analysis.convergence.convergence import Convergence
 from .analysis.convergence.on_request import equilibrium, modes, simulate
 from .analysis.convergence.remesh import remesh
 from .analysis.describe import Description, describe
+from .analysis.estimation.filtered import Filtered
+from .analysis.estimation.kalman_filter import KalmanFilter
 from .analysis.export import export
 from .analysis.identification.bootstrap import Bootstrap
 from .analysis.identification.fields import FieldFit, identify_fields
@@ -112,9 +114,9 @@ __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
     "Capsule", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
     "Damping", "Description", "Distance", "Drag", "Energy", "Estimate", "ExplicitStepper",
-    "FieldFit", "Fit", "Frame",
-    "Gravity", "Hinge", "History", "Input", "LineLoad", "Linear", "Load", "MassDamping",
-    "Measurement", "MixedState",
+    "FieldFit", "Filtered", "Fit", "Frame",
+    "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
+    "MassDamping", "Measurement", "MixedState",
     "Modes", "MomentDerivatives", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose",
     "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SelfContact",

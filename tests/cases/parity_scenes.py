@@ -411,12 +411,13 @@ def tree(by):
     return motor(tb.Scene(parts, loads, joints=joints, plane="xz"))
 
 
-def hand(by, held=False, fingers=3):
+def hand(by, held=False, fingers=3, effects=(), joints=()):
     """Fingers of two links, hinged to each other and to a palm that turns on the ground, or is held
     there; each of a length of its own, the first with a mass at its tip and a force of its own.
+    effects, joints: more of them.
     """
     own, parts = soft(by), {"palm": tb.Body(0.1, 1e-3)}
-    joints, loads = [], [tb.Gravity((0.5, -9.81, 0)), tb.Damping(0.01)]
+    joints, loads = [*joints], [tb.Gravity((0.5, -9.81, 0)), tb.Damping(0.01), *effects]
     loads.append(tb.PointMass(0.01, node=("b0", -1)))
     loads.append(tb.PointLoad(("b0", -1), force=(0, 0.1, 0)))
     for k in range(fingers):

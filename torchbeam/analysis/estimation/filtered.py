@@ -1,0 +1,140 @@
+"""Filtered: what is known of a structure after some readings, how well, and whether to doubt it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import choice, instance, level_of
+from ...core.status import STATUS, SUCCESS
+from ...core.summary import kind, lines
+from ...math.square_root import Conditioned
+from ...sensors.sensor import Sensor
+from ...state.state import State
+
+MEMORY = 50  # intervals over which the readings' errors are judged
+DOUBT = 5.0  # deviations of their sum of squares, from which on the model is doubted
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """The estimate of a `KalmanFilter` at one instant.
+
+    Attributes:
+        state: of the structure
+        x: (..., size) z, then what is estimated beside it (`unknowns.names`; parameters by their
+            coordinates), then readings on their way
+        factor: (..., size, size): factor^T factor is the covariance of x
+        nis: (...) normalised innovation squared: the squares of the last readings' errors in units
+            of what was to be expected, whose mean is `readings` where the model is right
+        readings: (...) how many were read
+        log_likelihood: (...) of all readings: what models and delays are compared by
+
+    Examples:
+        >>> pushed = tb.Scene(beam, [tb.TipLoad(force=tb.Input("push", 3)), tb.Damping(0.01)])
+        >>> tip = tb.sensors.TipPosition()["z"]
+        >>> f = tb.KalmanFilter(pushed, tip, dt=0.02, noise=1e-3, process={"push": (0, 0, 0.1)})
+        >>> z = f(f.start(amplitude=0.01), [0.002])
+        >>> z.reading(tip)[1] < 1e-3  # m, its deviation
+        tensor([True])
+    """
+
+    filter: Any
+    state: State
+    x: Tensor
+    factor: Tensor
+    nis: Tensor
+    readings: Tensor
+    log_likelihood: Tensor
+    lately: Tensor  # (..., 3): of the readings' errors, sum of squares, its mean, its variance
+    # of the last interval: readings and x' by x, and what the readings said
+    learnt: tuple[Tensor, Conditioned] | None = None
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.filter.unknowns.names) or "none"
+        return lines(
+            "Filtered",
+            f"unknowns: {names}",
+            kind(self.x.shape[:-1], self.x),
+            *filter(None, [self.doubt]),
+        )
+
+    @property
+    def covariance(self) -> Tensor:
+        """(..., size, size) of x."""
+        return self.factor.mT @ self.factor
+
+    @property
+    def unknown(self) -> dict[str, Tensor]:
+        """Name -> (...): the estimate of each parameter, offset and force."""
+        own, x = self.filter.unknowns, self._own(self.x)
+        theta = (
+            x if own.parameters is None else torch.cat((own.theta(x), x[..., own.of_model :]), -1)
+        )
+        return dict(zip(own.names, theta.unbind(-1), strict=True))
+
+    def interval(self, name: str, level: float = 0.95) -> Tensor:
+        """(..., 2): between which what is called so lies with this probability, by its coordinate.
+
+        Raises ValueError for no such name, and a level that is not between 0 and 1.
+        """
+        own = self.filter.unknowns
+        i = own.names.index(choice("name", name, own.names))
+        reach = NormalDist().inv_cdf((1 + level_of("level", level)) / 2)
+        x, deviation = self._own(self.x), self._own(self.factor.norm(dim=-2))
+        ends = torch.stack([x + side * reach * deviation for side in (-1, 1)], -2)
+        ends = own.theta(ends)[..., i] if i < own.of_model else ends[..., i]
+        return ends
+
+    def reading(self, sensor: Sensor) -> tuple[Tensor, Tensor]:
+        """What a sensor reads of the state, (..., r), and its deviation; of sensors of places,
+        turns, speeds and strains.
+        """
+        instance("sensor", sensor, Sensor)
+        y, by_z = self.filter.interval.slope_of(sensor.flat, self.state)
+        n = by_z.shape[-1]
+        return y, (self.factor[..., :n] @ by_z.mT).norm(dim=-2)
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Names of what the readings have said nothing of, in any sample."""
+        return self.filter.unknowns.unseen(self._own(self.factor.norm(dim=-2)))
+
+    @property
+    def doubt(self) -> str | None:
+        """One sentence on why not to believe it, or None."""
+        failed = self.state.status != SUCCESS
+        if failed.any():
+            code = int(self.state.status[failed].flatten()[0])
+            return (
+                f"{int(failed.sum())} of {failed.numel()} samples stand still, their step has "
+                f"failed ({STATUS[code]}); a smaller step, or smaller first deviations, are wanted"
+            )
+        squares, mean, variance = self.lately.unbind(-1)
+        away = (squares - mean) / variance.clamp(min=1e-300).sqrt()
+        if (away > DOUBT).any():
+            worst = away.flatten().argmax()
+            ratio = (squares / mean).flatten()[worst].sqrt()
+            return (
+                f"readings of {int((away > DOUBT).sum())} of {away.numel()} samples lie up to "
+                f"{ratio.item():.1f} times as far from what was expected as noise, process and "
+                "unknowns explain; another model, or larger ones of these, are wanted"
+            )
+        return None
+
+    def judged(self) -> Filtered:
+        """With the last readings' errors among those of lately."""
+        keep = 1 - 1 / MEMORY
+        now = torch.stack((self.nis, self.readings, 2 * self.readings), -1)
+        return replace(
+            self, lately=self.lately * self.lately.new_tensor([keep, keep, keep**2]) + now
+        )
+
+    def _own(self, x: Tensor) -> Tensor:
+        """Of x (..., size) what stands beside z."""
+        n = self.filter.moves
+        return x[..., n : n + len(self.filter.unknowns.names)]

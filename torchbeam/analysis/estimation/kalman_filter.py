@@ -1,0 +1,309 @@
+"""Kalman filter: the state of a structure, and what is not known of it, from readings as they
+come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ...core.arguments import batch as sizes_of
+from ...core.arguments import count, instance, number, step_size
+from ...core.validation import as_tensor, axis_last, positive, shown
+from ...dynamics.method import Method
+from ...dynamics.stepper import Stepper
+from ...linear.linear_model import Linear
+from ...linear.state_space import linearize
+from ...math.shapes import broadcast_shapes
+from ...math.square_root import Later, conditioned, root_of
+from ...scene.scene import Scene
+from ...state.state import State
+from .filtered import Filtered
+from .instruments import Instruments, still
+from .interval import Interval, Moved
+from .modal_start import modal_root
+from .unknowns import Slopes, Unknowns, with_priors
+
+
+class KalmanFilter:
+    """Extended Kalman filter in square-root form: the motion z of a structure, with parameters,
+    offsets of readings and forces as further unknowns; each sample of a batch has its own.
+
+    Args:
+        scene: a `Scene`; or parameters (name -> (..., *shape)) -> Scene, of the same mesh and
+            reference shape whatever they are
+        sensors: one or several; or (scene, inputs) -> these, where they hold what is of the scene:
+            with the inputs of the interval at whose end they are read
+        rate: which readings are the mean rate of their sensor's over the interval (one bool, or one
+            a sensor): of `NodeVelocity` an accelerometer's, without weight
+        dt: s, the interval between readings
+        noise: deviation of the readings, one or (m,); white
+        process: name of an input of the scene -> deviation of an unknown force (one number, or as
+            many as the input has) on top of what is given: another one in each interval; or a pair
+            (deviation, time): a force that changes within so many s (of Ornstein and Uhlenbeck),
+            and is estimated; one of math.inf s is a constant
+        parameters: name -> (mean, deviation), or a `Parameter` with a prior
+        walk: name of a parameter -> deviation by which its coordinate changes in a second
+        shaking: m, deviation of the slowest mode's amplitude that forces of another kind bring
+            about within a second: white, and of the same energy in each mode of z
+        bias: deviation of a constant offset of the readings, one or (m,); 0 = none
+        delay: intervals by which readings come late
+        steps: of the structure in an interval
+        model: whose coordinates are z; a reduced one: amplitudes of modes, the rest follows. None =
+            that of `linearize`, about the equilibrium of the mean parameters without inputs
+        method: as in `Stepper`, but for one that remembers more than z
+
+    Derivatives of the motion and of the readings are exact, by one interval of as many samples as z
+    and the readings have numbers. Readings may depend on the force in their interval; one that is
+    missing is NaN.
+
+    Raises ValueError for what is no such thing, or does not fit.
+
+    Examples:
+        >>> wind = tb.LineLoad(force=tb.Input("wind", 3))
+        >>> f = tb.KalmanFilter(
+        ...     tb.Scene(beam, [wind, tb.Damping(0.01)]),
+        ...     tb.sensors.TipPosition(),
+        ...     dt=0.02,
+        ...     noise=1e-3,
+        ...     process={"wind": (0.1, 0.5)},
+        ... )
+        >>> z = f(f.start(), (1.0, 0.0, 0.002))
+        >>> z.state.tip.position.shape, z.unknown["wind[2]"].shape
+        (torch.Size([3]), torch.Size([]))
+    """
+
+    def __init__(
+        self,
+        scene: Scene | Callable[[dict[str, Tensor]], Scene],
+        sensors: Any,
+        *,
+        dt: float,
+        noise: Any,
+        rate: bool | Sequence[bool] = False,
+        process: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        walk: Mapping[str, Any] | None = None,
+        shaking: float = 0.0,
+        bias: Any = 0.0,
+        delay: int = 0,
+        steps: int = 1,
+        model: Linear | None = None,
+        method: str = "midpoint",
+    ) -> None:
+        self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
+        steps, known = count("steps", steps), with_priors(parameters)
+        mean = _mean_scene(scene, known)
+        like = mean.beam.nodes.new_zeros(())
+        self.like = like
+        instruments = Instruments.of(sensors, noise, rate, mean, like)
+        self.unknowns = Unknowns.of(
+            known, walk, bias, instruments.labels, process, mean.inputs, self.dt, like
+        )
+        stepper = Stepper(mean, self.dt / steps, method)
+        if type(stepper.method).begin is not Method.begin:
+            raise ValueError(
+                f"method = {method!r} was given; a midpoint method is wanted, whose states "
+                "remember nothing beside z"
+            )
+        if model is None:
+            model = linearize(mean, inputs=still(mean))
+        model = instance("model", model, Linear)
+        self.interval = Interval(mean, scene, instruments, stepper, model, steps, method)
+        self.read, self.moves = instruments.count, model.reads.shape[-2]
+        n = self.moves
+        positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
+        root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
+        # (s, size): what comes on top of x at the begin of an interval
+        self.shaken = (
+            like.new_zeros(0, self.size) if root is None else pad(root, (0, self.size - n))
+        )
+
+    @property
+    def size(self) -> int:
+        """Of x: z, the unknowns, and readings on their way."""
+        return self.moves + len(self.unknowns.names) + self.delay * self.read
+
+    def start(
+        self,
+        batch: int | Sequence[int] = (),
+        *,
+        state: State | None = None,
+        amplitude: float = 0.0,
+        modes: int = 4,
+        covariance: Any = None,
+    ) -> Filtered:
+        """What is known before the first reading.
+
+        Args:
+            batch: samples
+            state: of the structure; None = the one that z is about
+            amplitude: m, deviation of the slowest mode by the node that it moves most; with it
+                up to `modes` of them swing with the same mean energy
+            covariance: (..., n, n) of z, in its place
+
+        Raises ValueError for a covariance that is none, and for both.
+        """
+        state = self.interval.model.state if state is None else instance("state", state, State)
+        batch = (batch,) if isinstance(batch, int) else batch
+        shape = broadcast_shapes(sizes_of("batch", batch), state.batch_shape)
+        if number("amplitude", amplitude) and covariance is not None:
+            raise ValueError("amplitude was given beside covariance; one of the two is wanted")
+        n, k, late = self.moves, len(self.unknowns.names), self.delay * self.read
+        factor = self.like.new_zeros(*shape, self.size, self.size)
+        if amplitude:
+            root = modal_root(self.interval.model, amplitude, min(count("modes", modes), n // 2))
+            factor[..., : root.shape[-2], :n] = root
+        if covariance is not None:
+            given = axis_last("covariance", as_tensor(covariance, self.like.dtype), n)
+            factor[..., :n, :n] = root_of("covariance", given)
+        factor[..., n : n + k, n : n + k] = torch.diag(self.unknowns.deviation)
+        state = state.broadcast(shape).detach()
+        z = self.interval.model.departure(state)
+        x = torch.cat((z, self.unknowns.start.expand(*shape, -1), z.new_zeros(*shape, late)), -1)
+        if late:  # readings before the first are those of the start
+            rest, scene = self.interval.instruments.at_rest, self.interval.scene
+            y, by = self.interval.slope_of(lambda now: rest(scene, now), state)
+            x[..., n + k :] = torch.cat([y] * self.delay, -1)
+            factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
+        zero = z.new_zeros(shape)
+        return Filtered(self, state, x, factor, zero, zero, zero, z.new_zeros(*shape, 3))
+
+    def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
+        """What is known an interval later.
+
+        Args:
+            y: (..., m) the readings at its end, NaN where one is missing; None = none
+            u: the inputs held over it, (..., inputs) side by side in the scene's order, or by name;
+                those that are not given are 0
+        """
+        own, k = self.unknowns, self.moves + len(self.unknowns.names)
+        beside = instance("before", before, Filtered).x[..., self.moves : k]
+        acting = own.acting(beside, self._inputs(u))
+        after = self.interval.move(before.state, own, beside[..., : own.of_model], acting)
+        lead = after.readings.shape[:-1]
+        underway = before.x[..., k:].expand(*lead, -1)
+        expected = after.readings
+        if self.delay:
+            expected = underway[..., -self.read :]
+            underway = torch.cat((after.readings, underway[..., : -self.read]), -1)
+        expected = own.with_offsets(expected, beside)
+        y = (torch.nan,) * self.read if y is None else y
+        y = axis_last("y", as_tensor(y, expected.dtype, expected.device), self.read)
+        error = (y - expected).expand(*lead, self.read)
+        seen, columns = ~torch.isnan(error), self._columns(after)
+        columns = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], columns, 0.0)
+        by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
+        roots = torch.cat(
+            (before.factor, self.shaken.expand(*before.factor.shape[:-2], -1, -1)), -2
+        )
+        noise = torch.diag_embed(torch.where(seen, self.interval.instruments.noise, 1.0))
+        rows = torch.cat((roots @ by_x, by_fresh, pad(noise, (0, self.size))), -2)
+        found, read = conditioned(rows, torch.nan_to_num(error, nan=0.0)), seen.sum(-1).to(error)
+        z = self.interval.model.departure(after.state)
+        now = replace(
+            before,
+            state=after.state,
+            x=torch.cat((z, (beside * own.stays).expand(*lead, -1), underway), -1),
+            factor=found.root[..., : self.size, :],
+            nis=(found.unit**2).sum(-1),
+            readings=read,
+            log_likelihood=before.log_likelihood + found.log_density(read),
+            learnt=(by_x, found),
+        )
+        return self._changed(now.judged(), found.change)
+
+    def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
+        """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
+        y = as_tensor(readings, self.like.dtype, self.like.device)
+        found = [start]
+        for k, now in enumerate(axis_last("readings", y, self.read)):
+            given = {name: v[k] for name, v in u.items()} if isinstance(u, Mapping) else u
+            given = u[k] if given is u and u is not None else given
+            found.append(self(found[-1], now, given))
+        return found[1:]
+
+    def smooth(self, start: Filtered, found: Sequence[Filtered]) -> list[Filtered]:
+        """What all readings together say of the start, and of each instant of a `run` from it
+        (Bryson and Frazier 1963): one more than `found`.
+        """
+        smooth, m = [found[-1]], self.read
+        x = found[-1].x
+        later = Later(torch.zeros_like(x), x.new_zeros(*x.shape[:-1], 0, self.size))
+        for before, after in zip(reversed([start, *found[:-1]]), reversed(found), strict=True):
+            by_x, given = after.learnt
+            later = later.before(given, by_x[..., :m].mT, by_x[..., m:].mT)
+            change, root = later.given(before.factor)
+            smooth.append(self._changed(replace(before, factor=root), change))
+        return smooth[::-1]
+
+    def _changed(self, found: Filtered, change: Tensor) -> Filtered:
+        """With x (..., size) changed so, and the state with z."""
+        state = self.interval.changed(found.state, change[..., : self.moves])
+        return replace(found, x=found.x + change, state=state)
+
+    def _columns(self, after: Moved) -> Tensor:
+        """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their
+        way], by x, and by a deviation of what comes on top of the unknowns and of the forces.
+        """
+        own, n, m = self.unknowns, self.moves, self.read
+        k, late = len(own.names), self.delay * m
+        fresh = k + int((own.white > 0).sum())
+
+        def column(slopes: Slopes) -> Tensor:
+            by = own.by(slopes).mT  # z, unknowns and forces: nothing depends on readings underway
+            none = by.new_zeros(*by.shape[:-2], late + k, by.shape[-1])
+            return torch.cat((by[..., : n + k, :], none, by[..., n + k :, :]), -2)
+
+        stay = pad(torch.diag(own.stays), (0, 0, n, late))
+        stay = torch.cat((stay, pad(torch.diag(own.added), (0, 0, 0, fresh - k))))
+        reading, motion = column(after.readings_by), column(after.motion_by)
+        lead = motion.shape[:-2]
+        if late:
+            on = torch.eye(self.size + fresh).to(motion)[:, n + k : self.size].expand(*lead, -1, -1)
+            parts = [on[..., -m:], motion, stay.expand(*lead, -1, -1), reading, on[..., :-m]]
+        else:
+            parts = [reading, motion, stay.expand(*lead, -1, -1)]
+        whole = torch.cat(parts, -1)
+        whole[..., n + own.of_model + torch.arange(len(own.biased)), own.biased] = 1.0
+        return whole
+
+    def _inputs(self, u: Any) -> Tensor:
+        """(..., inputs) side by side."""
+        sizes, like = self.interval.inputs, self.like
+        if u is not None and not isinstance(u, Mapping):
+            return axis_last("u", as_tensor(u, like.dtype, like.device), sum(sizes.values()))
+        u = dict(u or {})
+        if lost := set(u) - set(sizes):
+            raise ValueError(
+                f"inputs {', '.join(map(repr, sorted(lost)))} were given; the scene has "
+                f"{', '.join(map(repr, sizes)) or 'none'}"
+            )
+        parts = [
+            axis_last(name, as_tensor(u.get(name, [0.0] * size), like.dtype, like.device), size)
+            for name, size in sizes.items()
+        ]
+        lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
+        parts = [part.expand(*lead, -1) for part in parts]
+        return torch.cat(parts, -1) if parts else like.new_zeros(0)
+
+
+def _mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
+    """That of the parameters' means."""
+    if isinstance(scene, Scene):
+        if parameters:
+            raise ValueError(
+                "parameters were given beside a Scene; a function parameters -> Scene is wanted"
+            )
+        return scene
+    if not callable(scene) or not parameters:
+        raise ValueError(
+            f"scene = {shown(scene)} was given; a Scene, or a function of `parameters`, is wanted"
+        )
+    means = {name: one.start for name, one in parameters.items()}
+    return instance("what scene gives", scene(means), Scene)
