@@ -28,7 +28,8 @@ REFERENCE = {
         "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
         "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
     "values": ("Values", "What may stand in place of a number.", (
-        "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram")),
+        "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram",
+        "SmoothHistory", "SmoothRotation")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
         "simulate", "rollout", "rollout_jacobian", "Stepper", "rest", "State", "Solution",
         "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view",

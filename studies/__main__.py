@@ -19,6 +19,7 @@ MODULES = {
     "hardcases": "hard_cases.command",
     "house": "house",
     "identification": "identification",
+    "noise": "noise_coverage",
     "oracle": "oracle.command",
     "peers": "peers",
     "rates": "rates",

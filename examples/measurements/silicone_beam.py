@@ -8,7 +8,7 @@ kg/m^3; markers 1 to 3 on the free end; the mass (`load52`: 52 g, by the name of
 upper edge. It is held by hand, about straight, and let go.
 
     python -m examples.measurements.silicone_beam --data silicone_beam_load52_a.csv
-        [--held silicone_beam_load52_b.csv]
+        [--held silicone_beam_load52_b.csv] [--noise ar1]
 
 Found are E, the retardation time tau of Kelvin and Voigt's damping, a tilt of the cameras' axes,
 and of each record with what force and moment the hand held, when it let go, where the cameras'
@@ -56,7 +56,8 @@ class Record:
     the block when it was held.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, noise: str = "blocks") -> None:
+        self.noise = noise
         with path.open() as file:
             names = file.readline().strip().split(",")
             rows = torch.tensor([[float(x) for x in row.split(",")] for row in file])
@@ -89,7 +90,7 @@ class Record:
                 delay="delay",
                 offset=True,
                 baseline=creep,
-                noise="blocks",
+                noise=self.noise,
                 name=f"marker{k + 1}",
             )
             for k in range(3)
@@ -148,11 +149,12 @@ def main(arguments: Sequence[str] | None = None) -> str:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, nargs="+", required=True, help="records")
     parser.add_argument("--held", type=Path, help="a record of which 0.6 s are fitted")
+    parser.add_argument("--noise", default="blocks", choices=("white", "ar1", "repeats", "blocks"))
     given, begun = parser.parse_args(arguments), time.perf_counter()
     torch.set_default_dtype(torch.float64)
-    until = {Record(path): FITTED for path in given.data}
+    until = {Record(path, given.noise): FITTED for path in given.data}
     if given.held is not None:
-        until[Record(given.held)] = SETTLED
+        until[Record(given.held, given.noise)] = SETTLED
     fit = tb.identify(
         {r.name: r.model(end) for r, end in until.items()},
         {r.name: r.measurements(end) for r, end in until.items()},

@@ -250,6 +250,14 @@ CALLS = {
         tb.Accelerogram,
         dict(t=[0.0, 1.0, 2.0], acceleration=[[0.0, 0, 0], [0, 0, 1.0], [0, 0, 0]]),
     ),
+    "SmoothHistory": (
+        tb.SmoothHistory,
+        dict(t=[float(k) for k in range(9)], values=[[0.0, 0, k * k] for k in range(9)], sigma=0.1),
+    ),
+    "SmoothRotation": (
+        tb.SmoothRotation,
+        dict(t=[float(k) for k in range(9)], values=[[0.0, 0, 0.1 * k] for k in range(9)]),
+    ),
     "Along": (tb.Along, dict(function=lambda s, t: s)),
     "PerElement": (tb.PerElement, dict(value=torch.ones(2, 3))),
     "PerInterval": (tb.PerInterval, dict(value=torch.ones(2, 3))),

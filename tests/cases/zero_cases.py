@@ -381,6 +381,10 @@ CASES = {
     "Accelerogram.acceleration":
         Case(lambda x: scene(root=tb.RootMotion(displacement=tb.Accelerogram((0.0, 0.03, 0.1),
         torch.stack((x, -x, x), -2)))), 3, MOVING, scale=1e-2),
+    "SmoothHistory.values":
+        Case(lambda x: scene(root=tb.RootMotion(displacement=tb.SmoothHistory(torch.linspace(0, 0.1,
+        8), x[..., None, :] * torch.linspace(0, 1, 8)[:, None] ** 2, sigma=1e-3))), 3, MOVING,
+        scale=1e-2),
     "Body.position": Case(lambda x: joined(tb.Weld(*ENDS),
         hub(position=torch.tensor((0.6, 0.0, 0.0)) + x)), 3, ("eager", "equilibrium")),
     **{f"{kind.__name__}.at": Case(lambda x, kind=kind: joined(kind(*ENDS,

@@ -256,6 +256,20 @@ def test_studies_use_public_names_and_these():
     assert found - set(PUBLIC) == inside
 
 
+def test_what_knows_no_interaction_by_name():
+    """Balances, steps, matrices and solvers ask all that acts between nodes alike."""
+    names = "balance_problem step_problem midpoint generalized_alpha load_steps"
+    files = [f"equations/{name}.py" for name in names.split()]
+    names = "elimination framework_matrix framework_system framework_unknowns"
+    files += [f"topology/{name}.py" for name in names.split()]
+    files += ["nodal/balance.py", "nodal/multipliers.py"]
+    paths = [ROOTS["torchbeam"] / file for file in files]
+    paths += sorted((ROOTS["torchbeam"] / "solvers").glob("*.py"))
+    texts = {path.name: path.read_text().lower() for path in paths}
+    words = "joint", "tendon", "touching"
+    assert {file for file, text in texts.items() if any(word in text for word in words)} == set()
+
+
 def test_public_modules_say_what_is_public():
     for name in PUBLIC:
         module = importlib.import_module(name)

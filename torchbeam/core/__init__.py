@@ -1,3 +1,1 @@
-"""Basics without physics: declared tensors, validation of input, functions of time, files,
-results.
-"""
+"""Basics without physics: declared tensors, checks of input, functions of time, files, results."""

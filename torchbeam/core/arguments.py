@@ -1,6 +1,4 @@
-"""Arguments that are no tensors: switches, counts, names, functions, times, masks; errors of one
-sentence.
-"""
+"""Arguments that are no tensors: switches, counts, names, functions, times, masks."""
 
 from __future__ import annotations
 
@@ -34,12 +32,8 @@ LEAST_ERROR = 16 * sys.float_info.epsilon  # a relative error that may be asked 
 @cache
 def keywords(*takers: Any) -> list[str]:
     """Keywords of the functions that are nothing but keywords."""
-    return [
-        p.name
-        for f in takers
-        for p in inspect.signature(f).parameters.values()
-        if p.kind is p.KEYWORD_ONLY
-    ]
+    parameters = [p for f in takers for p in inspect.signature(f).parameters.values()]
+    return [p.name for p in parameters if p.kind is p.KEYWORD_ONLY]
 
 
 @cache
@@ -50,12 +44,11 @@ def _defaults(taker: Any) -> dict[str, Any]:
 def chosen(taker: Any, values: dict[str, Any]) -> dict[str, Any]:
     """Those of the arguments of a function that have another value than by default."""
     plain, defaults = (bool, int, float, str), _defaults(taker)
-    return {
-        name: value
-        for name, value in values.items()
-        if value is not defaults[name]
-        and not (isinstance(value, plain) and value == defaults[name])
-    }
+
+    def default(value: Any, usual: Any) -> bool:
+        return value is usual or (isinstance(value, plain) and value == usual)
+
+    return {name: value for name, value in values.items() if not default(value, defaults[name])}
 
 
 def options(name: str, given: dict[str, Any], known: list[str]) -> None:
@@ -78,25 +71,22 @@ def whole(name: str, value: int) -> int:
     return int(value)
 
 
+def is_integer(value: Any) -> bool:
+    """Whether this is a whole number of Python."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
 def _whole(value: Any) -> bool:
     """Whether this is a whole number that a computer counts to."""
-    return (
-        isinstance(value, (int, np.integer))
-        and not isinstance(value, BOOLEANS)
-        and abs(value) <= sys.maxsize
-    )
+    kind = isinstance(value, (int, np.integer)) and not isinstance(value, BOOLEANS)
+    return kind and abs(value) <= sys.maxsize
 
 
 def place(name: str, value: int, count: int, there: str) -> int:
-    """`value` if it is the place of one of `count` things, from either end; ValueError, with what
-    there is, otherwise.
-    """
+    """`value` if it is the place of one of `count` things, from either end; else ValueError."""
     if not -count <= whole(name, value) < count:
-        raise ValueError(
-            f"{name} = {value} was given; {there} 0 to {count - 1}"
-            if count
-            else f"{name} = {value} was given; there is none"
-        )
+        there = f"{there} 0 to {count - 1}" if count else "there is none"
+        raise ValueError(f"{name} = {value} was given; {there}")
     return int(value)
 
 
@@ -137,9 +127,7 @@ def choice(name: str, value: Any, known: Iterable[Any]) -> Any:
 
 
 def function(name: str, value: Any, *arguments: str, named: Iterable[str] = ()) -> Any:
-    """`value` if it can be called, with arguments by place and others by name, where they are said;
-    ValueError otherwise.
-    """
+    """`value` if it can be called, with these arguments; ValueError otherwise."""
     if not callable(value):
         raise ValueError(
             f"{name} = {shown(value)} was given; a function{_of(arguments, named)} is wanted"
@@ -169,10 +157,8 @@ def _of(arguments: Iterable[str], named: Iterable[str]) -> str:
 
 def listed(value: Any) -> tuple[Any, ...]:
     """A sequence's members, or one thing by itself."""
-    several = (
-        isinstance(value, Iterable) and not isinstance(value, str) and getattr(value, "ndim", 1) > 0
-    )
-    return tuple(value) if several else (value,)
+    several = isinstance(value, Iterable) and not isinstance(value, str)
+    return tuple(value) if several and getattr(value, "ndim", 1) > 0 else (value,)
 
 
 def batch(name: str, value: Any) -> torch.Size:
@@ -183,9 +169,7 @@ def batch(name: str, value: Any) -> torch.Size:
 
 
 def instance(name: str, value: Any, wanted: type) -> Any:
-    """`value` if it is an object of the class `wanted`, one of torchbeam's; ValueError
-    otherwise.
-    """
+    """`value` if it is an object of torchbeam's class `wanted`; ValueError otherwise."""
     if not isinstance(value, wanted):
         raise ValueError(
             f"{name} of type {type(value).__name__} was given; a torchbeam.{wanted.__name__} is "
@@ -195,9 +179,7 @@ def instance(name: str, value: Any, wanted: type) -> Any:
 
 
 def number(name: str, value: Any, *, infinite: bool = False) -> float:
-    """One real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise, and for one
-    that is not finite.
-    """
+    """One finite real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise."""
     parsed = converted(value, torch.float64) if value is not None else torch.empty(0)
     if parsed.ndim or not (torch.isfinite(parsed) or (infinite and torch.isinf(parsed))):
         raise ValueError(
@@ -237,9 +219,7 @@ def some(name: str, value: Tensor) -> Tensor:
 
 
 def instants(name: str, value: Any, like: Tensor) -> Tensor:
-    """Times (...) s, one or one of each sample, in the dtype and on the device of `like`;
-    ValueError for what is none.
-    """
+    """Times (...) s, one or one of each sample, as `like`; ValueError for what is none."""
     return finite(name, some(name, as_tensor(value, like.dtype, like.device)))
 
 
@@ -261,10 +241,8 @@ def mask(name: str, value: Any, like: Tensor) -> Tensor:
     if not isinstance(value, Tensor) or value.dtype != torch.bool:
         kind = f"of {value.dtype}" if isinstance(value, Tensor) else f"= {shown(value)}"
         raise ValueError(f"{name} {kind} was given; booleans, one a sample, are wanted")
-    if (
-        value.ndim > like.ndim
-        or broadcast(f"{name} and samples", value.shape, like.shape) != like.shape
-    ):
+    what = f"{name} and samples"
+    if value.ndim > like.ndim or broadcast(what, value.shape, like.shape) != like.shape:
         raise ValueError(
             f"{name} of shape {tuple(value.shape)} was given for samples of shape "
             f"{tuple(like.shape)}; one a sample is wanted"
@@ -299,17 +277,13 @@ def step_size(name: str, value: float) -> float:
 
 def _real(value: Any) -> bool:
     """Whether this is a real number of Python or NumPy, none that double precision cannot hold."""
-    return (
-        isinstance(value, (int, float, np.integer, np.floating))
-        and not isinstance(value, BOOLEANS)
-        and not (isinstance(value, int) and abs(value) > sys.float_info.max)
-    )
+    kind = isinstance(value, (int, float, np.integer, np.floating))
+    large = isinstance(value, int) and abs(value) > sys.float_info.max
+    return kind and not isinstance(value, BOOLEANS) and not large
 
 
 def duration(name: str, value: float | Tensor, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """`value` as a 0-dim tensor if it is a positive finite number or such a tensor; ValueError
-    otherwise.
-    """
+    """`value` as a 0-dim tensor if it is a positive finite number; ValueError otherwise."""
     if not isinstance(value, Tensor):
         return torch.as_tensor(step_size(name, value), dtype=dtype, device=device)
     if value.ndim or value.is_complex() or value.dtype == torch.bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from types import CellType, FunctionType, MethodType
 from typing import Any
@@ -22,9 +21,7 @@ PLAIN = (bool, int, float, complex, str)  # what is compared by its value
 
 
 class NotSeparable(Exception):
-    """Error: the batch cannot be split into samples; something holds a function of the motion, of
-    unknown batch axes.
-    """
+    """Error: something holds a function of the motion, of unknown batch axes: no samples alone."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +40,7 @@ class BatchSubset:
 
     @classmethod
     def worthwhile(cls, going: Tensor) -> BatchSubset | None:
-        """Subset of the samples that are `going` (...), where solving these alone is faster; else
-        None.
-        """
+        """Subset of the samples `going` (...), where solving these alone is faster; else None."""
         if going.ndim != 1 or len(going) < LEAST or going is not concrete(going):
             return None
         if not 0 < int(going.sum()) <= SHARE * len(going):
@@ -59,9 +54,7 @@ class BatchSubset:
         return map_leaves(self._taken, tree)
 
     def scatter(self, tree: Any, part: Any) -> Any:
-        """The tree with these samples replaced by those of `part`. Out of place; gradients of both
-        survive.
-        """
+        """The tree with these samples replaced by those of `part`. Out of place, differentiable."""
         return map_leaves(self._replaced, tree, part)
 
     def merge(self, tree: Any, part: Any) -> Any:
@@ -90,14 +83,11 @@ class BatchSubset:
             return self.take(value, axes)
         if isinstance(value, np.ndarray) and axes is not None:
             return self.take(torch.from_numpy(value), axes).numpy()
-        if callable(value):
-            return self._function(value, axes)
-        return value
-
-    def _function(self, function: Callable[..., Any], axes: int | None) -> Callable[..., Any]:
+        if not callable(value):
+            return value
         if axes is None:
             raise NotSeparable
-        return lambda t: self.take(taken("a function's value", function(t), t), axes)
+        return lambda t: self.take(taken("a function's value", value(t), t), axes)
 
     def _replaced(self, value: Any, axes: int | None, part: Any) -> Any:
         return self.put(value, part, axes) if isinstance(value, Tensor) else value
@@ -114,9 +104,7 @@ class BatchSubset:
 
 
 def _same(a: Any, b: Any, met: frozenset[tuple[int, int]] = frozenset()) -> bool:
-    """Whether two functions, or things that they hold, are one, or are made alike; pairs that hold
-    themselves were `met`.
-    """
+    """Whether two functions, or what they hold, are one or made alike; pairs `met` are."""
     if a is b or type(a) is not type(b):
         return a is b
     if isinstance(a, Tensor):
@@ -131,15 +119,8 @@ def _same(a: Any, b: Any, met: frozenset[tuple[int, int]] = frozenset()) -> bool
 
 
 def _held(function: FunctionType) -> dict[Any, Any]:
-    """Defaults of a function by place and by name, and the variables that it closes over, those
-    that have a value.
-    """
+    """Defaults of a function by place and by name, and the variables that it closes over."""
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
-    filled = {
-        f"closed over {name}": cell.cell_contents for name, cell in cells if cell != CellType()
-    }
-    return {
-        **dict(enumerate(function.__defaults__ or ())),
-        **(function.__kwdefaults__ or {}),
-        **filled,
-    }
+    held = dict(enumerate(function.__defaults__ or ())) | (function.__kwdefaults__ or {})
+    filled = [(name, cell) for name, cell in cells if cell != CellType()]
+    return held | {f"closed over {name}": cell.cell_contents for name, cell in filled}

@@ -75,9 +75,7 @@ def real_numbers(name: str, value: Value, *size: int) -> Tensor | np.ndarray:
 
 
 def check_fields(tree: Any) -> None:
-    """Checks what is declared of the fields of a tree, in their order. One whose default is None
-    may be left out.
-    """
+    """Checks the declared fields of a tree in order. One whose default is None may be left out."""
     for field, name, check, optional in _declared(type(tree)):
         value = getattr(tree, field)
         if value is None and optional:
@@ -89,19 +87,13 @@ def check_fields(tree: Any) -> None:
 
 @cache
 def _declared(kind: Any) -> tuple[tuple[str, str, Check, bool], ...]:
-    """Of the checked fields of a class: name, what sentences call it, check, whether None is
-    nothing.
-    """
-    return tuple(
-        (
-            field.name,
-            (field.metadata[NAME] or kind.in_words).format(kind.called, field.name),
-            field.metadata[CHECK],
-            field.default is None,
-        )
-        for field in fields(kind)
-        if CHECK in field.metadata
-    )
+    """Of a class's checked fields: name, name in sentences, check, whether None is nothing."""
+    declared = []
+    for own in fields(kind):
+        if CHECK in own.metadata:
+            name = (own.metadata[NAME] or kind.in_words).format(kind.called, own.name)
+            declared.append((own.name, name, own.metadata[CHECK], own.default is None))
+    return tuple(declared)
 
 
 def one_of(tree: Any, *names: str) -> None:
@@ -131,9 +123,7 @@ def plain(value: Value) -> Tensor | np.ndarray:
 
 
 def own(value: Tensor | np.ndarray) -> Tensor | np.ndarray:
-    """A copy, of which other numbers are made: nothing written to the value later changes some of
-    these alone.
-    """
+    """A copy, of which other numbers are made: what is written to the value later is not in it."""
     return value.clone() if isinstance(value, Tensor) else value.copy()
 
 

@@ -1,12 +1,11 @@
-"""Derivatives switched off, and cached properties that keep what was computed so apart from the
-rest.
-"""
+"""Derivatives switched off, and cached properties that keep what was computed so apart."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache, cached_property
+from itertools import product
 from typing import Any
 
 import torch
@@ -22,9 +21,7 @@ def no_derivatives() -> Iterator[None]:
 
 
 def untracked(tensors: Iterable[torch.Tensor]) -> bool:
-    """Whether no derivative of these is recorded, backward or forward, and no function of
-    torch.func runs.
-    """
+    """Whether no derivative of these is recorded, in either mode, and no torch.func runs."""
     if forward_ad._current_level >= 0 or functorch.peek_interpreter_stack() is not None:
         return False
     recorded = torch.is_grad_enabled()
@@ -35,9 +32,7 @@ def untracked(tensors: Iterable[torch.Tensor]) -> bool:
 
 
 def lasting() -> AbstractContextManager[None]:
-    """For values that are kept: in inference mode too they become tensors that can be used in a
-    graph later.
-    """
+    """For values that are kept: in inference mode too they can be used in a graph later."""
     return _past_inference() if torch.is_inference_mode_enabled() else NOTHING
 
 
@@ -59,11 +54,8 @@ class cached(cached_property):
 
     def __set_name__(self, owner: type, name: str) -> None:
         super().__set_name__(owner, name)
-        self.keys = {
-            (grad, forward): f"{name} {grad:d}{forward:d}"
-            for grad in (False, True)
-            for forward in (False, True)
-        }
+        modes = product((False, True), (False, True))
+        self.keys = {(grad, dual): f"{name} {grad:d}{dual:d}" for grad, dual in modes}
         self.recorded = self.keys[True, True]
 
     def __get__(self, owner: Any, kind: type | None = None) -> Any:
@@ -88,9 +80,7 @@ ABSENT = object()
 
 
 def cache_of(owner: Any, name: str) -> bool:
-    """Whether an object's attribute of that name is a cached value: no field has a space in its
-    name.
-    """
+    """Whether an attribute of that name is a cached value: no field has a space in its name."""
     return " " in name or name in caches_of(type(owner))
 
 

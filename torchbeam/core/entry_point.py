@@ -23,16 +23,8 @@ from .derivatives import cached
 T = TypeVar("T")
 DEVICES = "cpu", "cuda"
 # beside the public names of a class: what Python calls for its user
-SPECIAL = {
-    "__init__",
-    "__call__",
-    "__getitem__",
-    "__iter__",
-    "__repr__",
-    "__str__",
-    "__add__",
-    "__mul__",
-}
+NAMES = ("init", "call", "getitem", "iter", "repr", "str", "add", "mul")
+SPECIAL = {f"__{name}__" for name in NAMES}
 # by which torch.compile knows what not to trace; `torch.compiler.disable` sets it too, but imports
 # all of torch's compiler
 MARK = "_torchdynamo_disable"

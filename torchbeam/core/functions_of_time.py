@@ -21,9 +21,8 @@ from torch.autograd import forward_ad
 from ..math.shapes import broadcast_shapes
 from .validation import as_tensor, axis_last, concrete
 
-OTHER = re.compile(
-    "same dtype|scalar type|same data type"
-)  # torch's words for two dtypes that meet
+# torch's words for two dtypes that meet
+OTHER = re.compile("same dtype|scalar type|same data type")
 MANY = 256  # instants that are asked for at once, whatever the size of the answer
 ROOM = 2**20  # numbers in the answers to more of them
 DOUBLE = {torch.float64: "double", torch.float32: "float"}
@@ -77,9 +76,7 @@ def shared(t: Tensor, moving: Tensor | None = None) -> Tensor:
 
 
 def _called(function: Callable[[Tensor], Any], t: Tensor) -> Any:
-    """function(t). Raises `OtherPrecision` where tensors of another dtype meet in it that torch
-    does not take to one.
-    """
+    """function(t). Raises `OtherPrecision` where dtypes meet in it that torch does not join."""
     try:
         return function(t)
     except RuntimeError as error:
@@ -118,9 +115,9 @@ def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
         first += size
         size = max(1, ROOM // max(1, *(v[0].numel() for v in values)))
     rest = iter(picked)
-    return (
-        next(rest) if form[0] is None else tuple(next(rest) if there else None for there in form[0])
-    )
+    if form[0] is None:
+        return next(rest)
+    return tuple(next(rest) if there else None for there in form[0])
 
 
 def _each(function: Callable[[Tensor], tuple[Tensor, ...]], instants: Tensor) -> tuple[Tensor, ...]:
@@ -157,18 +154,14 @@ def _picked(
         )
         at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * own)]
         entry = value.gather(0, at.expand(1, *full, *last))[0]
-        picked.append(
-            entry
-            if chosen is None
-            else torch.where(inside[(..., *(None,) * own)], entry, chosen[k])
-        )
+        if chosen is not None:
+            entry = torch.where(inside[(..., *(None,) * own)], entry, chosen[k])
+        picked.append(entry)
     return picked
 
 
 def with_rate(function: Callable[[Tensor], Tensor], t: Tensor) -> tuple[Tensor, Tensor]:
-    """function(t) and its derivative by t (0-dim, or one for each sample), exact, see `rate_along`.
-    Differentiable itself.
-    """
+    """function(t) and its exact derivative by t (0-dim, or each sample's), see `rate_along`."""
     value, rate = rate_along(function, (t,), (torch.ones_like(t),))
     # forward mode may promote: 0.1 * t of a 0-dim float32 has a float64 rate
     return value, rate.to(value.dtype)
@@ -189,16 +182,13 @@ def rate_along(
     if saves_by_hooks():
         raise ValueError(HOOKED)
     value, _ = torch.func.vjp(function, *at)
-    zero = (
-        tuple(map(torch.zeros_like, value)) if isinstance(value, tuple) else torch.zeros_like(value)
-    )
+    several = isinstance(value, tuple)
+    zero = tuple(map(torch.zeros_like, value)) if several else torch.zeros_like(value)
     return value, torch.func.vjp(lambda v: torch.func.vjp(function, *at)[1](v), zero)[1](rates)[0]
 
 
 def within_dual_numbers() -> bool:
-    """Whether plain dual numbers (`torch.autograd.forward_ad`) are in use, not those of
-    torch.func.jvp, which nest.
-    """
+    """Whether plain dual numbers (`forward_ad`) are in use, not those of torch.func.jvp."""
     levels = torch._C._functorch.get_interpreter_stack() or ()
     return forward_ad._current_level >= 0 and not any(
         x.key() == torch._C._functorch.TransformType.Jvp for x in levels
@@ -268,12 +258,8 @@ def with_user_rate(
                 _about(function, value, t, eps**power * (1 + t.abs())) for power in (0.5, 0.25)
             )
             # a rate that is there, but zero, rises with the distance: t^3, t - sin(t)
-            lost = (
-                still
-                & (odd > 8 * even)
-                & (odd > 64 * eps * value.abs())
-                & (far <= 2 * odd * eps**-0.25)
-            )
+            lost = still & (odd > 8 * even) & (odd > 64 * eps * value.abs())
+            lost = lost & (far <= 2 * odd * eps**-0.25)
         if concrete(lost).any():
             raise ValueError(
                 f"{what} changes in time but has no rate in torch; write its function of t with "

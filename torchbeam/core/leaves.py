@@ -147,9 +147,7 @@ class Tree:
         check_fields(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies and pickles go without what is this object's alone, whose name begins with a
-        space.
-        """
+        """Copies and pickles go without what is this object's alone: ` name`."""
         return {name: value for name, value in vars(self).items() if not name.startswith(" ")}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -187,9 +185,7 @@ class Tree:
 
 
 class FunctionOfTime(Tree):
-    """A tree that is a function of t: it may stand in the place of a leaf, and declares the tensors
-    that it holds.
-    """
+    """A tree that is a function of t: it may be a leaf, and declares the tensors that it holds."""
 
 
 class Placeholder:
@@ -203,9 +199,7 @@ class Mark:
 
 
 class Leaf(NamedTuple):
-    """One leaf: the object that holds it, its name there, its value, its number of own axes
-    (None: not separable).
-    """
+    """One leaf: who holds it, its name there, its value, its own axes (None: not separable)."""
 
     owner: Any
     name: str
@@ -286,9 +280,7 @@ def values(tree: Any) -> list[Any]:
 
 
 def leaves_in_order(tree: Any) -> list[tuple[Any, int | None]]:
-    """Values and own axes of all leaves that `map_leaves` meets, in that order: an object in
-    several places once.
-    """
+    """Values and own axes of all leaves that `map_leaves` meets, in order, each object once."""
     found: list[tuple[Any, int | None]] = []
     _add_in_order(tree, found, set())
     return found
@@ -373,14 +365,10 @@ def _mapped(
         if axes is BRANCH or isinstance(value, Tree):
             mapped[name] = map_leaves(function, value, *theirs, results=results)
         elif isinstance(value, dict):
-            mapped[name] = {
+            new = {
                 key: function(part, axes, *(t[key] for t in theirs)) for key, part in value.items()
             }
-            mapped[name] = (
-                value
-                if all(mapped[name][key] is part for key, part in value.items())
-                else mapped[name]
-            )
+            mapped[name] = new if any(new[key] is not x for key, x in value.items()) else value
         elif hasattr(value, "_fields"):
             mapped[name] = type(value)(
                 *(function(part, axes, *(t[i] for t in theirs)) for i, part in enumerate(value))
@@ -498,9 +486,7 @@ def bound(tree: Any, dtype: torch.dtype, device: torch.device) -> Any:
 
 
 def wants_gradient(*trees: Any) -> bool:
-    """Whether a derivative, backward or forward, is being recorded for a tensor among these, or in
-    one of the trees.
-    """
+    """Whether a derivative, backward or forward, is recorded for one of these tensors or trees."""
     found: list[Any] = []
     for tree in trees:
         found += [tree] if isinstance(tree, Tensor) else values(tree)

@@ -1,6 +1,4 @@
-"""Measurements of the benchmark: one row each, times of runs in turns, functions that run in a
-process of their own.
-"""
+"""Measurements of the benchmark: rows, runs timed in turns, functions in a process of their own."""
 
 from __future__ import annotations
 
@@ -69,9 +67,7 @@ class Times(NamedTuple):
 
 
 def timed(runs: Sequence[Callable[[], Any]], repeats: int) -> list[Times]:
-    """Times of each run, after one to warm up, in turns: what else the machine does falls on all
-    alike.
-    """
+    """Times of each run, after one to warm up, in turns: the machine is the same to all."""
     measured = [Times([], []) for _ in runs]
     for k in range(repeats + 1):
         for run, times in zip(runs, measured, strict=True):

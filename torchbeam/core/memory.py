@@ -1,6 +1,4 @@
-"""Memory of this machine: what is asked for is compared with what is there before it is used, and
-what a run takes is told.
-"""
+"""Memory of this machine: what is asked for against what is there; what a run takes."""
 
 from __future__ import annotations
 
@@ -92,8 +90,6 @@ def _most_since() -> int:
 
 
 def _amount(path: str, name: str) -> int:
-    """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError where
-    it does not.
-    """
+    """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError."""
     lines = dict(line.split(":", 1) for line in Path(path).read_text().splitlines())
     return 1024 * int(lines[name].split()[0])

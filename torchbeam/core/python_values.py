@@ -20,30 +20,13 @@ import torch
 from torch import Tensor
 
 NUMBERS = (bool, int, float, complex, str, bytes)  # and words
-STEADY = (
-    *NUMBERS,
-    type(None),
-    type(Ellipsis),
-    type(Path()),
-    torch.dtype,
-    torch.device,
-    torch.layout,
-)
-PACKAGES = {  # of functions without memory
-    "torch",
-    "math",
-    "cmath",
-    "operator",
-    "functools",
-    "typing",
-    "itertools",
-    "collections",
-    "dataclasses",
-    "enum",
-    "abc",
-    __name__.split(".")[0],
-}
+OF_TORCH = torch.dtype, torch.device, torch.layout
+STEADY = (*NUMBERS, type(None), type(Ellipsis), type(Path()), *OF_TORCH)
 # fmt: off
+PACKAGES = {  # of functions without memory
+    "torch", "math", "cmath", "operator", "functools", "typing", "itertools", "collections",
+    "dataclasses", "enum", "abc", __name__.split(".")[0],
+}
 PURE = {  # of Python's own
     "abs", "all", "any", "bool", "complex", "dict", "divmod", "enumerate", "filter", "float",
     "frozenset", "getattr",
@@ -71,9 +54,7 @@ Read = tuple[str, Callable[[], Any]]  # a name, and what gives what it stands fo
 
 
 def of_class(kind: type) -> Iterator[Read]:
-    """What the classes that a user wrote give their objects beside fields: methods, functions of
-    properties, values.
-    """
+    """What a user's classes give their objects beside fields: methods, properties, values."""
     field_names = {*getattr(kind, "__dataclass_fields__", ()), *getattr(kind, "_fields", ())} | MADE
     for parent in kind.__mro__:
         for name, value in () if of_package(parent) else vars(parent).items():
@@ -88,15 +69,11 @@ def of_class(kind: type) -> Iterator[Read]:
 
 def function_of(value: Any) -> Any:
     """The function that a property, or a method of the class, is made from; all else as it is."""
-    return (
-        value.fget
-        if isinstance(value, property)
-        else value.func
-        if isinstance(value, functools.cached_property)
-        else value.__func__
-        if isinstance(value, (staticmethod, classmethod))
-        else value
-    )
+    if isinstance(value, property):
+        return value.fget
+    if isinstance(value, functools.cached_property):
+        return value.func
+    return value.__func__ if isinstance(value, (staticmethod, classmethod)) else value
 
 
 def class_attribute(kind: type, name: str) -> Any:
@@ -130,9 +107,7 @@ def word_of(value: Any) -> Hashable:
 
 
 def number_of(value: Any) -> str | None:
-    """The number or the word itself of an object of a class derived from theirs, or the name of an
-    enumeration's.
-    """
+    """The number or word of an object of a class derived from theirs, or an enumeration's name."""
     if isinstance(value, enum.Enum):
         return value.name
     for kind in NUMBERS:
@@ -161,9 +136,7 @@ def frozen(value: Any) -> bool:
 
 
 def followed(value: Any) -> bool:
-    """Whether it is a module of torch.nn, a user's Python module, or an object of a user's class,
-    or of a frozen one.
-    """
+    """Whether it is a module of torch.nn or a user's, or of a user's or a frozen class."""
     if isinstance(value, types.ModuleType):
         name = value.__name__.split(".")[0]
         return name == "numpy" or name not in PACKAGES | sys.stdlib_module_names | {"__main__"}
@@ -182,21 +155,17 @@ def put_on(module: types.ModuleType, names: set[str]) -> list[str]:
     be put there by anyone; and modules in it, where the same may be so.
     """
     held = {name: vars(module)[name] for name in names & vars(module).keys()}
-    return [
-        name
-        for name, value in held.items()
-        if isinstance(value, PUT)
-        or (
-            isinstance(value, (types.FunctionType, types.ModuleType))
-            and of_package(value) == isinstance(value, types.ModuleType)
-        )
-    ]
+    kinds = (types.FunctionType, types.ModuleType)
+
+    def counts(value: Any) -> bool:
+        module = isinstance(value, types.ModuleType)
+        return isinstance(value, PUT) or (isinstance(value, kinds) and of_package(value) == module)
+
+    return [name for name, value in held.items() if counts(value)]
 
 
 def attributes(value: Any) -> list[str]:
-    """Names of what an object holds: of a frozen dataclass its fields, else what it was given, also
-    in slots.
-    """
+    """Names of what an object holds: a frozen dataclass's fields, else attributes and slots."""
     if frozen(value):
         return [field.name for field in fields(value)]
     if isinstance(value, Tensor):
@@ -215,13 +184,9 @@ def lazy(kind: type, name: str) -> bool:
 
 def attribute(value: Any, name: str) -> Any:
     held = getattr(value, "__dict__", {})
-    return (
-        held[name]
-        if name in held
-        else getattr(value, name, ABSENT)
-        if hasattr(type(value), name)
-        else ABSENT
-    )
+    if name in held:
+        return held[name]
+    return getattr(value, name, ABSENT) if hasattr(type(value), name) else ABSENT
 
 
 def of_numpy(value: Any) -> bool:
@@ -238,9 +203,7 @@ def of_numpy(value: Any) -> bool:
 
 
 def of_package(value: Any) -> bool:
-    """Whether a module, class, function or operation is of one of `PACKAGES`, or of Python's own
-    that are pure.
-    """
+    """Whether it is of one of `PACKAGES`, or of Python's own that are pure."""
     if isinstance(value, types.ModuleType):
         name = value.__name__
     elif callable(value) and hasattr(value, "__name__"):
@@ -266,9 +229,7 @@ def top(value: Any) -> str:
 
 
 def installed(value: Any) -> bool:
-    """Whether a module, class or function is of a package that was installed, NumPy and `PACKAGES`
-    aside.
-    """
+    """Whether a module, class or function is of an installed package, not NumPy or `PACKAGES`."""
     name = top(value)
     file = str(getattr(sys.modules.get(name), "__file__", None) or "")
     return name not in PACKAGES | {"numpy"} and bool(INSTALLED & {*Path(file).parts})

@@ -1,6 +1,4 @@
-"""Remembered: what pure functions of tensors have given, for the last few arguments that they were
-asked for.
-"""
+"""Remembered: what pure functions of tensors have given for the last few arguments."""
 
 from __future__ import annotations
 
@@ -54,9 +52,7 @@ def remembered(function: Callable[..., T], *arguments: Any) -> T:
 
 
 def keep(entries: dict[K, T], key: K, value: T, most: int) -> T:
-    """The value, as the last of at most so many entries: those that came first go. Other threads
-    may do the same.
-    """
+    """The value, as the last of at most so many entries. Other threads may do the same."""
     entries.pop(key, None)
     for oldest in [*entries][: max(0, len(entries) + 1 - most)]:
         entries.pop(oldest, None)

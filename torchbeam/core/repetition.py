@@ -1,6 +1,4 @@
-"""Repetition of a call: how many like it a run makes, by which what is prepared for them all, as
-native code, is weighed.
-"""
+"""Repetition of a call: how many like it a run makes, by which what is prepared is weighed."""
 
 from __future__ import annotations
 

@@ -21,10 +21,9 @@ def measured_on(dtype: str | None = "float64", threads: int | None = None) -> di
     """Heading of a result file: machine, cores, threads of torch (None = those of now), dtype
     (None = several), versions.
     """
+    own = _processor()
     heading = {
-        "machine": ", ".join(
-            filter(None, (f"{platform.system()} {platform.machine()}", _processor()))
-        ),
+        "machine": ", ".join(filter(None, (f"{platform.system()} {platform.machine()}", own))),
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads() if threads is None else threads,
         "dtype": dtype,
@@ -35,23 +34,16 @@ def measured_on(dtype: str | None = "float64", threads: int | None = None) -> di
 
 
 def sentence(heading: Mapping[str, Any]) -> str:
-    """A heading as a line under a table; `heading` may hold less, or more, than `measured_on`
-    gives.
-    """
+    """A heading as a line under a table; it may hold less, or more, than `measured_on` gives."""
 
     def number(name: str, noun: str) -> list[str]:
         count = heading.get(name)
         return [] if count is None else [f"{count} {noun}" + ("" if count == 1 else "s")]
 
     software = {"Python": heading.get("python"), **heading.get("versions", {})}
-    said = [
-        *filter(None, [heading.get("machine")]),
-        *number("cores", "core"),
-        *number("threads", "thread"),
-        *filter(None, [heading.get("dtype")]),
-        *(f"{name} {v}" for name, v in software.items() if v),
-    ]
-    return f"Measured on: {', '.join(said)}."
+    said = [heading.get("machine"), *number("cores", "core"), *number("threads", "thread")]
+    said += [heading.get("dtype"), *(f"{name} {v}" for name, v in software.items() if v)]
+    return f"Measured on: {', '.join(filter(None, said))}."
 
 
 def versions(*packages: str) -> dict[str, str]:
@@ -101,11 +93,7 @@ def _processor() -> str:
     """The processor's name, where the system tells it."""
     info = Path("/proc/cpuinfo")
     if info.is_file():
-        names = [
-            line.partition(":")[2].strip()
-            for line in info.read_text().splitlines()
-            if line.startswith("model name")
-        ]
-        if names:
-            return names[0]
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
     return platform.processor() if platform.processor() != platform.machine() else ""

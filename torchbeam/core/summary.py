@@ -1,6 +1,4 @@
-"""Summaries of tensors in words, for the `__repr__` of public objects: ranges and sizes, never the
-numbers one by one.
-"""
+"""Summaries of tensors in words, for the `__repr__` of public objects: ranges and sizes."""
 
 from __future__ import annotations
 
@@ -52,19 +50,16 @@ def statuses(status: Tensor) -> str:
 def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
     """Lines of a table's rows, in columns; right: numbers of those that end alike."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            cell.rjust(width) if k in right else cell.ljust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+
+    def line(row: Sequence[str]) -> str:
+        cells = enumerate(zip(row, widths, strict=True))
+        return "  ".join(x.rjust(w) if k in right else x.ljust(w) for k, (x, w) in cells)
+
+    return [line(row).rstrip() for row in rows]
 
 
 def lines(name: str, *parts: str) -> str:
-    """name(first; second; ...), in lines of at most about WIDTH characters that break between
-    parts.
-    """
+    """name(first; second; ...), in lines of about WIDTH characters that break between parts."""
     margin = "\n" + " " * (len(name) + 1)
     text, room = name + "(", WIDTH - len(name) - 1
     for k, part in enumerate(parts):

@@ -50,15 +50,11 @@ WRITTEN = {"STORE_GLOBAL", "DELETE_GLOBAL", "STORE_ATTR", "DELETE_ATTR"}
 READ = {"LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR"}  # an attribute, by its name
 # which attribute they read, code does not say
 BY_WORDS = {"getattr", "hasattr", "vars", "__dict__", "attrgetter"}
-# of torch.nn
-OF_MODULES = {
-    "_parameters",
-    "_buffers",
-    "_modules",
-    "training",
-    "_forward_hooks",
-    "_forward_pre_hooks",
+# fmt: off
+OF_MODULES = {  # of torch.nn
+    "_parameters", "_buffers", "_modules", "training", "_forward_hooks", "_forward_pre_hooks",
 }
+# fmt: on
 # what may hold attributes beside its contents
 HOLDING = (tuple, frozenset, list, dict, set, np.ndarray, functools.partial)
 SMALL = 64  # numbers of a tensor by which it is known
@@ -136,16 +132,11 @@ class Surroundings:
     @property
     def tensors(self) -> list[Tensor]:
         """Floating ones on the CPU."""
-        return [
-            x
-            for _, x in self._met.values()
-            if isinstance(x, Tensor) and x.is_floating_point() and x.device.type == "cpu"
-        ]
+        met = [x for _, x in self._met.values() if isinstance(x, Tensor)]
+        return [x for x in met if x.is_floating_point() and x.device.type == "cpu"]
 
     def by_sample(self, tensors: list[Tensor], axes: int) -> Surroundings:
-        """The same with these of its tensors as inputs, whose first `axes` axes are those of a
-        batch.
-        """
+        """The same with these of its tensors as inputs, whose first `axes` axes are a batch's."""
         other = copy(self)
         other.batched = {id(x): axes for x in tensors}
         other.inputs = [*self.inputs, *(x for x in tensors if all(x is not y for y in self.inputs))]
@@ -185,12 +176,8 @@ class Surroundings:
         if any(value is x for x in self.inputs):
             axes = self.batched.get(id(value), 0)
             return value.dtype, value.shape[axes:], axes, self._met[id(value)][0]
-        if (
-            type(value) is Tensor
-            and value.numel() <= SMALL
-            and value.device.type == "cpu"
-            and not value.requires_grad
-        ):
+        small = type(value) is Tensor and value.numel() <= SMALL
+        if small and value.device.type == "cpu" and not value.requires_grad:
             return value.dtype, value.shape, bytes_of(value)
         kind = None
         if isinstance(value, types.FunctionType) and not of_package(value):
@@ -318,25 +305,18 @@ class Surroundings:
         self._hold(f"numbers of {name}", lambda: (value.dtype.str, value.shape, value.tobytes()))
 
     def _class(self, kind: type) -> None:
-        """What a user's class gives its objects: what is done to them without a name, and what
-        functions name.
-        """
+        """What a user's class gives its objects: special methods, and what functions name."""
         if any(not of_package(parent) for parent in kind.__mro__):
             self._holders.append((kind.__name__, kind, set()))
 
     def _look(self) -> bool:
-        """At what functions name of objects, classes and modules; whether there was anything
-        new.
-        """
+        """At what functions name of objects, classes and modules; whether any of it was new."""
         before = len(self.variables)
         for name, value, seen in self._holders:
             if isinstance(value, type):
                 reads = dict(of_class(value))
-                wanted = {
-                    key
-                    for key in reads
-                    if not self.strict or key in self._named or key.startswith("__")
-                }
+                named = {key for key in reads if key in self._named or key.startswith("__")}
+                wanted = named if self.strict else {*reads}
             else:
                 reads, whole = self._attributes(name, value)
                 wanted = {key for key in reads if whole or key in self._named}

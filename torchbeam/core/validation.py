@@ -1,6 +1,4 @@
-"""Validation of tensors given to public functions: conversion of numbers, and errors of one
-sentence.
-"""
+"""Validation of tensors given to public functions: numbers converted, errors of one sentence."""
 
 from __future__ import annotations
 
@@ -50,9 +48,7 @@ def precision(dtype: torch.dtype) -> torch.dtype:
 
 
 def numpy_dtype(value: np.ndarray | np.generic) -> torch.dtype | None:
-    """torch's dtype of a floating NumPy array or scalar, None of whole and `Plain` numbers; or
-    NumPy's own.
-    """
+    """torch's dtype of a floating NumPy array or scalar, or NumPy's; None of whole and `Plain`."""
     typed = value.dtype.kind in "fc" and not isinstance(value, Plain)
     return getattr(torch, value.dtype.name, value.dtype) if typed else None
 
@@ -100,9 +96,7 @@ def converted(value: Value, dtype: torch.dtype, device: torch.device | None = No
 
 
 def real(value: Tensor) -> Tensor:
-    """`value` if it holds real numbers; ValueError for booleans and complex numbers, and as of
-    `dense`.
-    """
+    """`value` if it holds real numbers; ValueError for others, and as of `dense`."""
     if value.dtype == torch.bool or value.dtype.is_complex:
         raise ValueError(f"a tensor of {value.dtype} was given; real numbers are wanted")
     return dense(value)
@@ -181,9 +175,7 @@ def present(value: Value, part: Tensor | None = None) -> bool:
 
 
 def has_dtype(value: Value) -> bool:
-    """Whether there is a tensor, or a floating array or scalar of NumPy, in `value`: it is then
-    taken as a tensor.
-    """
+    """Whether `value` is taken as a tensor: it has one, or a floating array or scalar, in it."""
     return any(isinstance(leaf, Tensor) or numpy_dtype(leaf) is not None for leaf in _leaves(value))
 
 
@@ -220,9 +212,7 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
 
 
 def unmapped(what: str, value: Tensor) -> Tensor:
-    """`value` if it is not one at a time of samples that torch.func.vmap has; ValueError
-    otherwise.
-    """
+    """`value` if it is not one sample at a time, as torch.func.vmap has it; else ValueError."""
     if mapped(value):
         raise ValueError(
             f"{what} within torch.func.vmap was given, where samples cannot go ways of their own; "
@@ -239,9 +229,7 @@ def axis_last(name: str, value: Any, size: int) -> Any:
 
 
 def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = False) -> Tensor:
-    """`value` if every entry is positive (or zero, or infinite, where allowed); ValueError
-    otherwise.
-    """
+    """`value` if all of it is positive (or zero, or infinite, where allowed); else ValueError."""
     numbers = concrete(value).detach()
     if not numbers.numel():
         return value
@@ -250,11 +238,8 @@ def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = F
         return value
     bad = ~(numbers >= 0) if zero else ~(numbers > 0)
     bad = bad if infinite else bad | torch.isinf(numbers)
-    wanted = (
-        ("a non-negative" if zero else "a positive")
-        + (" or infinite" if infinite else " finite")
-        + " number"
-    )
+    wanted = "a non-negative" if zero else "a positive"
+    wanted = f"{wanted} {'or infinite' if infinite else 'finite'} number"
     raise ValueError(f"{name} = {numbers[bad].flatten()[0].item():g} was given; {wanted} is wanted")
 
 
@@ -270,9 +255,7 @@ def finite(name: str, value: Tensor) -> Tensor:
 
 
 def rotations(name: str, value: Tensor) -> Tensor:
-    """`value` (..., 3, 3) if its columns are right-handed and orthonormal, to 1e-5; ValueError
-    otherwise.
-    """
+    """`value` (..., 3, 3) if its columns are right-handed, orthonormal to 1e-5; else ValueError."""
     if value.ndim < 2 or value.shape[-2:] != (3, 3):
         raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., 3, 3) is wanted")
     R = concrete(finite(name, value)).detach()
@@ -307,9 +290,7 @@ def inertia(name: str, J: Tensor, size: Tensor) -> Tensor:
 
 
 def increasing(name: str, value: Tensor) -> Tensor:
-    """`value` if it is a strictly increasing series of at least two finite numbers; ValueError
-    otherwise.
-    """
+    """`value` if it is a strictly increasing series of two or more numbers; else ValueError."""
     if value.ndim != 1 or value.numel() < 2:
         raise ValueError(
             f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants "

@@ -43,7 +43,7 @@ class GeneralizedAlphaMethod(Method):
             "a load with internal states": model.internal_states > 0,
             "a joint with damping or friction": model.joints.dissipative,
             "a Tendon with friction": model.tendons.dissipative,
-            "contact of beams with friction or damping": model.touching.lossy,
+            "contact of beams with friction or damping": model.touching.dissipative,
         }
         for name, present in unfit.items():
             if present:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
+import torch
 from torch import Tensor
 
 from ..core.leaves import Tree
-from ..nodal import interactions
+from ..nodal import element_loads
 from ..nodal.balance import (
     CondensedTangent,
     Linearisation,
@@ -18,14 +18,12 @@ from ..nodal.balance import (
     restrained_forces,
     size_of_strain,
 )
+from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
-from ..nodal.joint_motion import JointDrive, JointMotion
 from ..nodal.loads import MotionJacobian, Nodes
 from ..nodal.rows import Rows
-from ..nodal.tendon_motion import TendonMotion
-from ..nodal.touching_motion import TouchingMotion
 from ..topology.protocols import Matrix
 from .balanced_element import BalancedElement, ElementBalance
 
@@ -38,13 +36,9 @@ class BalanceProblem(Tree):
     A subclass says what its unknowns x are, a named tuple of two tensors of nodes and of the
     `stress` (`apply_supports`, `update`); how nodes move by them, and what that asks for
     (`node_balance`, `node_tangent`); and the elements between (`element`).
-
-    RATE  how far joints move, where they are closed, by a move of the nodes
     """
 
     model: Rows
-
-    RATE: ClassVar[float] = 1.0
 
     @property
     def conditions(self) -> Conditions:
@@ -65,11 +59,6 @@ class BalanceProblem(Tree):
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself."""
         return self.conditions.eigenstrain
-
-    @property
-    def share(self) -> Tensor | float:
-        """(...) as far as loads are raised."""
-        return 1.0
 
     @property
     def least(self) -> tuple[Tensor, ...]:
@@ -113,34 +102,42 @@ class BalanceProblem(Tree):
 
     def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
         """Loads between nodes, on each node of the elements (..., N, w); None = there are none."""
-        raise NotImplementedError
+        now = self.conditions
+        if not now.between:
+            return None
+        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
 
     def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
         """What they add to the tangent; None = nothing. nodes: the derivatives of the motion, where
         they are known.
         """
+        now = self.conditions
+        if not now.between:
+            return None
+        motion = self.node_motion(kinematics, nodes)
+        at, by = motion.nodes(now.reads), motion.by(now.reads)
+        return element_loads.element_matrix(self.model, at, now, by).each(torch.neg)
+
+    def nodes(self, kinematics: Any, reads: frozenset[str] | None = None) -> Nodes:
+        """What is seen by loads, or by what reads these."""
         raise NotImplementedError
 
-    def nodes(self, kinematics: Any) -> Nodes:
-        """What loads see."""
-        raise NotImplementedError
-
-    def motion_by(self, nodes: Any) -> MotionJacobian:
-        """Derivatives, by the nodes' moves, of the motions that loads read; nodes: those of the
-        motion.
+    def motion_by(self, nodes: Any, reads: frozenset[str] | None = None) -> MotionJacobian:
+        """Derivatives, by the nodes' moves, of the motions that loads read, or of these; nodes:
+        those of the motion.
         """
         raise NotImplementedError
 
-    def interactions(self, kinematics: Any) -> Tensor | float:
-        """Of all, on the nodes (..., N+1, w); 0.0 where there is none."""
-        if not self.conditions.interactions:
-            return 0.0
-        whole = interactions.at_nodes(self.model, self.nodes(kinematics), self.conditions)
-        return whole if isinstance(self.share, float) else self.share[..., None, None] * whole
+    def node_motion(self, kinematics: Any, nodes: Any = None) -> NodeMotion:
+        """What acts between nodes sees; nodes: the derivatives of the motion, where these are
+        known.
+        """
+        raise NotImplementedError
 
     def idle(self, kinematics: Any) -> Tensor:
         """(...) bool: whether none of them does anything."""
-        raise NotImplementedError
+        way = self.node_motion(kinematics).way()
+        return element_loads.idle(self.model, way, self.conditions)
 
     def passed(self, kinematics: Any) -> Tensor | None:
         """(...) bool: whether the beam would pass through what it touches; None = it moves through
@@ -148,45 +145,11 @@ class BalanceProblem(Tree):
         """
         return None
 
-    def at_instants(
-        self, kinematics: Any, place: Callable[[Tensor, Tensor], Any]
-    ) -> tuple[Any, ...]:
-        """place(position, rotation) of nodes where forces between them act, where they are after,
-        and before a step (None = there is none).
-        """
-        raise NotImplementedError
-
-    @property
-    def joint_drive(self) -> JointDrive:
-        """What acts in joints."""
-        raise NotImplementedError
-
-    def joint_poses(self, kinematics: Any) -> JointMotion:
-        """Where joints are, and what acts in them."""
-        return JointMotion(*self.at_instants(kinematics, self.model.joints.pose), self.joint_drive)
-
-    def tendon_motion(self, kinematics: Any) -> TendonMotion:
-        """Where tendons are, and what is given of them."""
-        places = self.at_instants(kinematics, self.model.tendons.eyelets)
-        return TendonMotion(*places, self.conditions.tendons, self.joint_drive)
-
-    def touching_motion(self, kinematics: Any, nodes: Any = None) -> TouchingMotion:
-        """How beams move that may touch each other; nodes: the derivatives of the motion, where
-        they are known.
-        """
-        raise NotImplementedError
-
-    def half_turns(self, nodes: Any) -> Callable[[], Tensor] | None:
-        """Half the spin of a node's end by that of its move (..., N+1, s, s), of derivatives
-        `nodes`; None = the end moves.
-        """
-        return None
-
     def element_balance(self, x: Any, kinematics: Any) -> ElementBalance:
         """The elements, whose nodes move so."""
         model = self.model
         return self.element.balance(
-            model.joints.split(x.stress)[0],
+            model.multipliers.split(x.stress)[0],
             *(model.assembly.poses(*pose) for pose in kinematics.poses),
         )
 
@@ -201,14 +164,12 @@ class BalanceProblem(Tree):
         nodes = sum(asked, nodes if isinstance(load, float) else nodes - load)
         if between is not None:
             nodes = nodes - model.topology.scatter(between)
-        nodes, constitutive_residual = model.joints.balance(
-            nodes, element.constitutive_residual, x.stress, lambda: self.joint_poses(kinematics)
-        )
+        gap = element.constitutive_residual
+        if model.interactions:
+            motion = self.node_motion(kinematics)
+            for one in model.interactions:
+                nodes, gap = one.balance(nodes, gap, x.stress, motion)
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
-        nodes = model.tendons.loaded(nodes, lambda: self.tendon_motion(kinematics))
-        nodes = model.touching.loaded(nodes, lambda: self.touching_motion(kinematics))
-        pushed = self.interactions(kinematics)
-        nodes = nodes if isinstance(pushed, float) else nodes - pushed
         sizes = largest(
             model.space.dims.position,
             model.spans,
@@ -224,9 +185,9 @@ class BalanceProblem(Tree):
             Residual(
                 model.constraints,
                 nodes,
-                constitutive_residual,
+                gap,
                 *sizes,
-                model.joints,
+                model.multipliers,
                 self.rounding,
                 self.element.rounding,
             ),
@@ -239,10 +200,10 @@ class BalanceProblem(Tree):
         self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None
     ) -> CondensedTangent:
         """By the nodes' moves."""
-        assembly, joints = self.model.assembly, self.model.joints
+        model, assembly = self.model, self.model.assembly
         nodes, matrix = self.node_tangent(kinematics, inertia)
         tangent = self.element.tangent(
-            element, joints.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2)
+            element, model.multipliers.split(x.stress)[0], lambda: assembly.ends(nodes.half, 2)
         )
         condensed = CondensedTangent.of(
             assembly,
@@ -252,21 +213,12 @@ class BalanceProblem(Tree):
             self.C,
             tangent.strain_by_move,
         )
-        half = self.half_turns(nodes)
-        joined = joints.joined(
-            condensed, x.stress, lambda: self.joint_poses(kinematics), half, self.RATE
-        )
-        matrix = self.model.tendons.matrix(
-            joined.matrix, lambda: self.tendon_motion(kinematics), half, self.RATE
-        )
-        matrix = self.model.touching.matrix(matrix, lambda: self.touching_motion(kinematics, nodes))
-        now = self.conditions
-        if now.interactions:
-            by, share = self.motion_by(nodes), self.share
-            share = share if isinstance(share, float) else share[..., None, None, None]
-            nodes = self.nodes(kinematics)
-            matrix = interactions.matrix(self.model, nodes, now, by, matrix, -share)
-        return joined if matrix is joined.matrix else joined._replace(matrix=matrix)
+        if not model.interactions:
+            return condensed
+        motion, matrix = self.node_motion(kinematics, nodes), condensed.matrix
+        for one in model.interactions:
+            matrix = one.matrix(matrix, x.stress, motion)
+        return condensed._replace(matrix=matrix)
 
     def merit(self, residual: Residual) -> Tensor | None:
         """See `Problem`."""

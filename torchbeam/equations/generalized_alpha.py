@@ -23,9 +23,8 @@ damping is second order too.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -134,13 +133,6 @@ class GeneralizedAlphaProblem(StepProblem):
             EndUnknowns(self.start.velocity * self.h, turn, self.start.stress)
         )
 
-    def at_instants(
-        self, kinematics: EndKinematics, place: Callable[[Tensor, Tensor], Any]
-    ) -> tuple[Any, ...]:
-        """Forces act at the end, where joints are closed (Arnold and Bruels 2007)."""
-        end = place(kinematics.position_end, kinematics.q_end)
-        return end, end, place(self.start.position, self.start.rotation)
-
     def finish(self, x: EndUnknowns, reaction: Tensor) -> AlphaState:
         """The state at the end of the step; the work by the mean of the loads at its two ends."""
         model, space, start = self.model, self.model.space, self.start
@@ -198,7 +190,7 @@ class GeneralizedAlphaProblem(StepProblem):
         nodes = self.motion.nodes_before(before.reads)
         load = external.external(self.model, nodes, before, total=before.dead)
         load = load + at_nodes(self.model, nodes, before) if before.between else load
-        return interactions.at_nodes(self.model, nodes, before, load)
+        return interactions.at_nodes(self.model.space, nodes, before, load)
 
     def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""

@@ -23,16 +23,14 @@ step as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..nodal import loads as external
-from ..nodal.rigid_moves import free_pieces
 from ..state.state import State
 from .energy_projection import conserved
 from .step_element import MidpointElement
@@ -65,7 +63,6 @@ class MidpointProblem(StepProblem):
     TANGENT = MidpointTangent
     INSTANT = 0.5
     PART = 0.5
-    RATE = 2.0
 
     @cached
     def motion(self) -> MidpointMotion:
@@ -94,17 +91,6 @@ class MidpointProblem(StepProblem):
             spin = self.model.constraints.turn * spin
         m = self.model.space.cayley(spin * self.h / 2)
         return self.apply_supports(MidpointUnknowns(velocity * self.h / 2, m, start.stress))
-
-    def at_instants(
-        self, kinematics: StepKinematics, place: Callable[[Tensor, Tensor], Any]
-    ) -> tuple[Any, ...]:
-        """Forces act at the means over the step, joints are closed at its end."""
-        start = place(self.start.position, self.start.rotation)
-        end = place(kinematics.position_end, kinematics.q_end)
-        return start.mean(end), end, start
-
-    def half_turns(self, nodes: MidpointTangent) -> Callable[[], Tensor]:
-        return lambda: nodes.half
 
     def moves(self, kinematics: StepKinematics) -> Tensor:
         """(..., N+1, w) m and rad, by which loads do work over the step."""
@@ -146,6 +132,5 @@ class MidpointProblem(StepProblem):
         )
         after = self.finished(after, x.stress, kinematics)
         if self.conserve:
-            free = free_pieces(model)
-            after = conserved(model, start, after, self.dt, self.eigenstrain, free)
+            after = conserved(model, start, after, self.dt, self.eigenstrain, model.free_pieces)
         return replace(after, work=start.work + after.work)

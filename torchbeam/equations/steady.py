@@ -6,23 +6,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
-from ..nodal import element_loads
 from ..nodal import loads as external
+from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.joint_motion import JointDrive
+from ..nodal.element_loads import Way
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
-from ..nodal.touching_motion import TouchingMotion
-from ..scene.effects import ROTATION, Inputs
+from ..scene.effects import Inputs
 from ..state.rest_shape import RestShape
 from ..state.state import State, rest
 from ..state.supported_nodes import set_node
@@ -72,10 +71,6 @@ class SteadyProblem(BalanceProblem):
         return replace(
             conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t)
         )
-
-    @property
-    def share(self) -> Tensor:
-        return self.load_factor
 
     @property
     def support_factor(self) -> Tensor:
@@ -132,7 +127,7 @@ class SteadyProblem(BalanceProblem):
         inputs = {**self.inputs, load: factor[..., None] * self.inputs[load]}
         return replace(self, inputs=inputs, load_factor=torch.ones_like(factor))
 
-    def nodes(self, x: Configuration) -> Nodes:
+    def nodes(self, x: Configuration, reads: frozenset[str] | None = None) -> Nodes:
         velocity, spin = self.velocity(x)
         nodes = Nodes(
             x.position,
@@ -182,28 +177,10 @@ class SteadyProblem(BalanceProblem):
         load = self.motion.less(load, *x[:2])
         return load if isinstance(load, float) else self.load_factor[..., None, None] * load
 
-    def element_loads(self, kinematics: Configuration) -> tuple[Tensor, ...] | None:
-        """What the beam meets, however far loads are raised."""
-        now = self.conditions
-        if not now.between:
-            return None
-        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
-
-    def idle(self, kinematics: Configuration) -> Tensor:
-        return element_loads.idle(
-            self.model, element_loads.Way(kinematics.position), self.conditions
-        )
-
-    def motion_by(self, nodes: None) -> external.MotionJacobian:
+    def motion_by(
+        self, nodes: None, reads: frozenset[str] | None = None
+    ) -> external.MotionJacobian:
         return self.frame.steady_jacobian()
-
-    def element_load_matrix(self, kinematics: Configuration, nodes: None = None) -> Matrix | None:
-        now = self.conditions
-        if not now.between:
-            return None
-        by = self.motion_by(nodes)
-        matrix = element_loads.element_matrix(self.model, self.nodes(kinematics), now, by)
-        return matrix.each(torch.neg)
 
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""
@@ -227,21 +204,23 @@ class SteadyProblem(BalanceProblem):
     def node_tangent(self, kinematics: Configuration, inertia: None) -> tuple[None, Matrix | None]:
         return None, self.load_tangent(kinematics)
 
-    def at_instants(
-        self, kinematics: Configuration, place: Callable[[Tensor, Tensor], Any]
-    ) -> tuple[Any, ...]:
-        here = place(*kinematics[:2])
-        return here, here, None
+    def node_motion(self, kinematics: Configuration, nodes: None = None) -> NodeMotion:
+        def moved(reads: frozenset[str]) -> external.MotionJacobian:
+            eyes = (
+                torch.eye(n, dtype=kinematics.position.dtype, device=kinematics.position.device)
+                for n in (self.model.space.dims.position, self.model.space.dims.spin)
+            )
+            return self.frame.moving_jacobian(*(eye[None] for eye in eyes))
 
-    def touching_motion(self, kinematics: Configuration, nodes: None = None) -> TouchingMotion:
-        space, touching = self.model.space, self.model.touching
-        position = space.public_position(kinematics.position)
-        axes = (space.axes(kinematics.rotation),) if ROTATION in touching.reads else None
-        return TouchingMotion(position, None, None, None, None, dict, axes=axes)
-
-    @property
-    def joint_drive(self) -> JointDrive:
-        return JointDrive(self.conditions.joints, share=self.load_factor)
+        return NodeMotion(
+            self.conditions,
+            lambda reads: self.nodes(kinematics, reads),
+            lambda reads: self.motion_by(nodes, reads),
+            kinematics[:2],
+            share=self.load_factor,
+            moved=moved,
+            way=lambda: Way(kinematics.position),
+        )
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
         """The public state of a solution: at rest in frame a."""
@@ -264,9 +243,8 @@ class SteadyProblem(BalanceProblem):
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
-                coordinates=tuple(joint.coordinates for joint in model.scene.joints),
-                **model.joints.finished(x.stress, lambda: self.joint_poses(x)),
-                **model.tendons.finished(lambda: self.tendon_motion(x)),
+                coordinates=tuple(one.coordinates for one in model.scene.joints),
+                **model.finished({"stress": x.stress}, self.node_motion(x)),
             )
         )
 
@@ -294,16 +272,15 @@ def least_forces(
     model: Model, C: Tensor, conditions: Callable[[], Conditions]
 ) -> tuple[Tensor, ...]:
     """Forces N and moments N m (..., n, *), of which p are forces, that a balance is measured
-    against where nothing else acts: the stress of rounding, the efforts in joints, which what
-    resists in these may balance by itself, and the dead loads that what a body touches may.
+    against where nothing else acts: the stress of rounding, efforts between nodes, which what
+    resists there may balance by itself, and the dead loads that what a body touches may.
     """
     terms = [rounding_stress(model, C)]
-    if not (model.joints.count or model.bodies_touch):
+    if not (model.interactions or model.bodies_touch):
         return tuple(terms)
     now = conditions()
-    efforts = model.joints.efforts(now.joints)
-    if efforts is not None:
-        terms.append(efforts)
+    efforts = [one.efforts(now) for one in model.interactions]
+    terms += [effort for effort in efforts if effort is not None]
     if model.bodies_touch:
         drawn = model.space.to_reduced(rest(model.scene))
         nodes = Nodes(drawn.position, drawn.rotation, frame=drawn.frame)

@@ -8,6 +8,7 @@ and the stress.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import torch
@@ -15,16 +16,14 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..core.leaves import leaf
-from ..nodal import element_loads
+from ..nodal import element_loads, interactions
 from ..nodal import loads as external
 from ..nodal.balance import Residual
+from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
-from ..nodal.joint_motion import JointDrive
 from ..nodal.loads import Nodes
-from ..nodal.tendon_motion import TendonMotion
-from ..nodal.touching_motion import TouchingMotion
-from ..scene.effects import ROTATION, SPIN, VELOCITY, Inputs
+from ..scene.effects import Inputs
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
@@ -154,8 +153,8 @@ class StepProblem(BalanceProblem):
             x.stress + dstress,
         )
 
-    def nodes(self, kinematics: Any) -> Nodes:
-        nodes = self.motion.nodes(kinematics, self.conditions.reads)
+    def nodes(self, kinematics: Any, reads: frozenset[str] | None = None) -> Nodes:
+        nodes = self.motion.nodes(kinematics, self.conditions.reads if reads is None else reads)
         dt = self.dt if self.INSTANT == 0.5 else None
         return nodes._replace(
             frame=self._frame_middle, internal=self.start.internal, dt=dt, secant=self.secant
@@ -169,7 +168,8 @@ class StepProblem(BalanceProblem):
     def near(self, x: Any) -> Tensor:
         x = self.apply_supports(x)
         kinematics, now = self.motion.kinematics(x.u, x.m), self.conditions
-        each = [self.model.touching.near_enough(lambda: self.touching_way(kinematics))]
+        motion = self.node_motion(kinematics)
+        each = [one.near_enough(motion) for one in self.model.interactions]
         if now.between:
             each.append(~self.idle(kinematics))
         each.append(self.body_near(kinematics))
@@ -186,8 +186,11 @@ class StepProblem(BalanceProblem):
         return replace(self, secant=secant) if self.model.rubs else self
 
     def after(self, kinematics: Any, *_: Any) -> StepProblem:
-        told = self.model.tendons.told(lambda: self.tendon_motion(kinematics))
-        return self if told is None else replace(self, told=told)
+        motion = self.node_motion(kinematics)
+        for one in self.model.interactions:
+            if (told := one.told(motion)) is not None:
+                return replace(self, told=told)
+        return self
 
     def seen(self, x: Any) -> Nodes:
         """`nodes` of the unknowns."""
@@ -203,17 +206,14 @@ class StepProblem(BalanceProblem):
             else self._dead
         )
 
-    def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
-        now = self.conditions
-        if not now.between:
-            return None
-        return element_loads.element_loads(self.model, self.nodes(kinematics), now)
-
     def all_loads(self, kinematics: Any) -> Tensor | float:
         """`external` with the loads between nodes."""
         load, between = self.external(kinematics), self.element_loads(kinematics)
         load = load if between is None else load + self.model.topology.scatter(between)
-        return load + self.interactions(kinematics)
+        now = self.conditions
+        if not now.interactions:
+            return load
+        return interactions.at_nodes(self.model.space, self.nodes(kinematics), now, load)
 
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
         kinematics = self.motion.kinematics(x.u, x.m)
@@ -226,51 +226,41 @@ class StepProblem(BalanceProblem):
             matrix = matrix.minus(self.load_tangent(nodes))
         return nodes, total(matrix, self.element_load_matrix(kinematics, nodes))
 
-    @cached
-    def joint_drive(self) -> JointDrive:
-        """What acts in joints: over the step, or where forces act at its end at that instant."""
-        start = self.start
-        turns = None if start.joints is None else start.joints[..., :2]
-        return JointDrive(
-            self.conditions.joints,
-            turns,
-            self.dt if self.INSTANT < 1 else None,
+    def node_motion(self, kinematics: Any, nodes: Any = None) -> NodeMotion:
+        start, mean = self.start, self.INSTANT < 1
+
+        def of_motion() -> Any:
+            return self.TANGENT(self.motion, kinematics) if nodes is None else nodes
+
+        return NodeMotion(
+            self.conditions,
+            lambda reads: self.nodes(kinematics, reads),
+            lambda reads: self.motion_by(of_motion(), reads),
+            (kinematics.position_end, kinematics.q_end),
+            (start.position, start.rotation),
+            mean,
+            dt=self.dt if mean else None,
             moving=lambda: self.relative_motion(start),
+            state=start,
+            path=lambda: (
+                self.h * self.frame.relative_velocity(kinematics.velocity, kinematics.position)
+            ),
+            way=lambda: self._way(kinematics),
+            half=(lambda: of_motion().half) if mean else None,
+            secant=self.secant,
+            told=self.told,
         )
-
-    def tendon_motion(self, kinematics: Any) -> TendonMotion:
-        motion = super().tendon_motion(kinematics)
-        if self.INSTANT == 1:
-            return motion
-
-        def way() -> Tensor:
-            return self.h * self.frame.relative_velocity(kinematics.velocity, kinematics.position)
-
-        return motion._replace(way=way, told=self.told)
 
     def finished(
         self, after: State, stress: Tensor, kinematics: Any, before: State | None = None
     ) -> State:
-        """The state after the step with what joints and tendons have; before: where forces act at
+        """The state after the step with what is between nodes has; before: where forces act at
         the ends of the step, its start.
         """
-        model = self.model
-        after = replace(
-            after, work=after.work + model.touching.work(lambda: self.touching_way(kinematics))
-        )
-        joints = model.joints.finished(
-            stress,
-            lambda: self.joint_poses(kinematics),
-            lambda: self.relative_motion(after),
-            after.work,
-            None if before is None else before.stress,
-        )
-        tendons = model.tendons.finished(
-            lambda: self.tendon_motion(kinematics),
-            joints.get("work", after.work),
-            None if before is None else before.tendons,
-        )
-        return replace(after, **joints | tendons)
+        motion = self.node_motion(kinematics)
+        fields = {"stress": stress, "work": after.work}
+        moves = partial(self.relative_motion, after)
+        return replace(after, **self.model.finished(fields, motion, before, moves))
 
     def relative_motion(self, state: State) -> tuple[Tensor, Tensor]:
         """Velocity and spin of the nodes (..., N+1, *), as seen in frame a."""
@@ -283,22 +273,12 @@ class StepProblem(BalanceProblem):
         by = self.motion_by(nodes)
         return external.tangent(self.model, self.nodes(nodes.kinematics), self.conditions, by)
 
-    def motion_by(self, nodes: Any) -> external.MotionJacobian:
-        return external.motion_jacobian(nodes, self.conditions.reads)
-
-    def element_load_matrix(self, kinematics: Any, nodes: Any = None) -> Matrix | None:
-        now = self.conditions
-        if not now.between:
-            return None
-        nodes = self.TANGENT(self.motion, kinematics) if nodes is None else nodes
-        matrix = element_loads.element_matrix(
-            self.model, self.nodes(kinematics), now, self.motion_by(nodes)
-        )
-        return matrix.each(torch.neg)
+    def motion_by(self, nodes: Any, reads: frozenset[str] | None = None) -> external.MotionJacobian:
+        return external.motion_jacobian(nodes, self.conditions.reads if reads is None else reads)
 
     def passed(self, kinematics: Any) -> Tensor | None:
-        now = self.conditions
-        each = [self.model.touching.passed(lambda: self.touching_way(kinematics))]
+        now, motion = self.conditions, self.node_motion(kinematics)
+        each = [one.passed(motion) for one in self.model.interactions]
         if now.between:
             each.append(element_loads.passed(self.model, self._way(kinematics), now))
         each.append(self.body_passed(kinematics))
@@ -311,42 +291,6 @@ class StepProblem(BalanceProblem):
     def body_near(self, kinematics: Any) -> Tensor | None:
         """`near` of bodies and obstacles."""
         return element_loads.body_near(self.model, self._way(kinematics), self.conditions)
-
-    def touching_motion(self, kinematics: Any, nodes: Any = None) -> TouchingMotion:
-        model = self.model
-        reads, space = model.touching.reads, model.space
-        at, mid = self.motion.nodes(kinematics, reads), self.INSTANT == 0.5
-        moving = {VELOCITY: space.public_vector, SPIN: space.public_spin}
-        rates = [to(getattr(at, name)) if name in reads else None for name, to in moving.items()]
-
-        def by() -> dict[str, Tensor]:
-            own = self.TANGENT(self.motion, kinematics) if nodes is None else nodes
-            turned = {ROTATION: 2 * own.half} if mid and ROTATION in reads else {}
-            return external.motion_jacobian(own, reads) | turned
-
-        return TouchingMotion(
-            space.public_position(at.position),
-            space.public_vector(at.position - self.start.position) if mid else None,
-            *rates,
-            self.dt if mid else None,
-            by,
-            self.secant,
-            self._axes(kinematics, mid) if ROTATION in reads else None,
-        )
-
-    def _axes(self, kinematics: Any, over: bool) -> tuple[Tensor, ...]:
-        """Of the nodes (..., N+1, 3, 3) after the step, and before it where it is over one."""
-        rotations = (self.start.rotation, kinematics.q_end)
-        return tuple(map(self.model.space.axes, rotations if over else rotations[1:]))
-
-    def touching_way(self, kinematics: Any) -> TouchingMotion:
-        """The same over the whole of the step, wherever forces act."""
-        now, way, space = self.touching_motion(kinematics), self._way(kinematics), self.model.space
-        return now._replace(
-            position=space.public_position(way.middle),
-            half=space.public_vector(way.half),
-            axes=None if now.axes is None else self._axes(kinematics, True),
-        )
 
     @cached
     def rounding(self) -> Tensor:
@@ -367,9 +311,6 @@ class StepProblem(BalanceProblem):
         shape = linear.shape[:-1]
         momenta = linear.expand(*shape, dims.position), angular.expand(*shape, dims.spin)
         return share * torch.cat(momenta, -1)
-
-    def idle(self, kinematics: Any) -> Tensor:
-        return element_loads.idle(self.model, self._way(kinematics), self.conditions)
 
     def _way(self, kinematics: Any) -> element_loads.Way:
         """Of the nodes over the step, in frame a."""

@@ -15,10 +15,10 @@ from ..core.validation import concrete
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
+from ..nodal.between_nodes import BetweenNodes
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.joint_motion import NoJoints
-from ..nodal.joints import stacked
 from ..nodal.model import Model
+from ..nodal.multipliers import stacked
 from ..state.state import State
 from .minimal_moves import pivots
 
@@ -48,7 +48,7 @@ class Chart:
     space: Spatial
     own: State
     length: Tensor
-    joints: NoJoints
+    joints: BetweenNodes
     bases: tuple[int, ...]
     strain: Tensor
     solve: Tensor

@@ -14,7 +14,6 @@ from torch.nn.functional import pad
 from ..core.functions_of_time import rate_along
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
-from ..nodal.joint_motion import JointMotion
 from ..nodal.loads import advanced_rates
 from ..nodal.model import Model
 from ..state.state import State
@@ -133,13 +132,13 @@ class Perturbation:
 
         def gap(move: Tensor) -> Tensor:
             x = problem.update(start, move, torch.zeros_like(state.stress))
-            return model.joints.split(problem.residual(x)[0].strain)[0]
+            return model.multipliers.split(problem.residual(x)[0].strain)[0]
 
         bent = gap(move)
         effective_strain = model.law.effective_strain(
             bent, lambda: rate_along(gap, (move,), (rate,))[1]
         )
-        change = model.joints.with_forces(model.law.stress(effective_strain), force)
+        change = model.multipliers.with_forces(model.law.stress(effective_strain), force)
         x = problem.update(start, move, change)
         space, p = model.space, model.space.dims.position
         spin = space.to_frame(state.rotation, state.spin)  # absolute, frame a
@@ -147,12 +146,7 @@ class Perturbation:
         def rates() -> tuple[Tensor, Tensor]:
             return rate[..., :p], rate[..., p:]
 
-        def joint_motion() -> JointMotion:
-            motion = problem.joint_poses(x)
-            return motion._replace(
-                drive=motion.drive._replace(turns=state.joints[..., :2], moving=rates)
-            )
-
+        motion = problem.node_motion(x)._replace(state=state, moving=rates)
         return space.to_public(
             replace(
                 state,
@@ -165,8 +159,7 @@ class Perturbation:
                 spin=space.to_section(x.rotation, spin + rate[..., p:]),
                 reaction=model.constraints.fixed
                 * problem.residual(x)[0].nodes[..., list(model.constraints.nodes), :],
-                **model.joints.finished(x.stress, joint_motion, rates),
-                **model.tendons.finished(lambda: problem.tendon_motion(x)),
+                **model.finished({"stress": x.stress}, motion, None, rates),
             )
         )
 
@@ -187,9 +180,9 @@ class Perturbation:
             start = Configuration(self.state.position, self.state.rotation, self.state.stress)
             # zero; an input may be a strain that the beam takes by itself
             bent = problem.residual(start)[0].strain
-            stress = self.model.law.stress(self.model.joints.split(bent)[0])
+            stress = self.model.law.stress(self.model.multipliers.split(bent)[0])
             start = start._replace(
-                stress=start.stress + self.model.joints.with_forces(stress, None)
+                stress=start.stress + self.model.multipliers.with_forces(stress, None)
             )
             load = (
                 -problem.residual(start)[0]

@@ -98,7 +98,7 @@ def linearize(
     held = [
         joint.called
         for joint in scene.joints
-        if any(isinstance(joint.prescribed(k), Input) for k in joint.coordinates)
+        if any(isinstance(joint.law(k).prescribed, Input) for k in joint.coordinates)
     ]
     if held:
         raise ValueError(

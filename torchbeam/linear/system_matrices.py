@@ -27,7 +27,6 @@ from ..equations.steady import Configuration, SteadyProblem
 from ..math.block_chain import BlockChain
 from ..math.quadratic_eigen import DENSE
 from ..math.shapes import broadcast_shapes
-from ..nodal import interactions
 from ..nodal import loads as external
 from ..nodal.constitutive_law import times
 from ..nodal.discretise import discretise
@@ -127,7 +126,8 @@ def of_nodes(
     problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         problem = problem.holding(x, state.internal)
-    kinematics, (stress, _) = model.kinematics(x.position, x.rotation), model.joints.split(x.stress)
+    kinematics = model.kinematics(x.position, x.rotation)
+    stress, _ = model.multipliers.split(x.stress)
     B = space.strain_operator(kinematics, model.length)
     force_operator = (model.length[..., None] * B).mT
     K = model.assembly.to_matrix(
@@ -142,7 +142,7 @@ def of_nodes(
     M = model.inertia.matrix(x.rotation, model.inertia.offset.turned(x.rotation))
     K, D = total(K, problem.motion.tangent(*x[:2])), total(D, problem.motion.gyroscopic(*x[:2]))
     now, lagging = problem.conditions, None
-    if now.moving or now.between or now.interactions or model.internal_states:
+    if now.moving or now.between or model.internal_states:
         nodes, frame = problem.nodes(x), problem.frame
         still = frame.steady_jacobian()
         eyes = (
@@ -161,23 +161,16 @@ def of_nodes(
             if any(_resists(act.load) for act in now.between):
                 D = total(D, element_matrix(model, nodes, now, moved).each(torch.neg), here)
         by_rates = any(act.reads.intersection(moved) and _resists(act.load) for act in now.moving)
-        K = interactions.matrix(model, nodes, now, still, K)
-        if any(act.reads.intersection(moved) for act in now.interactions):
-            D = _zeros(model, x) if D is None else D
-            D = interactions.matrix(model, nodes, now, moved, D)
-            D = interactions.matrix(model, nodes, now, still, D, 1.0)
         rate = at - external.tangent(model, nodes, now, moved) if by_rates else 0.0
         if not isinstance(rate, float):
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
-    dampers = model.joints.damping(lambda: problem.joint_poses(x))
-    if dampers is not None:
-        D = model.joints.alone(dampers) if D is None else D.joined(dampers)
-    K = model.joints.matrix(K, x.stress, lambda: problem.joint_poses(x))
-    K = model.tendons.matrix(K, lambda: problem.tendon_motion(x))
-    if model.touching.lossy:
-        place = space.public_position(x.position), space.axes(x.rotation)
-        D = model.touching.damping(_zeros(model, x) if D is None else D, *place)
-    return M, D, model.touching.matrix(K, lambda: problem.touching_motion(x)), lagging
+    if model.interactions:
+        motion = problem.node_motion(x)
+        for one in model.interactions:
+            K = one.matrix(K, x.stress, motion)
+            own = one.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
+            D = D if own is None else own
+    return M, D, K, lagging
 
 
 def _zeros(model: Model, x: Configuration) -> Matrix:

@@ -27,12 +27,12 @@ from ..topology.protocols import Matrix, MatrixRows, System, total
 from .assembly import Assembly
 from .constitutive_law import times
 from .constraints import Constraints
-from .joint_motion import NoJoints
+from .multipliers import Multipliers
 from .rows import Rows
 
 
 class Residual(NamedTuple):
-    """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of joints behind; force,
+    """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of constraints behind; force,
     moment, size_strain (...): the largest terms in them; rounding (..., N+1, w) and
     strain_rounding (..., N), 0.0 = nothing: what floating point may leave of them.
     """
@@ -43,7 +43,7 @@ class Residual(NamedTuple):
     force: Tensor
     moment: Tensor
     size_strain: Tensor
-    joints: NoJoints
+    multipliers: Multipliers
     rounding: Tensor | float
     strain_rounding: Tensor | float
 
@@ -52,14 +52,14 @@ class Residual(NamedTuple):
         largest term in it; not finite where anything is not.
         """
         forces, moments = self._left()
-        constitutive_residual, joints = self.joints.split(self.strain.detach())
+        constitutive_residual, gap = self.multipliers.split(self.strain.detach())
         size = scaled(
             forces.amax((-1, -2)),
             moments.amax((-1, -2)),
             most_beyond(constitutive_residual, self.strain_rounding),
             *self[3:6],
         )
-        return self.joints.measure(size, joints)
+        return self.multipliers.measure(size, gap)
 
     def square(self, length: Tensor) -> Tensor:
         """(...) N^2 m^2: the sum of squares of what is left of the nodes' balances beyond rounding,
@@ -146,7 +146,7 @@ class Linearisation(NamedTuple):
     stiffness: Tensor
     strain_by_move: Tensor  # (..., N, k, p + 2 s)
     law: Tensor  # S^-1 as the law has it, which C may differ from
-    joints: NoJoints
+    multipliers: Multipliers
 
     @classmethod
     def of(cls, model: Rows, tangent: CondensedTangent) -> Linearisation:
@@ -159,19 +159,19 @@ class Linearisation(NamedTuple):
             matrix.rows(constraints.nodes),
             *tangent[1:],
             model.law.C,
-            model.joints,
+            model.multipliers,
         )
 
     def solve(self, g: Tensor, g_strain: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """What a residual asks for: move (..., N+1, w), zero where the beam is held, d[F; M]
         (..., N, k); and the supports' balances after it, the reactions (..., K, w).
         """
-        g_strain, gap = self.joints.split(g_strain)
+        g_strain, gap = self.multipliers.split(g_strain)
         pushed = g + self.assembly.to_nodes(
             pushed_by(self.force_operator, self.stiffness, g_strain)
         )
-        solution = self.system.solve(self.joints.asked(-pushed, gap))
-        move, change = self.joints.answered(
+        solution = self.system.solve(self.multipliers.asked(-pushed, gap))
+        move, change = self.multipliers.answered(
             solution,
             lambda move: dstress(
                 self.stiffness, self.strain_by_move, g_strain, self.assembly.to_elements(move)
@@ -188,7 +188,7 @@ class Linearisation(NamedTuple):
 
     def detach(self) -> Linearisation:
         return Linearisation(
-            self.assembly, self.constraints, *(x.detach() for x in self[2:-1]), self.joints
+            self.assembly, self.constraints, *(x.detach() for x in self[2:-1]), self.multipliers
         )
 
 

@@ -97,8 +97,8 @@ def conditions(
     if loads is None:
         eigenstrain = model.eigenstrain(t, inputs)
         until = t if end is None else end
-        joints = model.joints.values(model.scene.joints, t, inputs, until)
-        tendons = model.tendons.values(model.scene.tendons, t, inputs)
+        joints = model.joints.values(model.scene, t, inputs, until) or NO_VALUES
+        tendons = model.tendons.values(model.scene, t, inputs, until)
     else:
         acts = tuple(act for act in acts if any(act.load is load for load in loads))
     acts = tuple(act._replace(load=_valued(model, act, t, inputs)) for act in acts)

@@ -24,12 +24,13 @@ from torch import Tensor
 
 from ..core.leaves import leaf
 from ..scene.effects.values import Inputs, scalar_at, value_at
-from ..topology.framework_matrix import JointBlocks
 from .ball_laws import BallLaws, BallStep
 from .balls import Balls
+from .between_nodes import NodeMotion, Placed, Rates
 from .joint_laws import CoordinateStep, JointLaws
-from .joint_motion import JointValues, Pose
-from .joints import Factor, JointMotion, Joints, Vector, stacked
+from .joint_motion import Factor, JointValues, Pose, Vector
+from .joints import Joints
+from .multipliers import stacked
 from .rotation_vector import Turn
 
 
@@ -88,27 +89,25 @@ class DrivenJoints(Joints):
         rows = self.moves[:, 3:].abs().sum(-1).expand(len(self.balls.at), -1)
         return self.balls.to_joints(rows, -2, self.count)
 
-    def driven(self, motion: JointMotion) -> Driven:
-        drive = motion.drive
-        goal = (
-            None
-            if drive.values.coordinate is None
-            else self.prescribed * drive.raised(drive.values.coordinate)
-        )
-        near = goal if drive.turns is None else self.turns(drive.turns)
-        if drive.dt is None:
+    def driven(self, motion: Placed) -> Driven:
+        of = motion.of
+        values, near, goal = of.now.joints, self._near(of.state), None
+        if values.coordinate is not None:
+            goal = self.prescribed * of.raised(values.coordinate)
+        near = goal if near is None else near
+        if of.dt is None:
             after = self.coordinate(motion.end, near)
             step = CoordinateStep(after, after, self.angles > 0, None, None)
         else:
             before = self.coordinate(motion.start, near)
             after = self.coordinate(motion.end, before)
-            rate = None if self.laws.friction is None else self.rate(motion.start, *drive.moving())
-            step = CoordinateStep(before, after, self.angles > 0, drive.dt[..., None, None], rate)
+            rate = None if self.laws.friction is None else self.rate(motion.start, *of.moving())
+            step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate)
         effort, by = self.laws.effort(step)
-        if drive.dt is None and drive.moving is not None and self.laws.dissipative:
-            effort = effort - self.laws.damper * self.rate(motion.end, *drive.moving())
-        if drive.values.effort is not None:
-            effort = effort + self._coordinates * drive.raised(drive.values.effort)
+        if of.dt is None and of.moving is not None and self.laws.dissipative:
+            effort = effort - self.laws.damper * self.rate(motion.end, *of.moving())
+        if values.effort is not None:
+            effort = effort + self._coordinates * of.raised(values.effort)
         acting = self.turned(self._middle(step))
         closing, offset = self.w, self.c
         if goal is not None:
@@ -116,14 +115,14 @@ class DrivenJoints(Joints):
         return Driven(step, acting, closing, offset, effort, by)
 
     def balance(
-        self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], JointMotion]
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
     ) -> tuple[Tensor, Tensor]:
-        motion = poses()
-        driven = self.driven(motion)
-        product = (self.v.at(motion.end).value * driven.closing.at(motion.end).value).sum(-1)
-        nodes = self._load(motion.acting, driven.acting, self._forces(stress, driven), nodes)
+        placed = motion.placed(self.pose)
+        driven = self.driven(placed)
+        product = (self.v.at(placed.end).value * driven.closing.at(placed.end).value).sum(-1)
+        nodes = self._load(placed.acting, driven.acting, self._forces(stress, driven), nodes)
         if self.acting_balls is not None:
-            M = self._ball_moment(motion)
+            M = self._ball_moment(placed)
             none = torch.zeros_like(M)
             nodes = self.framework.from_joints(
                 torch.stack((torch.cat((none, -M), -1), torch.cat((none, M), -1)), -2)
@@ -132,7 +131,11 @@ class DrivenJoints(Joints):
             )
         return nodes, stacked(gap, self.held * (product - driven.offset))
 
-    def efforts(self, values: JointValues) -> Tensor | None:
+    def efforts(self, now: Any) -> Tensor | None:
+        """Sizes of efforts as joints are drawn, those that are given and those by limits that
+        exclude this.
+        """
+        values: JointValues = now.joints
         drawn = torch.zeros_like(self.c)
         laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
         total = laws.abs() if values.effort is None else laws.abs() + values.effort.abs()
@@ -143,12 +146,11 @@ class DrivenJoints(Joints):
         p = self.space.dims.position
         return torch.cat((force.expand(*force.shape[:-1], p), moment), -1)
 
-    def blocks_of(
-        self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float
-    ) -> JointBlocks:
-        driven = self.driven(motion)
+    def blocks_of(self, motion: NodeMotion, force: Tensor) -> Tensor:
+        half, rate, placed = motion.half_turns(), motion.rate, motion.placed(self.pose)
+        driven = self.driven(placed)
         force = self.held * force - driven.effort
-        by_end = self.coordinate_by(motion.end, driven.step.after)  # (..., J, m, 12)
+        by_end = self.coordinate_by(placed.end, driven.step.after)  # (..., J, m, 12)
 
         def more(v: Vector, push: Tensor) -> Tensor:
             """By the coordinate after the step: of the effort, and of the direction in which forces
@@ -156,37 +158,37 @@ class DrivenJoints(Joints):
             """
             middle = self._middle(driven.step) + torch.pi / 2 * self.angles
             turning = self.angles[..., None] * self._gradient(
-                v, self.turned(middle).at(motion.acting)
+                v, self.turned(middle).at(placed.acting)
             )
             return (
                 force[..., None] * turning - rate * driven.effort_by[..., None] * push
             ).mT @ by_end
 
-        added = None if self.acting_balls is None else self._ball_stiffness(motion, rate)
+        added = None if self.acting_balls is None else self._ball_stiffness(placed, rate)
         return self._blocks(
-            motion.acting, motion.end, driven.acting, driven.closing, force, half, rate, more, added
+            placed.acting, placed.end, driven.acting, driven.closing, force, half, rate, more, added
         )
 
-    def _ball_step(self, motion: JointMotion) -> BallStep:
-        drive, balls = motion.drive, self.balls
+    def _ball_step(self, motion: Placed) -> BallStep:
+        of, balls = motion.of, self.balls
         torque = spin = None
         if balls.torques:
-            torque = balls.of(drive.raised(drive.values.effort) @ self.moves[:, 3:], -2)
+            torque = balls.of(of.raised(of.now.joints.effort) @ self.moves[:, 3:], -2)
         after = balls.axes(motion.end).relative
-        if drive.dt is None:
-            if drive.moving is not None and balls.laws.dissipative:
-                spin = self.spin(motion.end, *drive.moving())
+        if of.dt is None:
+            if of.moving is not None and balls.laws.dissipative:
+                spin = self.spin(motion.end, *of.moving())
             return BallStep(after, after, None, spin, torque)
         if balls.laws.friction is not None:
-            spin = self.spin(motion.start, *drive.moving())
-        return BallStep(balls.axes(motion.start).relative, after, drive.dt[..., None], spin, torque)
+            spin = self.spin(motion.start, *of.moving())
+        return BallStep(balls.axes(motion.start).relative, after, of.dt[..., None], spin, torque)
 
-    def _ball_moment(self, motion: JointMotion) -> Tensor:
+    def _ball_moment(self, motion: Placed) -> Tensor:
         """M (..., J, 3) on first parts, frame a: of second parts its opposite."""
         M = self.balls.moment(self.balls.conjugate(self._ball_step(motion)), motion.acting)
         return self.balls.to_joints(M, -2, self.count)
 
-    def _ball_stiffness(self, motion: JointMotion, rate: float) -> Tensor:
+    def _ball_stiffness(self, motion: Placed, rate: float) -> Tensor:
         """(..., J, 12, 12): of what they add to the balances of both ends, by half the moves of
         the ends.
         """
@@ -196,24 +198,23 @@ class DrivenJoints(Joints):
         none = torch.zeros_like(by)
         return self.balls.to_joints(torch.cat((none, -by, none, by), -2), -3, self.count)
 
-    def damping(self, poses: Callable[[], JointMotion]) -> JointBlocks | None:
+    def damping(self, matrix: Callable[[], Any], motion: NodeMotion) -> Any:
         """Of dampers, and of friction as it is next to no motion."""
         if not self.dissipative:
             return None
-        motion, w = poses(), self.space.unknowns
+        placed, w = motion.placed(self.pose), self.space.unknowns
         ends, blocks = torch.block_diag(self.moves, self.moves).mT, 0.0
         if self.laws.dissipative:
-            by = self.coordinate_by(motion.end, self.driven(motion).step.after) @ ends
+            by = self.coordinate_by(placed.end, self.driven(placed).step.after) @ ends
             blocks = by.mT @ (self.laws.damper[..., None] * by)  # (..., J, 2 w, 2 w)
         if self.balls is not None and self.balls.laws.dissipative:
-            by = self.balls.spin_rows(motion.end) @ ends
+            by = self.balls.spin_rows(placed.end) @ ends
             damper = self.balls.own_laws.damper[..., None, None]
             blocks = blocks + self.balls.to_joints(by.mT @ (damper * by), -3, self.count)
         blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
-        none = torch.zeros_like(blocks[..., 0, :, :])
-        return JointBlocks(torch.zeros_like(self.held), blocks, none, none)
+        return self.tied(matrix(), blocks)
 
-    def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
+    def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         driven = self.driven(motion)
         force = self._forces(stress, driven)
         if self.acting_balls is not None:  # as on a, in its axes
@@ -222,7 +223,7 @@ class DrivenJoints(Joints):
             force = force + self.balls.to_joints(own, -2, self.count)
         return stacked(self.split(stress)[0], force), driven.acting
 
-    def wrench(self, motion: JointMotion, w: Factor, force: Tensor) -> Tensor:
+    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
         wrench = super().wrench(motion, w, (1 - self.turning_rows) * force)
         if self.acting_balls is None:
             return wrench
@@ -239,14 +240,13 @@ class DrivenJoints(Joints):
         moved = self.coordinate(pose, wanted) - wanted
         return self._flat(torch.where(self.prescribed > 0, moved, self.gap(pose)))
 
-    def after(self, motion: JointMotion) -> Tensor:
+    def after(self, motion: Placed) -> Tensor:
         return self.driven(motion).step.after
 
-    def values(
-        self, joints: tuple[Any, ...], t: Tensor, inputs: Inputs, end: Tensor
-    ) -> JointValues:
+    def values(self, scene: Any, t: Tensor, inputs: Inputs, end: Tensor) -> JointValues:
+        """Efforts at t, prescribed coordinates at `end`."""
         given = (("effort", t), ("prescribed", end))
-        return JointValues(*(self._value(joints, name, at, inputs) for name, at in given))
+        return JointValues(*(self._value(scene.joints, name, at, inputs) for name, at in given))
 
     def _value(
         self, joints: tuple[Any, ...], name: str, t: Tensor, inputs: Inputs
@@ -254,7 +254,7 @@ class DrivenJoints(Joints):
         """(..., J, w) of what is given of each joint, in the rows of its coordinates."""
         total, balls = None, () if self.balls is None else self.balls.at
         given = [
-            (k, None if k in balls else rows, getattr(joint, name)(coordinate))
+            (k, None if k in balls else rows, getattr(joint.law(coordinate), name))
             for k, joint in enumerate(joints)
             for coordinate, rows in enumerate((self.first, self.second))
             if coordinate in joint.coordinates and not (coordinate and k in balls)
@@ -273,31 +273,22 @@ class DrivenJoints(Joints):
         return total
 
     def finished(
-        self,
-        stress: Tensor,
-        motion: Callable[[], JointMotion],
-        moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
-        work: Tensor | None = None,
-        before: Tensor | None = None,
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
     ) -> dict[str, Any]:
-        fields = super().finished(stress, motion, moving)
-        return (
-            fields
-            if work is None
-            else fields | {"work": work + self.work(fields["stress"], motion, before)}
-        )
+        fields = super().finished(fields, motion, before, moving)
+        if "work" not in fields:
+            return fields
+        work = self.work(fields["stress"], motion.placed(self.pose), before)
+        return fields | {"work": fields["work"] + work}
 
-    def work(
-        self, stress: Tensor, motion: Callable[[], JointMotion], before: Tensor | None = None
-    ) -> Tensor:
-        """(...) J over a step after which the forces are those; before: the stress at its start,
-        where they act at its ends.
+    def work(self, stress: Tensor, motion: Placed, before: Any) -> Tensor:
+        """(...) J over a step after which the forces are those; before: the state at its start,
+        where they act at its ends, else None.
         """
-        motion = motion()
         step = self.driven(motion).step
         force, travelled = self.split(stress)[1], step.difference()[0]
         if before is not None:
-            force = (force + self.split(before)[1]) / 2
+            force = (force + self.split(before.stress)[1]) / 2
             travelled = step.after - self.coordinate(motion.start, step.after)
         total = -(force * self._coordinates * travelled).sum((-1, -2))
         if self.acting_balls is None:

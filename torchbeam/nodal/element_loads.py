@@ -74,7 +74,7 @@ def all_loads(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     """The same with the loads that act at nodes."""
     total = external(rows, nodes, now)
     total = total + at_nodes(rows, nodes, now) if now.between else total
-    return interactions.at_nodes(rows, nodes, now, total)
+    return interactions.at_nodes(rows.space, nodes, now, total)
 
 
 class Way(NamedTuple):

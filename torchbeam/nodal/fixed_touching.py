@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import torch
+from torch.nn.functional import pad
 
+from ..core.leaves import AXES
 from ..math.shapes import broadcast_shapes
-from .surface_pairs import SurfacePairs
+from ..scene.effects.obstacle import Obstacle
+from .surface_pairs import SurfacePairs, count_of
 from .touching import Nearby, PairLaw
 from .touching_forces import AllTouching, Near
-from .touching_motion import TouchingMotion
-from .touching_pairs import TouchingPairs
-
-# axes of the constants of a pair
-RANKS = {"own": 1, "measure": 0, "control": 2, "ends": 1, "radii": 1, "taper": 1}
-SURFACE = {"centre": 1, "axes": 2, "half": 1, "rounding": 0}
-RANKS |= SURFACE
-RANKS |= dict.fromkeys(("thickness", "slope", "friction", "slip_speed", "damping"), 0)
+from .touching_pairs import PairMotion, TouchingPairs
 
 
 @dataclass(frozen=True)
@@ -28,7 +24,7 @@ class FixedTouching(AllTouching):
     nodes: tuple[tuple[int, ...], ...]
     laws: tuple[PairLaw, ...]
 
-    def near(self, motion: TouchingMotion | None) -> list[Near]:
+    def near(self, motion: PairMotion | None) -> list[Near]:
         if self.pairs is None:
             return []
         return [Near(self.pairs, torch.tensor(self.nodes, device=self.moves.device))]
@@ -41,28 +37,33 @@ def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
     each = [(one, own) for one, own in zip(touching.each, near, strict=True) if len(own.point)]
     laws = tuple(one.law for one, own in each for _ in own.point)
     nodes = tuple(tuple(row) for _, own in each for row in own.nodes.tolist())
-    kind = SurfacePairs if any(one.law.surface for one in touching.each) else TouchingPairs
-    pairs = joined([one.pairs(own) for one, own in each], kind) if each else None
+    shapes = [one.law.surface for one in touching.each]
+    count = max((count_of(shape) for shape in shapes if shape is not None), default=0)
+    pairs = joined([one.pairs(own) for one, own in each], count) if each else None
     return FixedTouching(touching.space, touching.moves, touching.each, pairs, nodes, laws)
 
 
-def joined(parts: list[TouchingPairs], kind: type[TouchingPairs]) -> TouchingPairs:
-    """One behind the other, a row for each pair in all of their constants, and in those of a
-    kind.
+def joined(parts: list[TouchingPairs], count: int) -> TouchingPairs:
+    """One behind the other, a row for each pair in all of their constants: of `SurfacePairs` of
+    whatever shapes, with so many numbers, unless that is 0.
     """
-    counts = [part.own.shape[-2] for part in parts]
-    rows = {}
-    for name in (own.name for own in fields(kind)):
-        own, rank = [getattr(part, name, None) for part in parts], RANKS[name]
-        if name in SURFACE:
-            own = [parts[0].own.new_ones(1, *(3,) * rank) if x is None else x for x in own]
+    counts, rows = [part.own.shape[-2] for part in parts], {}
+    for field in fields(SurfacePairs if count else TouchingPairs):
+        if AXES not in field.metadata:
+            continue
+        own = [getattr(part, field.name, None) for part in parts]
+        if field.name == "numbers":
+            none = parts[0].own.new_ones(1, 0)
+            own = [none if x is None else x for x in own]
+            own = [pad(x, (0, count - x.shape[-1]), value=1.0) for x in own]
+        rank = field.metadata[AXES] - 1  # of the constants of a pair
         like = next((x for x in own if x is not None), None)
         if like is None:
-            rows[name] = None
+            rows[field.name] = None
             continue
         tail = like.shape[like.ndim - rank :]
         own = [like.new_ones(1, *tail) if x is None else x for x in own]
         lead = broadcast_shapes(*(x.shape[: x.ndim - rank - 1] for x in own))
         whole = (x.expand(*lead, n, *tail) for x, n in zip(own, counts, strict=True))
-        rows[name] = torch.cat([*whole], -1 - rank)
-    return kind(**rows)
+        rows[field.name] = torch.cat([*whole], -1 - rank)
+    return SurfacePairs(**rows, shape=Obstacle) if count else TouchingPairs(**rows)

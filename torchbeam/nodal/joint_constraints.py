@@ -14,15 +14,16 @@ from ..core.leaves import with_values
 from ..core.remembered import remembered
 from ..math import quaternions as quat
 from ..scene.ball import Ball
-from ..scene.joint import ACTS, Joint
+from ..scene.joint import Joint
 from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
 from .ball_laws import BallLaws
 from .balls import Balls
+from .between_nodes import BetweenNodes
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
 from .joint_laws import JointLaws
-from .joint_motion import Factor, NoJoints
+from .joint_motion import Factor
 from .joints import Joints
 
 # the axes of a and of b that a turn about this one brings together, and the sign of their product
@@ -98,9 +99,9 @@ class End:
 
 
 def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
-    """`Joints` of a scene, or `NoJoints`."""
+    """`Joints` of a scene, or none."""
     if not scene.joints:
-        return NoJoints()
+        return BetweenNodes()
     bare = tuple(map(_without_laws, scene.joints))
     fields = remembered(_as_drawn, bare, unstressed(scene.beam), space, topology)
     fields = fields | dict(space=space, framework=topology, balls=_balls(scene))
@@ -109,10 +110,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     second, like = fields["second"], scene.beam.nodes
     rows = fields["angles"] + fields["travels"] - second, second
     prescribed = sum(
-        own
-        * like.new_tensor(
-            [[k in joint.coordinates and joint.prescribed(k) is not None] for joint in scene.joints]
-        )
+        own * like.new_tensor([[joint.law(k).prescribed is not None] for joint in scene.joints])
         for k, own in enumerate(rows)
     )
     laws = JointLaws(
@@ -128,7 +126,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
 
 def _without_laws(joint: Joint) -> Joint:
     """What says where it is and what it holds."""
-    return with_values(joint, **{name: None for name in ACTS if hasattr(joint, name)})
+    return with_values(joint, **dict.fromkeys(joint.acts))
 
 
 def _as_drawn(
@@ -179,7 +177,7 @@ def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> T
     """
     total = None
     for k, own in enumerate(rows):
-        values = [joint.law(name, k) if k in joint.coordinates else None for joint in joints]
+        values = [getattr(joint.law(k), name) for joint in joints]
         if all(value is None for value in values):
             continue
         none = own.new_zeros(())

@@ -1,12 +1,9 @@
-"""Where joints are and what acts in them, at one instant or over a step; and what of their
-constraints follows from that.
-"""
+"""Where the ends of joints are, and what of their constraints follows from that."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -49,34 +46,6 @@ class JointValues(NamedTuple):
 NO_VALUES = JointValues()
 
 
-class JointDrive(NamedTuple):
-    """What acts in joints: values; turns (..., J, 2) coordinates before, None = unknown; dt
-    (...) s, None = laws of an instant, at rest; share (...), as far as loads are raised, None =
-    all; moving() velocity and spin (..., N+1, *) of nodes before the step, or at an instant, None =
-    at rest, as seen in frame a.
-    """
-
-    values: JointValues
-    turns: Tensor | None = None
-    dt: Tensor | None = None
-    share: Tensor | None = None
-    moving: Callable[[], tuple[Tensor, Tensor]] | None = None
-
-    def raised(self, x: Tensor) -> Tensor:
-        return x if self.share is None else self.share[..., None, None] * x
-
-
-class JointMotion(NamedTuple):
-    """Where the forces of joints act, where joints are closed, and where they were before a step
-    (None = there is none).
-    """
-
-    acting: Pose
-    end: Pose
-    start: Pose | None = None
-    drive: JointDrive | None = None
-
-
 class Vector(NamedTuple):
     """One of the two of each constraint (..., J, m, 3), and what of it turns with the two nodes
     (..., J, 2, m, 3).
@@ -109,99 +78,3 @@ class Factor(Tree):
         a, b = (-skew(part) for part in turning.unbind(-3))
         shift = shift.expand(*a.shape[:-2], 3, 3)
         return torch.cat((-shift, a, shift, b), -1)
-
-
-class NoJoints(Tree):
-    """None: balances, stress and tangents are those of nodes and elements alone."""
-
-    count = 0
-    dissipative = False
-    smooth = True
-    rubs = False  # whether one has friction
-    limited = False  # whether one has limits
-    held_count = 0
-
-    def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Stress or gaps: (of the elements (..., N, k), of the joints (..., J, k))."""
-        return stress, None
-
-    def with_forces(self, stress: Tensor, forces: Tensor | None) -> Tensor:
-        """Stress of the elements, and behind it rows of joints with the forces (..., m) of what
-        they hold, None = 0.
-        """
-        return stress
-
-    def balance(
-        self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Any, Any]]
-    ) -> tuple[Tensor, Tensor]:
-        """The nodes' balances with the joints' forces, and the gaps of the elements with theirs;
-        poses: `Pose` where forces act, and where joints are to be closed.
-        """
-        return nodes, gap
-
-    def efforts(self, values: JointValues) -> Tensor | None:
-        """(..., J, p + 1) N and N m, the sizes of efforts as joints are drawn, those that are given
-        and those by limits that exclude this; None = there are none.
-        """
-        return None
-
-    def joined(
-        self,
-        tangent: Any,
-        stress: Tensor,
-        poses: Callable[[], tuple[Any, Any]],
-        half: Callable[[], Tensor] | None,
-        rate: float,
-    ) -> Any:
-        """The tangent of a balance with that of the joints, see `Joints.blocks`."""
-        return tangent
-
-    def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Any, Any]]) -> Any:
-        """A tangent stiffness of the nodes with that of the joints."""
-        return stiffness
-
-    def damping(self, poses: Callable[[], tuple[Any, Any]]) -> Any | None:
-        """`JointBlocks` of the nodes' balances by their velocities, at rest; None = there is no
-        damping.
-        """
-        return None
-
-    def measure(self, size: Tensor, gap: Tensor | None) -> Tensor:
-        """(...) a scaled residual, with that of the joints."""
-        return size
-
-    def values(self, joints: tuple[Any, ...], t: Tensor, inputs: Any, end: Tensor) -> JointValues:
-        """Of the joints of a scene: efforts at t (...), prescribed coordinates at `end` (...)."""
-        return NO_VALUES
-
-    def finished(
-        self,
-        stress: Tensor,
-        motion: Callable[[], Any],
-        moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
-        work: Tensor | None = None,
-        before: Tensor | None = None,
-    ) -> dict[str, Any]:
-        """Fields of the state after a step: its stress and, with joints, these; work (...) J so
-        far, and theirs. moving() velocity and spin of nodes, as seen in frame a, None = at rest;
-        before: see `DrivenJoints.work`.
-        """
-        return {"stress": stress}
-
-    def spans(self, lengths: Tensor) -> Tensor:
-        """(..., 1, 1) m, the size of what has no elements, whose lengths (..., 0, 1) are none."""
-        return lengths.new_ones(1, 1)
-
-    def asked(self, push: Tensor, gap: Tensor | None) -> Tensor:
-        """Right-hand side of a system with the joints: loads on the nodes, and gaps that are to be
-        closed.
-        """
-        return push
-
-    def answered(
-        self, solution: Tensor, change: Callable[[Tensor], Tensor]
-    ) -> tuple[Tensor, Tensor]:
-        """(moves of the nodes, change of stress and of joint forces) of its solution;
-        change(moves): that of the stress.
-        """
-        return solution, change(solution)

@@ -34,19 +34,15 @@ from ..core.leaves import leaf
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
-from ..topology.framework_matrix import FrameworkMatrix, JointBlocks
 from .balls import Balls
+from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
-from .joint_motion import Factor, JointMotion, NoJoints, Pose, Vector, end_moves
-
-ROUNDING = 1000.0  # eps: places that floating point does not tell apart
-# what a joint's gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that
-# size
-CLOSED = 1e-6
+from .joint_motion import Factor, Pose, Vector, end_moves
+from .multipliers import Multipliers, stacked
 
 
 @dataclass(frozen=True)
-class Joints(NoJoints):
+class Joints(BetweenNodes):
     """All joints of a scene, each with m = w constraints, of which those are there that `held`
     (J, w) has as 1.
 
@@ -78,6 +74,8 @@ class Joints(NoJoints):
     parts: Tensor = leaf(4)
     balls: Balls | None
 
+    present = True
+
     @property
     def count(self) -> int:
         return len(self.framework.joints)
@@ -87,60 +85,38 @@ class Joints(NoJoints):
         """How many constraints there are."""
         return int(self.held.sum())
 
-    def split(self, stress: Tensor) -> tuple[Tensor, Tensor]:
-        N = stress.shape[-2] - self.count
-        return stress.narrow(-2, 0, N), stress.narrow(-2, N, self.count)
+    @property
+    def multipliers(self) -> Multipliers:
+        """Their forces."""
+        return Multipliers(self.held, self.size)
 
-    def with_forces(self, stress: Tensor, forces: Tensor | None) -> Tensor:
-        rows = torch.zeros_like(self.held).flatten()
-        if forces is not None:
-            held = self.held.flatten().nonzero()[:, 0]
-            rows = rows.expand(*forces.shape[:-1], -1).index_copy(-1, held, forces)
-        return stacked(stress, rows.unflatten(-1, self.held.shape))
+    def split(self, stress: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Multipliers`."""
+        return self.multipliers.split(stress)
 
     def balance(
-        self, nodes: Tensor, gap: Tensor, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
     ) -> tuple[Tensor, Tensor]:
-        acting, end, *_ = poses()
+        acting, end, *_ = motion.placed(self.pose)
         return self.load(acting, self.split(stress)[1], nodes), stacked(gap, self.gap(end))
 
-    def joined(
-        self,
-        tangent: Any,
-        stress: Tensor,
-        poses: Callable[[], tuple[Pose, Pose]],
-        half: Callable[[], Tensor] | None,
-        rate: float,
-    ) -> Any:
-        blocks = self.blocks_of(
-            poses(), self.split(stress)[1], None if half is None else half(), rate
-        )
-        return tangent._replace(matrix=tangent.matrix.joined(blocks))
+    def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
+        return self.tied(matrix, self.blocks_of(motion, self.split(stress)[1]), self.held)
 
-    def alone(self, blocks: JointBlocks) -> FrameworkMatrix:
-        """The matrix of joints and nothing else."""
-        w = self.space.unknowns
-        return self.framework.diagonal(self.held.new_zeros(self.framework.node_count, w, w)).joined(
-            blocks
-        )
-
-    def matrix(self, stiffness: Any, stress: Tensor, poses: Callable[[], tuple[Pose, Pose]]) -> Any:
-        return stiffness.joined(self.blocks_of(poses(), self.split(stress)[1], None, 1.0))
+    def tied(self, matrix: Any, blocks: Tensor, held: Tensor | None = None) -> Any:
+        """A matrix with `blocks`, or with those of ends alone."""
+        ties, alone = self.framework.joint_ties, blocks.shape[-3] == 2
+        ties = tuple(tie[:-1] for tie in ties) if alone else ties
+        return matrix.tied_too(ties, self.framework.of_ties(blocks), held)
 
     def finished(
-        self,
-        stress: Tensor,
-        motion: Callable[[], JointMotion],
-        moving: Callable[[], tuple[Tensor, Tensor]] | None = None,
-        work: Tensor | None = None,
-        before: Tensor | None = None,
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
     ) -> dict[str, Any]:
-        motion = motion()
-        stress, w = self.acting(stress, motion)
-        wrench = self.wrench(motion, w, self.split(stress)[1])
-        moves = None if moving is None else moving()
-        joints = self._readings(motion.end, self.after(motion), moves, wrench)
-        return {"stress": stress, "joints": joints}
+        placed = motion.placed(self.pose)
+        stress, w = self.acting(fields["stress"], placed)
+        wrench = self.wrench(placed, w, self.split(stress)[1])
+        joints = self._readings(placed.end, self.after(placed), moving and moving(), wrench)
+        return fields | {"stress": stress, "joints": joints}
 
     def reading(
         self, pose: Pose, before: Tensor, moving: tuple[Tensor, Tensor] | None = None
@@ -185,11 +161,11 @@ class Joints(NoJoints):
         """(..., J, w) of coordinates, in their rows, likewise."""
         return readings[..., :1] * self.first + readings[..., 1:2] * self.second
 
-    def acting(self, stress: Tensor, motion: JointMotion) -> tuple[Tensor, Factor]:
+    def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
-    def wrench(self, motion: JointMotion, w: Factor, force: Tensor) -> Tensor:
+    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
         a: on the ground, which has no gradient, the opposite of what the first part gets.
         """
@@ -207,12 +183,15 @@ class Joints(NoJoints):
         first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
         return torch.where(ground, -first, second)
 
-    def after(self, motion: JointMotion) -> Tensor:
+    def after(self, motion: Placed) -> Tensor:
         """(..., J, w) the coordinates, counted over turns where it is known how many there were
         before.
         """
-        turns = motion.drive.turns
-        return self.coordinate(motion.end, None if turns is None else self.turns(turns))
+        return self.coordinate(motion.end, self._near(motion.of.state))
+
+    def _near(self, state: Any) -> Tensor | None:
+        """(..., J, w) rad by a state, None = not known, that turns are counted from."""
+        return None if state is None or state.joints is None else self.turns(state.joints)
 
     def turned(self, angle: Tensor) -> Factor:
         """w, turned about x by angles (..., J, w), 0 in rows of others."""
@@ -276,8 +255,8 @@ class Joints(NoJoints):
         """
         by = by @ torch.block_diag(self.moves, self.moves).mT
         columns = by.unflatten(-1, (2, -1)).movedim(-2, -3)  # (..., J, 2, m, w)
-        none = torch.zeros_like(columns)
-        return self.alone(JointBlocks(which, none[..., None, :, :], none.mT, columns)).constraints()
+        rows = self.framework.by_nodes(columns)
+        return rows.index_select(-2, which.flatten().nonzero()[:, 0])
 
     def coordinates(self, pose: Pose, near: Tensor) -> Tensor:
         """(..., c) m, or rad within half a turn of readings `near` (..., J, 12): those of
@@ -303,26 +282,6 @@ class Joints(NoJoints):
         """(..., J, 2, 6) velocity and spin of both ends, in space."""
         return self.framework.at_joints(torch.cat((velocity, spin), -1)) @ self.moves
 
-    def measure(self, size: Tensor, gap: Tensor) -> Tensor:
-        p = self.space.dims.position
-        apart = torch.maximum(
-            gap[..., :p].abs().amax((-1, -2)) / self.size, gap[..., p:].abs().amax((-1, -2))
-        )
-        return measured(size, apart)
-
-    def spans(self, lengths: Tensor) -> Tensor:
-        return self.size[..., None, None]
-
-    def asked(self, push: Tensor, gap: Tensor) -> Tensor:
-        return stacked(push, -gap)
-
-    def answered(
-        self, solution: Tensor, change: Callable[[Tensor], Tensor]
-    ) -> tuple[Tensor, Tensor]:
-        N = self.framework.node_count
-        moves = solution.narrow(-2, 0, N)
-        return moves, stacked(change(moves), solution.narrow(-2, N, self.count))
-
     def pose(self, position: Tensor, rotation: Tensor) -> Pose:
         """From nodes, in the space's coordinates."""
         R = self.space.axes(rotation)
@@ -345,18 +304,18 @@ class Joints(NoJoints):
         wrench = torch.einsum("...jmk,...jm->...jk", by, force).unflatten(-1, (2, 6))
         return self.framework.from_joints(wrench @ self.moves.mT, total)
 
-    def blocks_of(
-        self, motion: JointMotion, force: Tensor, half: Tensor | None, rate: float
-    ) -> JointBlocks:
+    def blocks_of(self, motion: NodeMotion, force: Tensor) -> Tensor:
         """`blocks` of a motion."""
-        return self.blocks(motion.acting, motion.end, force, half, rate)
+        acting, end, *_ = motion.placed(self.pose)
+        return self.blocks(acting, end, force, motion.half_turns(), motion.rate)
 
     def blocks(
         self, acting: Pose, end: Pose, force: Tensor, half: Tensor | None, rate: float
-    ) -> JointBlocks:
-        """Of the tangent, by moves at `acting`, the mean of the start and `end`: of which the end
-        makes `rate` times the displacement, and turns by rate * half (..., N+1, s, s) times the
-        spin; None = I.
+    ) -> Tensor:
+        """(..., J, 3, 3, w, w) of the tangent: balances of both ends, and constraints, by moves of
+        these and the joints' forces. Moves are at `acting`, the mean of the start and `end`: of
+        which the end makes `rate` times the displacement, and turns by rate * half
+        (..., N+1, s, s) times the spin; None = I.
         """
         return self._blocks(acting, end, self.w, self.w, self.held * force, half, rate)
 
@@ -371,7 +330,7 @@ class Joints(NoJoints):
         rate: float,
         more: Callable[[Vector, Tensor], Tensor] | None = None,
         added: Tensor | None = None,
-    ) -> JointBlocks:
+    ) -> Tensor:
         """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
         `added` (..., J, 12, 12): what the forces' wrenches change by beside that.
         """
@@ -399,7 +358,10 @@ class Joints(NoJoints):
         constraint = columns(held * closed)
         stiffness = columns(E @ stiffness).unflatten(-2, (2, -1)).transpose(-4, -3)
         force_by = (push * held @ E.mT).mT.unflatten(-2, (2, -1))
-        return JointBlocks(self.held, stiffness, force_by, constraint)
+        rows = stacked(stiffness, force_by[..., None, :, :], axis=-3)
+        none = torch.diag_embed(1 - self.held)[:, None]  # forces that a joint has not are zero
+        own = stacked(constraint, none, axis=-3)
+        return stacked(rows, own[..., None, :, :, :], axis=-4)
 
     def _spins(self, half: Tensor) -> Tensor:
         """(..., J, 2, w, w): what of a node's move its end takes, over `rate`."""
@@ -447,25 +409,9 @@ class Joints(NoJoints):
         return torch.cat(torch.broadcast_tensors(*rows), -2)
 
 
-def measured(size: Tensor, apart: Tensor) -> Tensor:
-    """(...) a scaled residual, with the largest that joints are apart, over the size of the whole,
-    or turned.
-    """
-    rounding = ROUNDING * torch.finfo(apart.dtype).eps
-    return torch.maximum(size, (apart - rounding).clamp(min=0) / CLOSED)
-
-
 def _along(vector: Tensor, by: Tensor) -> Tensor:
     """vector (..., 3) times by (..., 3, n)."""
     return (vector[..., None, :] @ by)[..., 0, :]
-
-
-def stacked(rows: Tensor, more: Tensor) -> Tensor:
-    """Both one after the other."""
-    shape = broadcast_shapes(rows.shape[:-2], more.shape[:-2])
-    return torch.cat(
-        (rows.expand(*shape, *rows.shape[-2:]), more.expand(*shape, *more.shape[-2:])), -2
-    )
 
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:

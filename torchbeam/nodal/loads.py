@@ -133,7 +133,7 @@ def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     total, loads = 0.0, tuple(acting for acting in now.loads if acting.reads.intersection(INERTIAL))
     for acting, point in load_points(rows, nodes, now, loads):
         blocks = acting.load.tangent(point, now.t, now.inputs)
-        mass = sum(_block(rows.space, name, blocks[name]) for name in INERTIAL if name in blocks)
+        mass = sum(wrench_by(rows.space, name, blocks[name]) for name in INERTIAL if name in blocks)
         total = total - _spread(rows, acting, mass, 2)
     return total
 
@@ -183,9 +183,9 @@ def wrench_blocks(
 ) -> dict[str, Tensor]:
     """Derivatives (..., w, w) of `wrench` by the motions, by name, that the moves change."""
     return {
-        name: _block(space, name, block)
+        name: wrench_by(space, name, block)
         for name, block in load.tangent(point, t, inputs).items()
-        if _moved(space, name, by)
+        if changes(space, name, by)
     }
 
 
@@ -197,7 +197,7 @@ def _of_node(acting: ActingLoad, by: MotionJacobian) -> MotionJacobian:
     return {name: x[..., acting.node if x.shape[-3] > 1 else alike, :, :] for name, x in by.items()}
 
 
-def _moved(space: Spatial, name: str, by: MotionJacobian) -> bool:
+def changes(space: Spatial, name: str, by: MotionJacobian) -> bool:
     """Whether what loads see by that name changes with the nodes' moves."""
     return name in by or name == POSITION or (name == ROTATION and space.turns)
 
@@ -213,7 +213,7 @@ def chained(space: Spatial, name: str, block: Tensor, by: MotionJacobian) -> Ten
     return pad(block, (0, space.unknowns - block.shape[-1]))
 
 
-def _block(space: Spatial, name: str, block: Tensor) -> Tensor:
+def wrench_by(space: Spatial, name: str, block: Tensor) -> Tensor:
     """A load's derivative (..., 6, 3) by the motion `name`, as (..., w, w)."""
     return space.project_map(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
 
@@ -292,7 +292,7 @@ def lags(
                 (
                     chained(space, name, block, jacobian)
                     for name, block in by.items()
-                    if _moved(space, name, jacobian)
+                    if changes(space, name, jacobian)
                 ),
                 zero,
             )

@@ -23,6 +23,7 @@ from .acting import ActingLoad, acting, by_part
 from .assembly import Assembly
 from .coordinates.elements import ELEMENTS
 from .frame import FixedFrame, frame_of
+from .rigid_moves import Base, free_pieces
 from .rows import Rows
 
 # beside trees: what a model that was saved holds, for torch.load(weights_only=True)
@@ -136,6 +137,11 @@ class Model(Rows):
         """
         frame = orientation(self.scene, t.shape, t)
         return None if frame is None else self.space.reduced_frame(frame)
+
+    @cached
+    def free_pieces(self) -> list[list[Base]]:
+        """See `rigid_moves.free_pieces`."""
+        return free_pieces(self)
 
     @cached
     def adds_mass(self) -> bool:

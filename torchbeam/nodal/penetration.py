@@ -17,7 +17,7 @@ from .element_loads import at_points, load_point
 from .loads import Nodes, load_points
 from .model import Model
 from .touching_forces import of_nodes
-from .touching_motion import TouchingMotion
+from .touching_pairs import PairMotion
 
 
 def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
@@ -58,11 +58,8 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
             lambda _, load=load: f"{load.on!r} stands",
             f"in the {load.obstacle.called} of a {load.called}",
         )
-    motion = TouchingMotion(
-        model.space.public_position(nodes.position),
-        *(None,) * 4,
-        dict,
-        axes=(model.space.axes(nodes.rotation),),
+    motion = PairMotion(
+        model.space.public_position(nodes.position), axes=(model.space.axes(nodes.rotation),)
     )
     for one in model.touching.each if model.touching.present else ():
         law, near = one.contact, one.nearby(motion)

@@ -107,7 +107,7 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
         yield acting.load.called, at_nodes(whole, nodes, replace(now, between=(acting,)))
     for acting in now.interactions:
         one = replace(now, interactions=(acting,))
-        ((_, push),) = interactions.wrenches(whole, nodes, one)
+        ((_, push),) = interactions.wrenches(whole.space, nodes, one)
         yield acting.load.called, push
 
 

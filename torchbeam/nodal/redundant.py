@@ -55,8 +55,7 @@ def _gradient(joints: Joints, nodes: Tensor, axes: Tensor, moving: Tensor) -> Te
     """
     ends = joints.framework.at_joints
     pose = Pose(ends(nodes), ends(axes.flatten(-2)).unflatten(-1, (3, 3)))
-    none = nodes.new_zeros(joints.held.shape)
-    G = joints.alone(joints.blocks(pose, pose, none, None, 1.0)).constraints()
+    G = joints.held_rows(pose)
     size, space = joints.size.detach()[..., None, None], joints.space
     along = torch.arange(len(moving), device=G.device) % space.unknowns < space.dims.position
     G = G * torch.where(along, size, 1.0) * moving

@@ -1,4 +1,4 @@
-"""Rigid motions of a beam, or of the parts of a structure."""
+"""Rigid motions of a beam, or of the parts of a structure, of a `Model`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
-
-from .model import Model
 
 
 class Base(NamedTuple):
@@ -21,7 +19,7 @@ class Base(NamedTuple):
     node: int
 
 
-def bases_of(model: Model) -> list[Base]:
+def bases_of(model: Any) -> list[Base]:
     """The beam, or all parts of a structure; rotations are about the first node that has a support,
     or the first of all.
     """
@@ -57,7 +55,7 @@ def length_of(nodes: Tensor) -> Tensor:
     return torch.where(length > 0, length, 1.0)  # of a body alone
 
 
-def free_pieces(model: Model) -> list[list[Base]]:
+def free_pieces(model: Any) -> list[list[Base]]:
     """What joints, tendons and contacts with each other make of the parts, but for pieces whose
     momentum not dead loads alone change: by a support, joint or eyelet of the ground, a load by how
     it stands or moves, or an interaction. Rotations are about the first node of a piece.
@@ -78,7 +76,7 @@ def free_pieces(model: Model) -> list[list[Base]]:
     return [[base._replace(node=own[0].nodes.start) for base in own] for own in free]
 
 
-def _of_load(model: Model, load: Any, bases: list[Base]) -> list[str]:
+def _of_load(model: Any, load: Any, bases: list[Base]) -> list[str]:
     """The parts that a load acts on."""
     if load.node is not None:
         row = load.node % model.node_count

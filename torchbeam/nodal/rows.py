@@ -15,17 +15,16 @@ from ..core.leaves import Tree, leaf
 from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .assembly import Assembly
+from .between_nodes import BetweenNodes, NodeMotion
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
 from .coordinates.linearised import LinearElement, Linearised
 from .coordinates.spatial import Spatial
 from .inertia import Inertia
-from .joint_motion import NoJoints
 from .mass import LumpedMass, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
+from .multipliers import Multipliers
 from .rotary import NoRotaryInertia, RotaryInertia
-from .tendon_motion import NoTendons
-from .touching_motion import NoTouching
 
 
 @dataclass(frozen=True)
@@ -82,9 +81,7 @@ class Rows(Tree):
                   for line loads
     tributary_length  (..., N+1, 1) m of beam that belong to each node, 1 of a body
     s          (..., N+1) m, arclength of the nodes
-    joints     between nodes
-    tendons    likewise
-    touching   of beams and bodies with each other
+    joints, tendons, touching, couplings   what acts between nodes
     """
 
     space: Spatial
@@ -97,9 +94,10 @@ class Rows(Tree):
     section_mass: Tensor = leaf(3)
     tributary_length: Tensor = leaf(2)
     s: Tensor = leaf(1)
-    joints: NoJoints = field(default_factory=NoJoints, kw_only=True)
-    tendons: NoTendons = field(default_factory=NoTendons, kw_only=True)
-    touching: NoTouching = field(default_factory=NoTouching, kw_only=True)
+    joints: BetweenNodes = field(default_factory=BetweenNodes, kw_only=True)
+    tendons: BetweenNodes = field(default_factory=BetweenNodes, kw_only=True)
+    touching: BetweenNodes = field(default_factory=BetweenNodes, kw_only=True)
+    couplings: BetweenNodes = field(default_factory=BetweenNodes, kw_only=True)
 
     @classmethod
     def of(
@@ -203,7 +201,26 @@ class Rows(Tree):
         """(..., N, 1) m, what forces and moments are measured against: lengths of the elements; of
         none, (..., 1, 1) the size of what joints connect.
         """
-        return self.length if self.station_count else self.joints.spans(self.length)
+        return self.length if self.station_count else self.multipliers.span(self.length)
+
+    @cached
+    def interactions(self) -> tuple[BetweenNodes, ...]:
+        """All that acts between nodes."""
+        every = self.joints, self.tendons, self.touching, self.couplings
+        return tuple(one for one in every if one.present)
+
+    def finished(
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any = None, moving: Any = None
+    ) -> dict[str, Any]:
+        """See `BetweenNodes`, of all of these."""
+        for one in self.interactions:
+            fields = one.finished(fields, motion, before, moving)
+        return fields
+
+    @cached
+    def multipliers(self) -> Multipliers:
+        """Unknowns of these."""
+        return self.joints.multipliers
 
     @cached
     def assembly(self) -> Assembly:
@@ -216,7 +233,7 @@ class Rows(Tree):
         and limits of joints within a hundredth of their range: what is left is measured there, not
         foreseen.
         """
-        return self.joints.smooth and self.tendons.smooth and not self.touching.lossy
+        return all(one.smooth for one in self.interactions)
 
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""

@@ -1,32 +1,34 @@
-"""Pairs of a place along a beam, or of a ball's centre, and the surface of a body, which is a
-`RoundedBox` and moves with the body. With y the place as the body sees it, at both ends of a step
-(n, n+1), and o what of it is beyond the box without its rounding, the gap is |o| less the rounding
-and the radius about the place, and the force per length
+"""Pairs of a place along a beam, or of a ball's centre, and the surface of a body, which moves with
+it. With y the place as the body sees it, at both ends of a step (n, n+1), and d the signed distance
+of the surface's shape, the gap is d less the radius about the place, and the force per length
 
     f = p u - friction p s        on the place, -f on the body
-    u = R (o_n + o_{n+1})/(|o_n| + |o_{n+1}|),    R the mean of the body's axes at both ends
+    u = R n,    n (y_{n+1} - y_n) = d_{n+1} - d_n,    R the mean of the body's axes at both ends
 
-which acts where the surface of the place is: at x - radius u. As R_{n+1} - R_n is theta x R, with
-theta that by which the body turns, p u does as much work as p has over y_{n+1} - y_n; p is the
-difference of the law's potential over that of the gap, so that faces, bars and balls give back what
-they took (Gonzalez 1996). Momentum and angular momentum stay.
+with n the `mean_gradient` of the shape (of boxes and bars along one face or edge). It acts where
+the surface of the place is: at x - radius u. As R_{n+1} - R_n is theta x R, with theta that by
+which the body turns, p u does as much work as p has over y_{n+1} - y_n; p is the difference of the
+law's potential over that of the gap, so that surfaces give back what they took (Gonzalez 1996).
+Momentum and angular momentum stay.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import ClassVar, NamedTuple
+from dataclasses import MISSING, dataclass, fields, replace
+from functools import cache
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ..core.leaves import leaf
+from ..core.leaves import AXES, leaf
 from ..math.quaternions import skew
+from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing
 from ..scene.effects.contact_path import leads_through
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY, jacobians
-from ..scene.effects.obstacles import beyond
+from ..scene.effects.obstacle import Obstacle
 from .touching_pairs import Meeting, PairMotion, TouchingPairs
 
 BODY = 4  # of the six nodes of a pair the body's; the two beside it are it again, and have nothing
@@ -41,21 +43,30 @@ class Lever(NamedTuple):
 
 @dataclass(frozen=True)
 class SurfacePairs(TouchingPairs):
-    """Constants of U pairs; centre (..., U, 3) m, axes (..., U, 3, 3), half (..., U, 3) m and
-    rounding (..., U) m of the surface, in the body's axes. The radii are those of the place, and 0.
+    """Constants of U pairs; shape: class of the surface, and its `numbers` (..., U, n), in the
+    body's axes. The radii are those of the place, and 0.
     """
 
-    centre: Tensor = leaf(2)
-    axes: Tensor = leaf(3)
-    half: Tensor = leaf(2)
-    rounding: Tensor = leaf(1)
+    shape: type[Obstacle]
+    numbers: Tensor = leaf(2)
 
     POINTS: ClassVar[tuple[int, ...]] = (0, 0, 0, 1, 1, 1)
 
-    @property
-    def curves(self) -> TouchingPairs:
-        """Pairs of these constants whose pieces are curves."""
+    def of(self, shape: type[Obstacle] | None) -> TouchingPairs:
+        """Pairs of these constants whose surfaces have this shape; None = whose pieces are
+        curves.
+        """
+        if shape is not None:
+            return replace(self, shape=shape)
         return TouchingPairs(**{own.name: getattr(self, own.name) for own in fields(TouchingPairs)})
+
+    def gap(self, y: Tensor) -> Tensor:
+        """(..., U, 1) m of places (..., U, 3) in the body's axes."""
+        return self._surface.distance(y[..., None, :])[..., 0, :] - self.radii[..., :1]
+
+    @property
+    def _surface(self) -> Obstacle:
+        return with_numbers(self.shape, self.numbers)
 
     @property
     def reads(self) -> frozenset[str]:
@@ -81,25 +92,16 @@ class SurfacePairs(TouchingPairs):
         that is long.
         """
         first, last = self._seen(self.points(motion))
-        gaps = sum(beyond(y, self.half, self._round).gap for y in (first, last))[..., 0]
+        gaps = (self.gap(first) + self.gap(last))[..., 0]
         way = torch.linalg.vector_norm(last - first, dim=-1)
-        return (gaps - way) / 2 - self.radii[..., 0] - self.thickness
+        return (gaps - way) / 2 - self.thickness
 
     def meeting(self, points: PairMotion) -> Meeting:
         seen = self._seen(points)
-        at = [beyond(y, self.half, self._round) for y in seen]
-        radius = self.radii[..., :1]
-        gaps = [one.gap - radius for one in at]
-        out = [one.side * one.q.clamp(min=0) for one in at]
-        sizes = sum(map(norm, out))
-        middle = beyond((seen[0] + seen[1]) / 2, self.half, self._round)
-        direction = torch.where(
-            sizes > 0,
-            (out[0] + out[1]) / torch.where(sizes > 0, sizes, torch.ones_like(sizes)),
-            middle.direction,
-        )
+        gaps = [self.gap(y) for y in seen]
+        n = self._surface.mean_gradient(*(y[..., None, :] for y in seen))
         R = sum(points.axes) / len(points.axes)
-        u = (R @ (self.axes @ direction[..., None]))[..., 0]
+        u = (R @ n.mT)[..., 0]
         d, slope = self.thickness[..., None], self.slope[..., None]
         elastic = p = pressure(d - gaps[0], d - gaps[1], d, slope)
         x, rub, slip = points.position, None, None
@@ -180,33 +182,24 @@ class SurfacePairs(TouchingPairs):
 
     def energy(self, motion: PairMotion, side: float) -> Tensor:
         y = self._seen(self.points(motion))[1 if side > 0 else 0]
-        gap = beyond(y, self.half, self._round).gap - self.radii[..., :1]
         d, slope = self.thickness[..., None], self.slope[..., None]
-        return (self.measure[..., None] * potential(d - gap, d, slope)).sum((-1, -2))
+        return (self.measure[..., None] * potential(d - self.gap(y), d, slope)).sum((-1, -2))
 
     def passed(self, motion: PairMotion) -> Tensor:
-        def gap(y: Tensor) -> Tensor:
-            return beyond(y, self.half, self._round).gap - self.radii[..., :1]
-
         def directions(y: Tensor) -> Tensor:
-            return beyond(y, self.half, self._round).direction
+            return self._surface.gradient(y[..., None, :])[..., 0, :]
 
-        through = leads_through(gap, directions, *self._seen(self.points(motion)))
+        through = leads_through(self.gap, directions, *self._seen(self.points(motion)))
         return (through & (self.measure > 0)).any(-1)
 
-    @property
-    def _round(self) -> Tensor:
-        return self.rounding[..., None]
-
     def _seen(self, points: PairMotion) -> tuple[Tensor, Tensor]:
-        """(..., U, 3) m: the place from the surface's centre, in its axes, before and after a step;
-        at an instant the same twice.
+        """(..., U, 3) m: the place in the body's axes before and after a step; at an instant the
+        same twice.
         """
         x, half = points.position, points.half
 
         def seen(x: Tensor, R: Tensor) -> Tensor:
-            y = (R.mT @ (x[..., 0, :] - x[..., 1, :])[..., None])[..., 0] - self.centre
-            return (self.axes.mT @ y[..., None])[..., 0]
+            return (R.mT @ (x[..., 0, :] - x[..., 1, :])[..., None])[..., 0]
 
         if half is None:
             return (seen(x, points.axes[-1]),) * 2
@@ -216,6 +209,36 @@ class SurfacePairs(TouchingPairs):
         size = norm(u)
         n = self.radii[..., :1] * u / torch.where(size > 0, size, torch.ones_like(size))
         return Lever(rho - n, -n)
+
+
+@cache
+def _made_of(shape: type[Obstacle]) -> tuple[tuple[str, int], ...]:
+    """Names and axes of what a shape is made of on a body."""
+    own = [x for x in fields(shape) if AXES in x.metadata and x.default is MISSING]
+    return tuple((x.name, x.metadata[AXES]) for x in own)
+
+
+def count_of(shape: type[Obstacle]) -> int:
+    """How many numbers that is."""
+    return sum(3**axes for _, axes in _made_of(shape))
+
+
+def numbers_of(shape: Obstacle) -> Tensor:
+    """(..., n) of a shape of a body, see `Obstacle.in_body`."""
+    parts = [(getattr(shape, name), axes) for name, axes in _made_of(type(shape))]
+    parts = [x.reshape(*x.shape[: x.ndim - axes], 3**axes) for x, axes in parts]
+    lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
+    return torch.cat([x.expand(*lead, x.shape[-1]) for x in parts], -1)
+
+
+def with_numbers(shape: type[Obstacle], numbers: Tensor) -> Obstacle:
+    """Of a class that with these numbers (..., n or more)."""
+    new, values, first = object.__new__(shape), dict[str, Any](), 0
+    for name, axes in _made_of(shape):
+        x, first = numbers[..., first : first + 3**axes], first + 3**axes
+        values[name] = x.reshape(*x.shape[:-1], *(3,) * axes)
+    vars(new).update(values)
+    return new
 
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:

@@ -5,10 +5,9 @@ node as at the eyelet, see `joints`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,14 +19,24 @@ from ..math.shapes import broadcast_shapes
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
 from ..topology.places import added
+from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
 from .joint_motion import end_moves
 from .rope import Rope, RopeStep, Stretches
-from .tendon_motion import Eyelets, NoTendons, TendonMotion
+
+
+class Eyelets(NamedTuple):
+    """Points (..., E, 3) m, frame a, and their levers from the nodes; zero on the ground."""
+
+    p: Tensor
+    lever: Tensor
+
+    def mean(self, other: Eyelets) -> Eyelets:
+        return Eyelets((self.p + other.p) / 2, (self.lever + other.lever) / 2)
 
 
 @dataclass(frozen=True)
-class Tendons(NoTendons):
+class Tendons(BetweenNodes):
     """All tendons of a scene, with E eyelets, one tendon after the other.
 
     sizes   how many eyelets each has
@@ -43,6 +52,8 @@ class Tendons(NoTendons):
     nodes: tuple[int | None, ...]
     arms: Tensor = leaf(2)
     moves: Tensor = leaf(2)
+
+    present = True
 
     @property
     def dissipative(self) -> bool:
@@ -79,12 +90,15 @@ class Tendons(NoTendons):
         r = self.space.public_position(position[..., at, :])
         return Eyelets(torch.where(self._ground(r), self.arms, r + lever), lever)
 
-    def loaded(self, nodes: Tensor, motion: Callable[[], TendonMotion]) -> Tensor:
-        motion = motion()
-        force = torch.cat(
-            [rope.forces(step) for rope, step in zip(self.ropes, self.steps(motion), strict=True)],
-            -2,
-        )
+    def balance(
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
+    ) -> tuple[Tensor, Tensor]:
+        return self.loaded(nodes, motion.placed(self.eyelets), motion.now.tendons), gap
+
+    def loaded(self, nodes: Tensor, motion: Placed, given: Tensor) -> Tensor:
+        """The nodes' balances (..., nodes, w), with the forces of these; given (..., K) N or m."""
+        steps = zip(self.ropes, self.steps(motion, given), strict=True)
+        force = torch.cat([rope.forces(step) for rope, step in steps], -2)
         wrench = self.wrench(motion.acting.lever, force)
         at = tuple(node for own in self.ties for node in own)
         return added(nodes, at, -wrench[..., self._own, :], nodes.shape[-2], 1)
@@ -94,23 +108,17 @@ class Tendons(NoTendons):
         moment = torch.linalg.cross(*torch.broadcast_tensors(lever, force))
         return torch.cat((force.expand_as(moment), moment), -1) @ self.moves.mT
 
-    def matrix(
-        self,
-        matrix: Any,
-        motion: Callable[[], TendonMotion],
-        half: Callable[[], Tensor] | None = None,
-        rate: float = 1.0,
-    ) -> Any:
-        blocks = self.blocks(motion(), None if half is None else half(), rate)
+    def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
+        blocks = self.blocks(motion.placed(self.eyelets), motion.now.tendons)
         return matrix.tied_too(self.ties, blocks)
 
-    def blocks(self, motion: TendonMotion, half: Tensor | None, rate: float) -> Tensor:
+    def blocks(self, motion: Placed, given: Tensor) -> Tensor:
         """(..., n, w, w) of all pairs of the nodes of each tendon."""
-        spin = None
+        spin, half, rate = None, motion.of.half_turns(), motion.of.rate
         if half is not None:
             spin = end_moves(half[..., self._at, :, :], self.space.dims.position)
-        blocks = []
-        for rope, step, part in zip(self.ropes, self.steps(motion), self._parts, strict=True):
+        blocks, steps = [], self.steps(motion, given)
+        for rope, step, part in zip(self.ropes, steps, self._parts, strict=True):
             acting, after = rope.tangent(step)
             own = [k for k, node in enumerate(self.nodes[part]) if node is not None]
             at = [part.start + k for k in own]
@@ -123,12 +131,11 @@ class Tendons(NoTendons):
         shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
         return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
 
-    def told(self, motion: Callable[[], TendonMotion]) -> Tensor | None:
-        motion = motion()
-        if motion.drive.dt is None or not self.dissipative:
+    def told(self, motion: NodeMotion) -> Tensor | None:
+        if motion.dt is None or not self.dissipative:
             return None
-        rows = []
-        for rope, step in zip(self.ropes, self.steps(motion), strict=True):
+        rows, steps = [], self.steps(motion.placed(self.eyelets), motion.now.tendons)
+        for rope, step in zip(self.ropes, steps, strict=True):
             none = torch.zeros_like(step.after[..., :2])
             if rope.friction is not None and none.shape[-2] > 2:
                 own = rope.grips(step, Stretches.of(step)).told
@@ -136,69 +143,67 @@ class Tendons(NoTendons):
             rows.append(none)
         return torch.cat(rows, -2)
 
-    def values(self, tendons: tuple[Any, ...], t: Tensor, inputs: Inputs) -> Tensor:
+    def values(self, scene: Any, t: Tensor, inputs: Inputs, end: Tensor) -> Tensor:
+        """(..., K): the tension N or length m that is given."""
         given = [
             rope.drawn
             if (value := tendon.length if tendon.tension is None else tendon.tension) is None
             else scalar_at("what is given of a Tendon", value, t, inputs, self.arms)
-            for tendon, rope in zip(tendons, self.ropes, strict=True)
+            for tendon, rope in zip(scene.tendons, self.ropes, strict=True)
         ]
         return torch.stack(torch.broadcast_tensors(*given), -1)
 
     def finished(
-        self,
-        motion: Callable[[], TendonMotion],
-        work: Tensor | None = None,
-        before: Tensor | None = None,
-    ) -> dict[str, Tensor]:
-        motion, rows, done = motion(), [], 0.0
-        for k, (rope, step) in enumerate(zip(self.ropes, self.steps(motion), strict=True)):
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
+    ) -> dict[str, Any]:
+        placed, rows, done, work = motion.placed(self.eyelets), [], 0.0, fields.get("work")
+        steps = self.steps(placed, motion.now.tendons)
+        for k, (rope, step) in enumerate(zip(self.ropes, steps, strict=True)):
             T, lengths = rope.readings(step)
             rows.append(torch.stack((T[..., 0], T[..., -1], lengths[..., 1, :].sum(-1)), -1))
             if work is not None:
-                change = lengths[..., 1, :] - self.lengths_before(motion, k)
-                last = None if before is None else before[..., k, :1]
+                change = lengths[..., 1, :] - self.lengths_before(placed, k)
+                last = None if before is None else before.tendons[..., k, :1]
                 done = done - (mean_tension(T, last) * change).sum(-1)
-        fields = {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
+        fields = fields | {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
         return fields if work is None else fields | {"work": work + done}
 
-    def steps(self, motion: TendonMotion) -> tuple[RopeStep, ...]:
+    def steps(self, motion: Placed, given: Tensor) -> tuple[RopeStep, ...]:
         """What each rope is asked for."""
-        drive, steps = motion.drive, []
-        over = drive.dt is not None and motion.start is not None
+        of, steps = motion.of, []
+        over = of.dt is not None and motion.start is not None
         rates = self._rates(motion) if over and self.dissipative else None
         way = self.way(motion) if over and self._coupled else None
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
-            given = rope.raised(motion.given[..., k], drive.share)
             steps.append(
                 RopeStep(
                     motion.acting.p[..., part, :],
                     motion.end.p[..., part, :],
                     motion.start.p[..., part, :] if over else None,
-                    given,
-                    drive.dt,
+                    rope.raised(given[..., k], of.share),
+                    of.dt,
                     None if rates is None else rates[..., part, :],
                     None if way is None else way[..., part, :],
-                    None if motion.told is None else motion.told[..., part, :][..., 1:-1, :],
+                    None if of.told is None else of.told[..., part, :][..., 1:-1, :],
                 )
             )
         return tuple(steps)
 
-    def lengths_before(self, motion: TendonMotion, k: int) -> Tensor:
+    def lengths_before(self, motion: Placed, k: int) -> Tensor:
         """(..., n) m of the stretches of rope k before the step."""
         points = motion.start.p[..., self._parts[k], :]
         return torch.linalg.vector_norm(points.diff(dim=-2), dim=-1)
 
-    def _rates(self, motion: TendonMotion) -> Tensor:
+    def _rates(self, motion: Placed) -> Tensor:
         """(..., E, 3) m/s of the eyelets before the step, as seen in frame a."""
-        moves = torch.cat([x[..., self._at, :] for x in motion.drive.moving()], -1) @ self.moves
+        moves = torch.cat([x[..., self._at, :] for x in motion.of.moving()], -1) @ self.moves
         velocity, spin = moves.split(3, -1)
         turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
         return torch.where(self._ground(velocity), 0.0, velocity + turned)
 
-    def way(self, motion: TendonMotion) -> Tensor:
+    def way(self, motion: Placed) -> Tensor:
         """(..., E, 3) m by which the eyelets move over the step."""
-        way = self.space.public_vector(motion.way()[..., self._at, :])
+        way = self.space.public_vector(motion.of.path()[..., self._at, :])
         turned = motion.end.lever - motion.start.lever
         return torch.where(self._ground(way), 0.0, way + turned)
 
@@ -242,10 +247,10 @@ def mean_tension(tension: Tensor, before: Tensor | None) -> Tensor:
     return tension if before is None else (tension + before) / 2
 
 
-def tendons_of(scene: Any, space: Spatial, topology: Any) -> NoTendons:
+def tendons_of(scene: Any, space: Spatial, topology: Any) -> BetweenNodes:
     """Of a scene."""
     if not scene.tendons:
-        return NoTendons()
+        return BetweenNodes()
     eyelets = [eyelet for tendon in scene.tendons for eyelet in tendon.eyelets]
     eye = torch.eye(space.unknowns, dtype=scene.dtype, device=scene.device)
     return Tendons(

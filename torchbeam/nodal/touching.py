@@ -18,10 +18,10 @@ from ..math.concrete import mapped
 from ..scene.effects.contact_terms import ContactTerms, thinnest, widest
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY
+from ..scene.effects.obstacle import Obstacle
 from ..scene.stations import Table
 from .centreline import least_distance, piece_nodes
-from .touching_motion import TouchingMotion
-from .touching_pairs import TouchingPairs
+from .touching_pairs import PairMotion, TouchingPairs
 from .touching_places import Places, places_along
 
 
@@ -31,13 +31,13 @@ def spread(x: Tensor) -> Tensor:
 
 
 class PairLaw(NamedTuple):
-    """Whether pairs have friction, and damping; whether their pieces are surfaces of bodies, or
-    taper.
+    """Whether pairs have friction, and damping; the shape of their pieces where these are surfaces
+    of bodies, None = they are curves; whether these taper.
     """
 
     rubs: bool
     damps: bool
-    surface: bool
+    surface: type[Obstacle] | None
     tapers: bool = False
 
 
@@ -127,7 +127,7 @@ class Touching(Tree):
             radii = profile.detach()[..., None, None]
         return remembered(_allowed, *self.along, count, s, radii, self.contact.apart)
 
-    def nearby(self, motion: TouchingMotion, skin: Tensor | float = 0.0) -> Nearby:
+    def nearby(self, motion: PairMotion, skin: Tensor | float = 0.0) -> Nearby:
         """Those with no more than a skin m of `slack`; all pairs where samples are seen one at a
         time.
         """
@@ -136,7 +136,7 @@ class Touching(Tree):
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)
 
-    def slack(self, motion: TouchingMotion, skin: Tensor | float = torch.inf) -> Tensor:
+    def slack(self, motion: PairMotion, skin: Tensor | float = torch.inf) -> Tensor:
         """(P, K) m: by how much the gap of each place to each piece is wider than where forces
         begin, at least, in the nearest sample, wherever they are in the step; inf where it may not
         touch it. No gap changes by more than two nodes move towards each other. What is surely
@@ -154,7 +154,7 @@ class Touching(Tree):
         slack[near.point, near.piece] = closely.expand(1, *closely.shape).flatten(0, -2).amin(0)
         return slack
 
-    def ball_slack(self, motion: TouchingMotion) -> Tensor:
+    def ball_slack(self, motion: PairMotion) -> Tensor:
         """(..., n, K) m: the same of balls about the nodes of places and of pieces, in which these
         are.
         """
@@ -183,7 +183,7 @@ class Touching(Tree):
         size = norm(x)[..., 0]
         return -(x * v).sum(-1) / torch.where(size > 0, size, 1.0)
 
-    def _between(self, motion: TouchingMotion, near: Nearby) -> Tensor:
+    def _between(self, motion: PairMotion, near: Nearby) -> Tensor:
         """(..., U) m: the same of pairs."""
         shares = self.places.shares[..., near.point, :, None]
 
@@ -271,7 +271,7 @@ class Touching(Tree):
     @property
     def law(self) -> PairLaw:
         damps, tapers = self.contact.damping is not None, isinstance(self.profiles[1], Table)
-        return PairLaw(self.contact.rubs, damps, False, tapers)
+        return PairLaw(self.contact.rubs, damps, None, tapers)
 
 
 @lru_cache(64)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -18,14 +18,14 @@ from ..math.concrete import mapped
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
 from ..topology.places import added
+from .between_nodes import BetweenNodes, NodeMotion, Rates
 from .coordinates.spatial import Spatial
 from .surface_pairs import BODY
 from .touching import Touching
-from .touching_motion import NoTouching, TouchingMotion
 from .touching_pairs import PairMotion, TouchingPairs
 
 
-def of_nodes(nodes: Tensor, motion: TouchingMotion) -> PairMotion:
+def of_nodes(nodes: Tensor, motion: PairMotion) -> PairMotion:
     """The motion of the nodes (U, 6) of pairs."""
     moves = (None if x is None else x[..., nodes, :] for x in motion[:4])
     axes = None
@@ -42,7 +42,7 @@ class Near(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AnyTouching(NoTouching):
+class AnyTouching(BetweenNodes):
     """Parts that touch. moves (w, 6): displacement and spin in space of a node's moves. A subclass
     knows which pairs are `near`.
     """
@@ -51,35 +51,84 @@ class AnyTouching(NoTouching):
     moves: Tensor = leaf(2)
 
     present = True
+    reads: ClassVar[frozenset[str]] = frozenset()
 
-    def near(self, motion: TouchingMotion) -> list[Near]:
+    @property
+    def smooth(self) -> bool:
+        return not self.dissipative
+
+    def moves_of(self, motion: NodeMotion) -> PairMotion:
+        """Of all nodes, where forces act; at an instant nothing rubs."""
+        space, reads, mean = self.space, self.reads, motion.mean
+        at, start = motion.nodes(reads), motion.before
+        moving = {VELOCITY: space.public_vector, SPIN: space.public_spin}
+        rates = [
+            to(getattr(at, name)) if start is not None and name in reads else None
+            for name, to in moving.items()
+        ]
+        return PairMotion(
+            space.public_position(at.position),
+            space.public_vector(at.position - start[0]) if mean else None,
+            *rates,
+            motion.secant,
+            self._axes(motion, mean),
+        )
+
+    def way_of(self, motion: NodeMotion) -> PairMotion:
+        """The same over the whole of the step, wherever forces act."""
+        way, space = motion.way(), self.space
+        return self.moves_of(motion)._replace(
+            position=space.public_position(way.middle),
+            half=space.public_vector(way.half),
+            axes=self._axes(motion, True),
+        )
+
+    def _axes(self, motion: NodeMotion, over: bool) -> tuple[Tensor, ...] | None:
+        """Of the nodes (..., N+1, 3, 3) after the step, and before it where it is over one."""
+        if ROTATION not in self.reads:
+            return None
+        where = (motion.before, motion.after) if over else (motion.after,)
+        return tuple(self.space.axes(rotation) for _, rotation in where)
+
+    def near(self, motion: PairMotion) -> list[Near]:
         """Those that may touch over this motion."""
         raise NotImplementedError
 
-    def loaded(self, nodes: Tensor, motion: Callable[[], TouchingMotion]) -> Tensor:
-        now = motion()
+    def balance(
+        self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
+    ) -> tuple[Tensor, Tensor]:
+        return self.loaded(nodes, motion), gap
+
+    def loaded(self, nodes: Tensor, motion: NodeMotion) -> Tensor:
+        """The nodes' balances (..., nodes, w), with the forces of these."""
+        now = self.moves_of(motion)
         for pairs, own in self.near(now):
             push = -(pairs.wrenches(of_nodes(own, now)) @ self.moves.mT).flatten(-3, -2)
             nodes = added(nodes, tuple(own.flatten().tolist()), push, nodes.shape[-2], 1)
         return nodes
 
-    def matrix(self, matrix: Any, motion: Callable[[], TouchingMotion]) -> Any:
-        return self._tied(matrix, motion(), self.by_moves)
+    def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
+        now = self.moves_of(motion)
+        return self._tied(matrix, now, lambda near: self.by_moves(near, motion, now))
 
-    def damping(self, matrix: Any, position: Tensor, axes: Tensor) -> Any:
+    def damping(self, matrix: Callable[[], Any], motion: NodeMotion) -> Any:
+        if not self.dissipative:
+            return None
+        position, rotation = motion.after
+        position, axes = self.space.public_position(position), self.space.axes(rotation)
         still = torch.zeros_like(position)
         sizes = self.space.dims.position, self.space.dims.spin
         names = (VELOCITY, SPIN)
         eyes = (torch.eye(n, dtype=position.dtype, device=position.device)[None] for n in sizes)
         by = dict(zip(names, eyes, strict=True))
-        motion = TouchingMotion(position, None, still, still, None, lambda: by, axes=(axes,))
-        return self._tied(matrix, motion, self._by_rates)
+        now = PairMotion(position, None, still, still, axes=(axes,))
+        return self._tied(matrix(), now, lambda near: self._by_rates(near, now, by))
 
-    def _tied(self, matrix: Any, now: TouchingMotion, blocks_of: Callable[..., Tensor]) -> Any:
+    def _tied(self, matrix: Any, now: PairMotion, blocks_of: Callable[[Near], Tensor]) -> Any:
         """A matrix with blocks (..., U, 6, 6, w, w) of the pairs that have some."""
         nodes, blocks = [], []
         for near in self.near(now):
-            own, block = near.nodes, blocks_of(near, now)
+            own, block = near.nodes, blocks_of(near)
             if not mapped(block) and not wants_gradient(block):  # zeros may carry derivatives
                 some = concrete(block.detach() != 0).flatten(-4).any(-1)
                 some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
@@ -96,46 +145,59 @@ class AnyTouching(NoTouching):
         every = torch.cat([x.expand(*shape, *x.shape[-5:]) for x in blocks], -5).flatten(-5, -3)
         return matrix.tied_too((tuple(tie.tolist()),), added(None, rows, every, n * n, 2))
 
-    def work(self, motion: Callable[[], TouchingMotion]) -> Tensor | float:
-        now = motion()
-        return sum(pairs.work(of_nodes(own, now), now.dt) for pairs, own in self.near(now))
+    def work(self, motion: NodeMotion) -> Tensor | float:
+        """(...) J over a step."""
+        now = self.way_of(motion)
+        return sum(pairs.work(of_nodes(own, now), motion.dt) for pairs, own in self.near(now))
 
-    def near_enough(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
-        return self._any(motion(), lambda pairs, own: (~pairs.far(own)).any(-1))
+    def finished(
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
+    ) -> dict[str, Any]:
+        return fields | {"work": fields["work"] + self.work(motion)} if "work" in fields else fields
 
-    def passed(self, motion: Callable[[], TouchingMotion]) -> Tensor | None:
-        return self._any(motion(), lambda pairs, own: pairs.passed(own))
+    def near_enough(self, motion: NodeMotion) -> Tensor | None:
+        return self._any(motion, lambda pairs, own: (~pairs.far(own)).any(-1))
+
+    def passed(self, motion: NodeMotion) -> Tensor | None:
+        return self._any(motion, lambda pairs, own: pairs.passed(own))
 
     def _any(
-        self, motion: TouchingMotion, what: Callable[[TouchingPairs, PairMotion], Tensor]
+        self, motion: NodeMotion, what: Callable[[TouchingPairs, PairMotion], Tensor]
     ) -> Tensor | None:
-        each = [what(pairs, of_nodes(own, motion)) for pairs, own in self.near(motion)]
+        way = self.way_of(motion)
+        each = [what(pairs, of_nodes(own, way)) for pairs, own in self.near(way)]
         return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
-    def by_moves(self, near: Near, motion: TouchingMotion) -> Tensor:
-        """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves."""
-        of_pairs = of_nodes(near.nodes, motion)
+    def by_moves(self, near: Near, motion: NodeMotion, now: PairMotion) -> Tensor:
+        """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves, of a
+        motion with these `moves_of`.
+        """
+        of_pairs = of_nodes(near.nodes, now)
         slopes = near.pairs.slopes(of_pairs)
-        change = slopes.pop(POSITION) @ self.moves[:, :3].mT + self._rates(near, motion, slopes)
+        change, by = slopes.pop(POSITION) @ self.moves[:, :3].mT, {}
+        if slopes and motion.before is not None:
+            by = motion.by(self.reads)
+            half = motion.half_turns() if ROTATION in self.reads else None
+            by = by if half is None else by | {ROTATION: 2 * half}
+        change = change + self._rates(near, by, slopes)
         return self._balances(near.pairs.blocks(of_pairs, change))
 
-    def _by_rates(self, near: Near, motion: TouchingMotion) -> Tensor:
+    def _by_rates(self, near: Near, now: PairMotion, by: dict[str, Tensor]) -> Tensor:
         """The same by velocities and spins alone."""
-        of_pairs = of_nodes(near.nodes, motion)
+        of_pairs = of_nodes(near.nodes, now)
         slopes = near.pairs.slopes(of_pairs)
         by_x, slopes = slopes.pop(POSITION), {n: x for n, x in slopes.items() if n != ROTATION}
         none = by_x.new_zeros(*by_x.shape[:-1], len(self.moves))
-        return self._balances(near.pairs.blocks(of_pairs, none + self._rates(near, motion, slopes)))
+        return self._balances(near.pairs.blocks(of_pairs, none + self._rates(near, by, slopes)))
 
     def _balances(self, blocks: Tensor) -> Tensor:
         """From wrenches (..., 6, w) to balances."""
         return -torch.einsum("vi,...abiw->...abvw", self.moves, blocks)
 
     def _rates(
-        self, near: Near, motion: TouchingMotion, slopes: dict[str, Tensor]
+        self, near: Near, by: dict[str, Tensor], slopes: dict[str, Tensor]
     ) -> Tensor | float:
         p, moves, whole = self.space.dims.position, self.moves, 0.0
-        by = motion.by() if slopes else {}
         for name, slope in slopes.items():
             if name == ROTATION and name not in by:  # it turns as the moves do
                 whole = whole + slope @ moves[:, 3:].mT
@@ -160,14 +222,14 @@ class AllTouching(AnyTouching):
     each: tuple[Touching, ...]
 
     @property
-    def lossy(self) -> bool:
+    def dissipative(self) -> bool:
         return any(one.lossy for one in self.each)
 
     @property
     def reads(self) -> frozenset[str]:
         return frozenset().union(*(one.reads for one in self.each))
 
-    def near(self, motion: TouchingMotion) -> list[Near]:
+    def near(self, motion: PairMotion) -> list[Near]:
         near = [(one, one.nearby(motion)) for one in self.each]
         return [Near(one.pairs(own), own.nodes) for one, own in near if len(own.point)]
 
@@ -178,8 +240,8 @@ class OnePair(AnyTouching):
 
     pairs: TouchingPairs
 
-    lossy = property(lambda self: self.pairs.lossy)
+    dissipative = property(lambda self: self.pairs.lossy)
     reads = property(lambda self: self.pairs.reads)
 
-    def near(self, motion: TouchingMotion | None) -> list[Near]:
+    def near(self, motion: PairMotion | None) -> list[Near]:
         return [Near(self.pairs, torch.arange(6, device=self.moves.device)[None])]

@@ -35,14 +35,17 @@ POINTS = (0, 0, 0, 1, 2, 3)  # which of the four points each of the six nodes is
 
 
 class PairMotion(NamedTuple):
-    """Of the nodes (..., U, 6, 3), or of the points (..., U, 4, 3), of U pairs: see
-    `TouchingMotion`; axes (..., U, 3, 3) of the piece's own node.
+    """Of all nodes (..., N+1, 3), or of U pairs of the nodes (..., U, 6, 3), or of the points
+    (..., U, 4, 3), frame a: position m where forces act; half m by which they move on either side
+    of it over a step, None = at an instant; velocity m/s and spin rad/s there, absolute, None = at
+    rest; secant (...), see `LoadPoint`; axes (..., N+1, 3, 3), or (..., U, 3, 3) of a piece's own
+    node, before and after a step, at an instant once, None = nothing reads them.
     """
 
     position: Tensor
-    half: Tensor | None
-    velocity: Tensor | None
-    spin: Tensor | None
+    half: Tensor | None = None
+    velocity: Tensor | None = None
+    spin: Tensor | None = None
     secant: Tensor | None = None
     axes: tuple[Tensor, ...] | None = None
 

@@ -8,21 +8,21 @@ import torch
 from torch import Tensor
 
 from ..scene.effects.contact_terms import ContactTerms
-from ..scene.effects.rounded_box import RoundedBox
+from ..scene.effects.obstacle import Obstacle
 from ..scene.parts import part_of
 from ..scene.scene import Scene
+from .between_nodes import BetweenNodes
 from .centreline import control_shares, piece_nodes
 from .coordinates.spatial import Spatial
 from .touching import Touching
 from .touching_forces import AllTouching
-from .touching_motion import NoTouching
 from .touching_surface import TouchingSurface
 
 
-def touching_of(scene: Scene, space: Spatial, s: Tensor) -> NoTouching:
+def touching_of(scene: Scene, space: Spatial, s: Tensor) -> BetweenNodes:
     """Of a scene; s (..., N+1) m, arclength of its nodes."""
     if not scene.pairs:
-        return NoTouching()
+        return BetweenNodes()
     each = [one for k, pair in enumerate(scene.pairs) for one in _both(scene, pair, k, s)]
     eye = torch.eye(space.unknowns, dtype=scene.dtype, device=scene.device)
     return AllTouching(space, space.embed(eye), tuple(each))
@@ -47,9 +47,9 @@ def _both(scene: Scene, pair: ContactTerms, k: int, s: Tensor) -> list[Touching]
     return [_one(pair, k, s, first, second, 0.5), _one(pair, k, s, second, first, 0.5, False)]
 
 
-def _surface(scene: Scene, name: str | None) -> RoundedBox | None:
+def _surface(scene: Scene, name: str | None) -> Obstacle | None:
     shape = scene.beam.surface(name) if scene.beam.parts and name is not None else None
-    return None if shape is None else RoundedBox.of(shape)
+    return None if shape is None else shape.in_body
 
 
 def _nodes(scene: Scene, name: str | None) -> range:
@@ -68,7 +68,7 @@ def _one(
     second: range,
     share: float,
     is_first: bool = True,
-    surface: RoundedBox | None = None,
+    surface: Obstacle | None = None,
 ) -> Touching:
     """Places along the first nodes, and pieces of the second, or the surface of a body there."""
     ends = s.new_zeros(len(second), 2)

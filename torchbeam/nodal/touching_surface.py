@@ -8,9 +8,9 @@ from torch import Tensor
 
 from ..core.validation import concrete
 from ..scene.effects.load_point import ROTATION, SPIN, VELOCITY
-from ..scene.effects.rounded_box import RoundedBox
+from ..scene.effects.obstacle import Obstacle
 from ..scene.stations import Table
-from .surface_pairs import SurfacePairs
+from .surface_pairs import SurfacePairs, numbers_of
 from .touching import Nearby, PairLaw, Touching
 from .touching_pairs import TouchingPairs
 
@@ -23,7 +23,7 @@ class TouchingSurface(Touching):
     of them may touch is asked of the ball about the body that its surface is in, however it turns.
     """
 
-    surface: RoundedBox
+    surface: Obstacle
 
     @property
     def profiles(self) -> tuple[Tensor | Table, Tensor]:
@@ -37,21 +37,15 @@ class TouchingSurface(Touching):
 
     @property
     def law(self) -> PairLaw:
-        return super().law._replace(surface=True)
+        return super().law._replace(surface=type(self.surface))
 
     @property
     def reads(self) -> frozenset[str]:
         return frozenset({ROTATION} | ({VELOCITY, SPIN} if self.lossy else set()))
 
     def pairs(self, near: Nearby) -> TouchingPairs:
-        box, rows = self.surface, vars(super().pairs(near))
-        return SurfacePairs(
-            **rows,
-            centre=box.centre[..., None, :],
-            axes=box.axes[..., None, :, :],
-            half=box.half[..., None, :],
-            rounding=box.rounding[..., None],
-        )
+        rows, shape = vars(super().pairs(near)), self.surface
+        return SurfacePairs(**rows, shape=type(shape), numbers=numbers_of(shape)[..., None, :])
 
     @property
     def reach(self) -> Tensor:

@@ -18,27 +18,12 @@ from .shapes import mode_shapes, shape
 from .tendons import tendons
 from .uncertainty import bands, convergence, histogram, tornado
 
+# fmt: off
 __all__ = [
-    "animate",
-    "axes",
-    "bands",
-    "campbell",
-    "convergence",
-    "correlation",
-    "energies",
-    "fit",
-    "grid",
-    "histogram",
-    "history",
-    "load_path",
-    "mode_shapes",
-    "obstacles",
-    "profile",
-    "save",
-    "shape",
-    "tendons",
-    "tornado",
-    "tried",
+    "animate", "axes", "bands", "campbell", "convergence", "correlation", "energies", "fit",
+    "grid", "histogram", "history", "load_path", "mode_shapes", "obstacles", "profile", "save",
+    "shape", "tendons", "tornado", "tried",
 ]
+# fmt: on
 
 entry_points(globals(), __all__)

@@ -17,7 +17,7 @@ from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State
 from .axis import axis_curves, nodes_of, rows_of
-from .canvas import Axes, numbers
+from .canvas import Axes, matplotlib_wanted, numbers
 from .shapes import TRIAD, _prepared, framed
 from .solid_picture import SolidPicture
 
@@ -145,9 +145,7 @@ class _Film:
         trail: bool,
         frames: bool,
     ) -> _Film:
-        """Film of states, before its first picture; axes with room for the whole motion. Raises
-        ValueError as `shape`.
-        """
+        """Film of states, axes with room for the whole motion. Raises ValueError as `shape`."""
         position, turn = nodes_of(states)
         times = states.position.shape[0]
         ax, seen = _prepared(ax, plane, position)
@@ -209,12 +207,8 @@ def _writer(path: Path, fps: float) -> tuple[Any, dict[str, Any]]:
         raise ValueError(
             f"the file {path.name!r} was given; one that ends in .gif or .mp4 is wanted"
         )
-    try:
+    with matplotlib_wanted():
         from matplotlib.animation import FFMpegWriter, PillowWriter
-    except ImportError:
-        raise ImportError(
-            "torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'"
-        ) from None
     if path.suffix == ".gif":
         return PillowWriter(fps=fps), {}
     program = shutil.which("ffmpeg")

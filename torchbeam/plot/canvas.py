@@ -101,13 +101,22 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
 
 @contextmanager
 def where_installed() -> Iterator[None]:
-    """For the pictures of a command, which goes on without them where matplotlib is not installed,
-    and says so.
-    """
+    """For the pictures of a command, which goes on without matplotlib, and says so."""
     try:
         yield
     except ImportError as error:
         print(f"no picture: {error}", file=sys.stderr)
+
+
+@contextmanager
+def matplotlib_wanted() -> Iterator[None]:
+    """For its imports: without it an ImportError says where it is had from."""
+    try:
+        yield
+    except ImportError:
+        raise ImportError(
+            "torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'"
+        ) from None
 
 
 def line_style(options: dict[str, Any], **usual: Any) -> dict[str, Any]:
@@ -138,16 +147,10 @@ def numbers(x: Tensor) -> Any:
 
 
 def _figure(size: tuple[float, float]) -> Any:
-    """Figure of the given size (inches), of nobody but the caller. Raises ImportError without
-    matplotlib.
-    """
-    try:
+    """Figure of the given size (inches), the caller's alone. ImportError without matplotlib."""
+    with matplotlib_wanted():
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError(
-            "torchbeam.plot wants matplotlib: pip install 'torchbeam[plot]'"
-        ) from None
     size = tuple(tolerance("a length of size", length) for length in listed(size))
     if len(size) != 2:
         raise ValueError(f"size = {shown(size)} was given; two lengths, in inches, are wanted")

@@ -44,22 +44,14 @@ def history(
             "given to a picture; one or more are wanted"
         )
     values = values.reshape(len(t), -1, sensor.size)
-    crowd = (
-        dict(alpha=max(0.15, values.shape[1] ** -0.5), lw=0.8)
-        if values.shape[1] > 1
-        else dict(lw=1.5)
-    )
+    count = values.shape[1]
+    crowd = dict(alpha=max(0.15, count**-0.5), lw=0.8) if count > 1 else dict(lw=1.5)
     check_label(label)
     for k, name in enumerate(sensor.labels):
         style = line_style(line, color=ax._get_lines.get_next_color(), **crowd)
         lines = ax.plot(t, numbers(values[..., k]), **style)
-        lines[0].set_label(
-            " ".join(filter(None, (label, name if sensor.size > 1 or label is None else None)))
-        )
-    ax.set(
-        xlabel="time / s",
-        ylabel=f"{sensor.name}{'' if sensor.unit == '1' else f' / {sensor.unit}'}",
-    )
+        lines[0].set_label(_label(sensor, name, label))
+    ax.set(xlabel="time / s", ylabel=_with_unit(sensor))
     ax.margins(x=0)
     if sensor.size > 1 or label:
         _legend(ax)
@@ -124,7 +116,7 @@ def load_path(
     values = sensor.flat(path.state).detach().cpu().reshape(P, -1, sensor.size)
     for k, part in enumerate(sensor.labels):
         color = ax._get_lines.get_next_color()
-        text = " ".join(filter(None, (label, part if sensor.size > 1 or label is None else None)))
+        text = _label(sensor, part, label)
         for i in range(factor.shape[1]):
             n = int(valid[:, i].sum())
             x, y, firm = numbers(values[:n, i, k]), numbers(factor[:n, i]), good[:n, i]
@@ -137,7 +129,7 @@ def load_path(
                 there = (kind[:n, i] == which).numpy()
                 ax.plot(x[there], y[there], mark, color=color, ms=5)
         ax.plot([], [], color=color, label=text)
-    ax.set(xlabel=f"{sensor.name}{'' if sensor.unit == '1' else f' / {sensor.unit}'}", ylabel=name)
+    ax.set(xlabel=_with_unit(sensor), ylabel=name)
     return _legend(ax) if sensor.size > 1 or label else ax
 
 
@@ -191,18 +183,20 @@ def campbell(
     for order in (number("an order", order) for order in listed(orders)):
         end = min(x.max(), top / order)
         ax.plot([0, end], [0, order * end], color=GREY, lw=0.8, ls=":")
-        ax.annotate(
-            f"{order}/rev",
-            (end, order * end),
-            (2, 0),
-            textcoords="offset points",
-            color="0.4",
-            fontsize=8,
-            va="center" if end == x.max() else "bottom",
-            annotation_clip=False,
-        )
+        look = dict(color="0.4", fontsize=8, va="center" if end == x.max() else "bottom")
+        place = dict(textcoords="offset points", annotation_clip=False)
+        ax.annotate(f"{order}/rev", (end, order * end), (2, 0), **place, **look)
     ax.set(xlabel="speed / (rad/s)", ylabel="frequency / (rad/s)", xlim=(0, x.max()), ylim=(0, top))
     return ax if names is None else _legend(ax)
+
+
+def _label(sensor: Sensor, name: str, label: str | None) -> str:
+    """Of one of its numbers, behind what a user calls the line."""
+    return " ".join(filter(None, (label, name if sensor.size > 1 or label is None else None)))
+
+
+def _with_unit(sensor: Sensor) -> str:
+    return f"{sensor.name}{'' if sensor.unit == '1' else f' / {sensor.unit}'}"
 
 
 def _legend(ax: Axes) -> Axes:
@@ -231,12 +225,9 @@ def tried(best: Any, ax: Axes | None = None) -> Axes:
     for (element, method), runs in kinds.items():
         shown = [(1e3 * run.seconds, run.error) for run in runs if 0 < run.error < float("inf")]
         if shown:
-            ax.plot(
-                *zip(*shown, strict=True),
-                marks[method],
-                color=colours[element],
-                label=element if method is None else f"{element}, {method}",
-            )
+            label = element if method is None else f"{element}, {method}"
+            mark, color = marks[method], colours[element]
+            ax.plot(*zip(*shown, strict=True), mark, color=color, label=label)
     chosen = next(run for run in best.table if run.chosen)
     if chosen.error > 0:
         ring = dict(ms=13, mfc="none", color="black", label=f"chosen: {best.settings}")

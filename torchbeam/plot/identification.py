@@ -46,23 +46,18 @@ def fit(fit: Any) -> list[Axes]:
         t = torch.arange(len(data)) if one.times is None else one.times
         noise = torch.ones_like(y) if one.sigma is None else one.columns(one.sigma)[k]
         noise = noise * fit.scale
-        own = (
-            torch.zeros_like(y)
-            if one.deviation is None
-            else one.columns(one.deviation)[k].nan_to_num()
-        )
+        own = torch.zeros_like(y)
+        if one.deviation is not None:
+            own = one.columns(one.deviation)[k].nan_to_num()
         order = t.argsort()
         t, data, y, noise, own = (v[order] for v in (t, data, y, noise, own))
         room = BAND * (own.square() + noise.square()).sqrt()
-        above.fill_between(
-            numbers(t), numbers(y - room), numbers(y + room), color="C0", alpha=0.2, lw=0
-        )
-        above.plot(numbers(t), numbers(data), ".", ms=4, color=GREY, label="data")
-        above.plot(numbers(t), numbers(y), "C0", lw=1.2, label="model")
-        below.fill_between(
-            numbers(t), numbers(-BAND * noise), numbers(BAND * noise), color="0.9", lw=0
-        )
-        below.plot(numbers(t), numbers(data - y), ".", ms=4, color="C3")
+        t, data, y, room, noise = map(numbers, (t, data, y, room, BAND * noise))
+        above.fill_between(t, y - room, y + room, color="C0", alpha=0.2, lw=0)
+        above.plot(t, data, ".", ms=4, color=GREY, label="data")
+        above.plot(t, y, "C0", lw=1.2, label="model")
+        below.fill_between(t, -noise, noise, color="0.9", lw=0)
+        below.plot(t, data - y, ".", ms=4, color="C3")
         below.axhline(0, color="k", lw=0.8)
         above.set(title=name, ylabel="reading")
         below.set(xlabel="sample" if one.times is None else "time / s", ylabel="data - model")
@@ -93,15 +88,8 @@ def correlation(fit: Any, ax: Axes | None = None) -> Axes:
         for j in range(p):
             if determined[i] and determined[j]:
                 value = values[i, j].item()
-                ax.text(
-                    j,
-                    i,
-                    f"{value:.2f}",
-                    ha="center",
-                    va="center",
-                    fontsize=8,
-                    color="w" if abs(value) > 0.6 else "k",
-                )
+                color = "w" if abs(value) > 0.6 else "k"
+                ax.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=8, color=color)
     ax.set_xticks(range(p), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=8)
     ax.set_yticks(range(p), names, fontsize=8)
     return ax

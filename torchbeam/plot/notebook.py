@@ -1,6 +1,4 @@
-"""What a notebook shows of a scene, a state or a solution: a picture, where matplotlib is there,
-beside a table.
-"""
+"""What a notebook shows of a scene, a state or a solution: a picture beside a table."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ from ..core.leaves import map_leaves
 from ..core.validation import broadcast, shown
 from ..scene.effects.contact import Contact
 from ..scene.effects.contact_terms import ContactTerms
-from ..scene.effects.obstacles import Obstacle, Sphere
+from ..scene.effects.obstacle import Obstacle
+from ..scene.effects.obstacles import Sphere
 from ..scene.parts import Part
 from ..scene.scene import Scene
 from ..state.state import State
@@ -67,9 +68,7 @@ def obstacles(
 def cut(
     ax: Axes, plane: str, through: Tensor, distance: Callable[[Tensor], Tensor], color: Any
 ) -> None:
-    """What is solid, by its distance (n, 1) m from points (n, 3) m, in the plane `through` (3) m,
-    on flat axes.
-    """
+    """What is solid, by its distance (n, 1) m from points (n, 3) m, in a plane on flat axes."""
     first, second = PLANES[plane]
     across, up = (
         torch.linspace(*ends, CELLS).to(through) for ends in (ax.get_xlim(), ax.get_ylim())
@@ -113,9 +112,7 @@ def surfaces(scene: Scene, state: State) -> Iterator[tuple[Tensor, Tensor, Obsta
 def surface_of(
     scene: Scene, body: Part, batch: Sequence[int] = (), sample: int = 0
 ) -> Obstacle | None:
-    """Of a body, in a sample of a batch: its own, or the ball by which contacts take it; None = it
-    touches nothing.
-    """
+    """Of a body, in a sample: its own, or the ball by which contacts take it; None = neither."""
     surface = scene.beam.surface(body.name)
     if surface is not None:
         return map_leaves(lambda x, axes: _sample(x, axes, batch, sample), surface)
@@ -142,9 +139,7 @@ def radius_of(
 
 
 def _sample(x: Any, axes: int | None, batch: Sequence[int], sample: int) -> Any:
-    """Of a batch one sample; without axes of the batch the first. Raises ValueError for a batch
-    that is none of the scene's.
-    """
+    """Of a batch one sample; without its axes the first. Raises ValueError for another batch."""
     if not isinstance(x, Tensor) or axes is None:
         return x
     lead, last_axes = x.shape[: x.ndim - axes], x.shape[x.ndim - axes :]

@@ -116,9 +116,8 @@ def mode_shapes(
     move = (moves * torch.exp(-1j * peak.angle())).real
     largest = torch.linalg.vector_norm(move[..., :3], dim=-1).amax(-1)
     silent = largest < 1e-3 * length * torch.linalg.vector_norm(move[..., 3:], dim=-1).amax(-1)
-    move = (
-        move * torch.where(silent, 0.0, scale * length / largest.clamp(min=1e-300))[:, None, None]
-    )
+    size = torch.where(silent, 0.0, scale * length / largest.clamp(min=1e-300))
+    move = move * size[:, None, None]
     at_rest = turn[..., 0]
     moved = position + move[..., :3]
     # a mode is linear in its size
@@ -131,18 +130,12 @@ def mode_shapes(
     )
     for i, curve in enumerate(numbers(axis_curves(rows, moved, tilted, chord)[..., seen])):
         value = modes.eigenvalue[i].detach()
-        speed = (
-            f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz"
-            if value.imag != 0
-            else f"{value.real.item():.3g} /s"
-        )
+        speed = f"{value.real.item():.3g} /s"
+        if value.imag != 0:
+            speed = f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz"
         line = curve[:0] if silent[i] else curve
-        ax.plot(
-            *line.T,
-            color=f"C{i}",
-            lw=1.8,
-            label=f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}",
-        )
+        label = f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}"
+        ax.plot(*line.T, color=f"C{i}", lw=1.8, label=label)
     ax.legend(frameon=False, fontsize=8)
     return _even(ax, seen)
 
@@ -158,17 +151,14 @@ def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
 
 
 def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
-    """Axes to draw on, and the coordinates that they show of positions (samples, N+1, 3). Raises
-    ValueError as `shape`.
-    """
+    """Axes, and which coordinates they show of positions (samples, N+1, 3); raises as `shape`."""
     choice("plane", plane, (*PLANES, None))
     if ax is not None and is_3d(check_axes(ax)):
         return ax, [0, 1, 2]
     if plane is None:
         extent = position.flatten(0, -2).amax(0) - position.flatten(0, -2).amin(0)
-        flat = [
-            name for name, pair in PLANES.items() if extent[3 - sum(pair)] <= 1e-6 * extent.max()
-        ]
+        least = 1e-6 * extent.max()
+        flat = [name for name, pair in PLANES.items() if extent[3 - sum(pair)] <= least]
         if not flat and ax is not None:
             raise ValueError(
                 "flat axes were given for a beam that is in no plane of two coordinates; say plane="
@@ -176,16 +166,15 @@ def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axe
         at = [pair for pair in flat if extent[list(PLANES[pair])].min() > 0] or flat
         plane = at[0] if at else None
     seen = [0, 1, 2] if plane is None else list(PLANES[plane])
-    return axes(
-        three=plane is None, size=(6, 5) if plane is None else (6, 3.8)
-    ) if ax is None else ax, seen
+    if ax is None:
+        ax = axes((6, 5) if plane is None else (6, 3.8), three=plane is None)
+    return ax, seen
 
 
 def _even(ax: Axes, seen: list[int]) -> Axes:
     """The axes with equal scales, names, and room around what was drawn."""
-    for set_label, i in zip(
-        (ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else [])), seen, strict=True
-    ):
+    names = (ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else []))
+    for set_label, i in zip(names, seen, strict=True):
         set_label(f"{'xyz'[i]} / m")
     if not is_3d(ax):
         ax.set_aspect("equal", adjustable="datalim")
@@ -241,11 +230,8 @@ def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:
     reach = 0.06 * torch.linalg.vector_norm(position.diff(dim=-2), dim=-1).sum(-1)[:, None, None]
     for i, color in enumerate(TRIAD):
         ends = numbers((position + reach * turn[..., i])[..., seen])
-        for start, end in zip(
-            numbers(position[..., seen]).reshape(-1, len(seen)),
-            ends.reshape(-1, len(seen)),
-            strict=True,
-        ):
+        starts = numbers(position[..., seen])
+        for start, end in zip(*(x.reshape(-1, len(seen)) for x in (starts, ends)), strict=True):
             ax.plot(*zip(start, end, strict=True), color=color, lw=1)
 
 

@@ -12,7 +12,8 @@ from torch import Tensor
 from ..core.arguments import instance
 from ..core.leaves import sent, with_values
 from ..math import quaternions as quat
-from ..scene.effects.obstacles import Cylinder, Obstacle, Plane
+from ..scene.effects.obstacle import Obstacle
+from ..scene.effects.obstacles import Cylinder, Plane
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
@@ -30,9 +31,7 @@ THIN = 0.003  # radius of a tendon, of the extent of all
 
 @dataclass(frozen=True)
 class SolidPicture:
-    """On axes `ax`: of a `plane`, or in space where that is None; color: None = by samples, or of
-    one sample by its parts.
-    """
+    """On axes `ax`, of a `plane`, None = in space; color: None = by samples, or by parts."""
 
     scene: Scene
     ax: Axes
@@ -42,9 +41,7 @@ class SolidPicture:
 
     @classmethod
     def of(cls, scene: Scene, state: Any, ax: Axes, seen: list[int], color: Any) -> SolidPicture:
-        """On axes that show the coordinates `seen`. Raises ValueError for a state of another
-        scene.
-        """
+        """On axes that show the coordinates `seen`. Raises ValueError for another scene."""
         instance("scene", scene, Scene)
         of_mesh(state, scene.beam, "a state")
         plane = next((name for name, pair in PLANES.items() if list(pair) == seen), None)
@@ -146,9 +143,7 @@ class SolidPicture:
     def _each(
         self, state: State, *, body: bool
     ) -> Iterator[tuple[Any, int, int, Any, Tensor, Tensor]]:
-        """Of every sample and part: a colour, sample, place among beams or bodies, the part,
-        positions and axes of all nodes.
-        """
+        """Of each sample and part: colour, sample, place, part, positions and axes of all nodes."""
         position, R = (_plain(x) for x in nodes_of(state))
         known = self.scene.beam.parts
         for i in range(len(position)):
@@ -200,9 +195,7 @@ def _tube(axis: Tensor, across: Tensor, corners: Tensor) -> Mesh:
 
 
 def _outline(axis: Tensor, across: Tensor, corners: Tensor) -> Tensor:
-    """(2 p, 2) m about an axis (p, 2) m: as far as corners (p, k, 2) in axes (p, 2, 2) are from
-    it.
-    """
+    """(2 p, 2) m about an axis (p, 2) m: as far as corners (p, k, 2) in axes (p, 2, 2) are."""
     along = torch.gradient(axis, dim=0)[0]
     normal = torch.stack((-along[:, 1], along[:, 0]), -1) / along.norm(dim=-1, keepdim=True)
     reach = ((corners @ across.mT) @ normal[..., None]).amax(1)
@@ -237,9 +230,7 @@ def _about(obstacle: Obstacle, middle: Tensor) -> Obstacle:
 
 
 def _plane_mesh(plane: Plane, limits: Tensor) -> Mesh:
-    """As far as the picture's limits (3, 2) m across the coordinate that is most along its
-    normal.
-    """
+    """As far as the picture's limits (3, 2) m across the coordinate most along its normal."""
     deep = int(plane.normal.abs().argmax())
     x, y = (k for k in range(3) if k != deep)
     corners = plane.point.expand(4, 3).clone()

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..math import quaternions as quat
-from ..scene.effects.obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
+from ..scene.effects.obstacle import Obstacle
+from ..scene.effects.obstacles import Capsule, Cylinder, Plane, RoundedBox, Sphere
 
 QUARTER = 7  # points along a quarter of a circle
 SIDES = 12  # of a round beam
+TRIES = 100  # to a surface, by its distance
 
 
 class Mesh(NamedTuple):
@@ -43,11 +44,8 @@ def tube_mesh(axis: Tensor, across: Tensor, corners: Tensor) -> Mesh:
     cap = torch.stack((torch.zeros_like(inner), inner + 2, inner + 1, inner), -1) % sides
     caps = torch.cat((cap, cap.flip(-1) + sides * (count - 1)))
     no = torch.zeros(len(caps), dtype=torch.bool)
-    return Mesh(
-        points.flatten(0, 1),
-        torch.cat((quads.flatten(0, 1), caps)),
-        torch.cat((dark.flatten(), no)),
-    )
+    quads, dark = torch.cat((quads.flatten(0, 1), caps)), torch.cat((dark.flatten(), no))
+    return Mesh(points.flatten(0, 1), quads, dark)
 
 
 def rounds(radius: Tensor) -> Tensor:
@@ -58,8 +56,9 @@ def rounds(radius: Tensor) -> Tensor:
 
 def surface_mesh(obstacle: Obstacle, size: float) -> Mesh:
     """Of an obstacle of one sample at one instant, as far as `size` (m) where it has no end; of
-    what a user derived from `Obstacle`, none.
+    what a user derived from `Obstacle`, none, unless it may be that of a body.
     """
+    obstacle = obstacle.in_body
     if isinstance(obstacle, Plane):
         R = _axes(obstacle.normal)
         corners = obstacle.point.new_tensor([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
@@ -74,11 +73,16 @@ def surface_mesh(obstacle: Obstacle, size: float) -> Mesh:
         a, b = obstacle.a, obstacle.b
         half = torch.stack((a.new_zeros(()), a.new_zeros(()), (b - a).norm() / 2))
         return _rounded((a + b) / 2, _axes(b - a), half, obstacle.radius)
-    if isinstance(obstacle, Box):
-        turn = torch.zeros(3) if obstacle.rotation is None else obstacle.rotation
-        R = quat.matrix(quat.exponential(turn.to(obstacle.size)))
-        half = obstacle.size / 2 - obstacle.rounding
-        return _rounded(obstacle.centre, R, half, obstacle.rounding)
+    if isinstance(obstacle, RoundedBox):
+        return _rounded(obstacle.centre, obstacle.axes, obstacle.half, obstacle.radius)
+    if obstacle.of_bodies:  # from its reach inward
+        centre = getattr(obstacle, obstacle.PLACE)
+        R, none = torch.eye(3, dtype=centre.dtype), torch.zeros_like(centre)
+        mesh = _rounded(centre, R, none, 2 * obstacle.reach)
+        inward, points = torch.nn.functional.normalize(centre - mesh.points), mesh.points
+        for _ in range(TRIES):
+            points = points + obstacle.distance(points) * inward
+        return mesh._replace(points=points)
     return _plain(torch.empty(0, 3).double(), torch.empty(0, 4, dtype=torch.long))
 
 
@@ -98,12 +102,10 @@ def _rounded(centre: Tensor, R: Tensor, half: Tensor, radius: Tensor, ends: bool
     side = half.new_tensor([-1.0, 1.0]).repeat_interleave(len(up) // 2)
     flat = torch.stack((around.cos(), around.sin()), -1)
     rows, columns = len(up), len(around)
-    normal = torch.cat(
-        (up.cos()[:, None, None] * flat, up.sin()[:, None, None].expand(rows, columns, 1)), -1
-    )
-    sign = torch.cat(
-        (signs.expand(rows, columns, 2), side[:, None, None].expand(rows, columns, 1)), -1
-    )
+    shape = rows, columns, 1
+    high = up.sin()[:, None, None].expand(shape)
+    normal = torch.cat((up.cos()[:, None, None] * flat, high), -1)
+    sign = torch.cat((signs.expand(rows, columns, 2), side[:, None, None].expand(shape)), -1)
     points = centre + (sign * half + radius * normal).flatten(0, 1) @ R.mT
     first = columns * torch.arange(rows - 1)[:, None] + torch.arange(columns)
     right = columns * torch.arange(rows - 1)[:, None] + (torch.arange(columns) + 1) % columns

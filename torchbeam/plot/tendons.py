@@ -45,8 +45,7 @@ def tendons(
     if not known or (plane is None) != is_3d(check_axes(ax)):
         raise ValueError(
             f"plane = {shown(plane)} was given to tendons; one of {', '.join(map(repr, PLANES))} "
-            "is "
-            "wanted of flat axes, None of three-dimensional ones"
+            "is wanted of flat axes, None of three-dimensional ones"
         )
     check_label(label)
     position, rotation = instance("a state", state, State).position, state.rotation

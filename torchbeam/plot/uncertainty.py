@@ -47,29 +47,16 @@ def histogram(
             f"a y {tuple(mean.estimate.shape)} was given to histogram; one number a sample is "
             "wanted"
         )
+    look: dict[str, Any] = dict(color="C0", alpha=0.6, label=label)
     if hasattr(samples, "good"):
-        ax.hist(
-            numbers(samples.good.reshape(-1)),
-            bins=bins,
-            density=True,
-            color="C0",
-            alpha=0.6,
-            label=label,
-        )
+        ax.hist(numbers(samples.good.reshape(-1)), bins=bins, density=True, **look)
     else:
         whole = samples.all
         least, largest = whole.least.item(), whole.largest.item()
         room = 0.5 * (least == largest)  # of one value, as matplotlib has it
         edges = torch.linspace(least - room, largest + room, bins + 1, dtype=torch.float64)
         share = samples.histogram(edges).reshape(-1)
-        ax.stairs(
-            numbers(share / edges.diff()),
-            numbers(edges),
-            fill=True,
-            color="C0",
-            alpha=0.6,
-            label=label,
-        )
+        ax.stairs(numbers(share / edges.diff()), numbers(edges), fill=True, **look)
     top = ax.get_ylim()[1]
     marks = [("mean", "k", *(x.item() for x in mean))]
     marks += [
@@ -80,19 +67,12 @@ def histogram(
         ax.axvline(centre, color=color, lw=1, ls="-" if text == "mean" else "--")
         if math.isfinite(low) and math.isfinite(high):
             ax.axvspan(low, high, color=color, alpha=0.25, lw=0)
-        ax.text(
-            centre,
-            top * (1.06 if text == "mean" else 1.01),
-            text,
-            color=color,
-            ha="center",
-            va="bottom",
-            fontsize=8,
-        )
-    lost = f"{samples.failed} failed" if samples.failed else ""
+        above = top * (1.06 if text == "mean" else 1.01)
+        ax.text(centre, above, text, color=color, ha="center", va="bottom", fontsize=8)
     ax.set(xlabel=name, ylabel="probability density", ylim=(0, top))
-    if lost:
-        ax.text(0.99, 0.97, lost, transform=ax.transAxes, ha="right", va="top", fontsize=8)
+    if samples.failed:
+        lost: dict[str, Any] = dict(transform=ax.transAxes, ha="right", va="top", fontsize=8)
+        ax.text(0.99, 0.97, f"{samples.failed} failed", **lost)
     if label:
         ax.legend(frameon=False, fontsize=8)
     return ax
@@ -130,14 +110,8 @@ def convergence(
         x, y = n[half].double().log(), error[half].log()
         slope = ((x - x.mean()) * (y - y.mean())).sum() / (x - x.mean()).square().sum()
         fit = (y.mean() + slope * (x - x.mean())).exp()
-        ax.loglog(
-            numbers(n),
-            numbers(error),
-            "o",
-            color=f"C{k}",
-            ms=4,
-            label=f"{label}: slope {slope.item():.2f}",
-        )
+        label = f"{label}: slope {slope.item():.2f}"
+        ax.loglog(numbers(n), numbers(error), "o", color=f"C{k}", ms=4, label=label)
         ax.loglog(numbers(n[half]), numbers(fit), color=f"C{k}", lw=1)
     ax.set(xlabel="samples", ylabel="RMS error of the mean")
     ax.legend(frameon=False, fontsize=8)
@@ -162,26 +136,13 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
         raise ValueError(
             f"a y {tuple(table.base.shape)} was given to tornado; one number is wanted"
         )
-    base, low = table.base.item(), table.low.reshape(-1).tolist()
-    high = table.high.reshape(-1).tolist()
-    rows = range(len(table.names) - 1, -1, -1)
-    for row, a, b in zip(rows, low, high, strict=True):
-        ax.barh(
-            row,
-            a - base,
-            left=base,
-            height=0.6,
-            color="C0",
-            label="low" if row == rows[0] else None,
-        )
-        ax.barh(
-            row,
-            b - base,
-            left=base,
-            height=0.6,
-            color="C1",
-            label="high" if row == rows[0] else None,
-        )
+    base, rows = table.base.item(), range(len(table.names) - 1, -1, -1)
+    ends = (("low", "C0", table.low), ("high", "C1", table.high))
+    values = zip(*(x.reshape(-1).tolist() for *_, x in ends), strict=True)
+    for row, both in zip(rows, values, strict=True):
+        for (word, color, _), y in zip(ends, both, strict=True):
+            label = word if row == rows[0] else None
+            ax.barh(row, y - base, left=base, height=0.6, color=color, label=label)
     ax.axvline(base, color="k", lw=1)
     ax.set_yticks(list(rows), table.names)
     ax.set(xlabel=name)

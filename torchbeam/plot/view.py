@@ -20,7 +20,8 @@ from ..core.files import file_of, folder, reason, write
 from ..core.leaves import sent
 from ..core.validation import positive, shown
 from ..math import quaternions as quat
-from ..scene.effects.obstacles import Obstacle, Sphere
+from ..scene.effects.obstacle import Obstacle
+from ..scene.effects.obstacles import Sphere
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.solution import Solution
@@ -321,11 +322,8 @@ class _Shapes:
             points = numbers(tendon.at(state.position.detach(), state.rotation.detach()))
             points = points.reshape(-1, *points.shape[-2:])[: self.samples]
             lines = np.stack((points[:, :-1], points[:, 1:]), -2).reshape(-1, 2, 3)
-            ropes[f"tendon {k}"] = (
-                "line_segments",
-                dict(colors=ROPE, thickness=0.3 * SIDE * self.size),
-                dict(points=lines.astype(np.float32)),
-            )
+            look = dict(colors=ROPE, thickness=0.3 * SIDE * self.size)
+            ropes[f"tendon {k}"] = "line_segments", look, dict(points=lines.astype(np.float32))
         return ropes
 
     def _obstacles(self, t: float) -> dict[str, tuple[str, dict, dict]]:
@@ -346,9 +344,7 @@ def _meshes(
     pose: tuple[Tensor, Tensor] | None = None,
     **look: Any,
 ) -> dict[str, tuple[str, dict, dict]]:
-    """Triangles of a mesh in two shades; with a centre and axes it keeps its form, else its points
-    move.
-    """
+    """Triangles of a mesh in two shades; with a centre and axes its form stays."""
     shapes = {}
     for shade, kept, end in ((1.0, ~mesh.dark, ""), (0.7, mesh.dark, " dark")):
         if not kept.any():
@@ -360,8 +356,7 @@ def _meshes(
         static |= dict(flat_shading=True) | look
         moving = dict(vertices=points)
         if pose is not None:
-            static, moving = static | moving, dict(
-                position=numbers(pose[0]), wxyz=numbers(quat.from_matrix(pose[1]))
-            )  # fmt: skip
+            static |= moving
+            moving = dict(position=numbers(pose[0]), wxyz=numbers(quat.from_matrix(pose[1])))
         shapes[f"{name}{end}"] = "mesh_simple", static, moving
     return shapes

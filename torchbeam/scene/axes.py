@@ -57,9 +57,7 @@ def carried_along(direction: Tensor, length: Tensor, up: Tensor | None) -> Tenso
 
 
 def orthonormal(frames: Tensor, *counts: int) -> Tensor:
-    """`frames` (..., n, 3, 3) with n one of `counts`, if they are rotation matrices; ValueError
-    otherwise.
-    """
+    """`frames` (..., n, 3, 3), n one of `counts`, if they are rotations; ValueError otherwise."""
     if frames.ndim < 3 or frames.shape[-3] not in counts or frames.shape[-2:] != (3, 3):
         wanted = " or ".join(f"(..., {n}, 3, 3)" for n in counts)
         raise ValueError(f"frames of shape {tuple(frames.shape)} were given; {wanted} is wanted")

@@ -13,7 +13,7 @@ from ..core.declared import own, parameter, plain, together
 from ..core.leaves import leaf
 from ..core.validation import Value, concrete, finite, positive
 from .effects.values import OfTime, load_value
-from .joint import VECTOR, Joint
+from .joint import VECTOR, CoordinateLaw, Joint
 
 SYMMETRIC = 1e-6  # of the largest number of a matrix: how far it may be from its transposed
 
@@ -87,6 +87,6 @@ class Ball(Joint):
             raise ValueError("a Ball with a limit of half a turn was given; less is wanted")
         together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
 
-    def effort(self, coordinate: int) -> Any:
-        """(..., 3) whichever it is."""
-        return self.torque
+    def law(self, coordinate: int) -> CoordinateLaw:
+        """Its torque (..., 3) whichever it is; what it resists by is in `ball_laws`."""
+        return CoordinateLaw(effort=self.torque)

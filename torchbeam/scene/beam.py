@@ -15,7 +15,6 @@ from ..core.leaves import leaf
 from ..core.summary import counted, kind, lines, point, span
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
 from ..math import quaternions as quat
-from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
 from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed, warn_of_batch
@@ -68,13 +67,11 @@ class Beam(BeamRows):
 
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
-        elements = counted(self.element_count, "element") + (
-            f" of order {self.order}" if self.order > 1 else ""
-        )
+        order = f" of order {self.order}" if self.order > 1 else ""
+        elements = f"{counted(self.element_count, 'element')}{order}"
         size = [elements, f"{span(self.length.sum(-1))} m long", f"{span(mass)} kg"]
-        shape = ["curved or twisted at rest"] * self.curved + [
-            "linked interpolation"
-        ] * self.linked_interpolation
+        shape = ["curved or twisted at rest"] * self.curved
+        shape += ["linked interpolation"] * self.linked_interpolation
         return lines(
             "Beam",
             ", ".join([*size, *shape, *notes(self)]),
@@ -158,21 +155,11 @@ class Beam(BeamRows):
         q = quat.from_matrix(axes)[..., None, :]
         each = (length / N)[..., None].expand(*length.shape, N)
         if twist is None:
-            return cls._with_section(
-                section,
-                nodes,
-                q.expand(*q.shape[:-2], N + 1, 4),
-                q.expand(*q.shape[:-2], N, 4),
-                each,
-                curved=False,
-                order=order,
-            )
+            frames = q.expand(*q.shape[:-2], N + 1, 4)
+            return cls._with_section(section, nodes, frames, each, order, frames[..., 1:, :], False)
         if callable(twist):
-            angle = as_tensor(
-                check_function("twist", twist, "s")(length[..., None] * s),
-                length.dtype,
-                length.device,
-            )
+            angle = check_function("twist", twist, "s")(length[..., None] * s)
+            angle = as_tensor(angle, length.dtype, length.device)
             if angle.shape[-1:] != (N + 1,):
                 raise ValueError(
                     f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted"
@@ -182,9 +169,7 @@ class Beam(BeamRows):
             warn_of_batch("a twist", tip.shape, N, order, section, nodes.shape[:-2])
             angle = tip[..., None] * s
         frames = quat.multiply(q, quat.exponential(pad(finite("twist", angle)[..., None], (0, 2))))
-        return cls._with_section(
-            section, nodes, frames, STATIONS[order].axes(frames), each, curved=True, order=order
-        )
+        return cls._with_section(section, nodes, frames, each, order)
 
     @classmethod
     @remembered
@@ -241,9 +226,7 @@ class Beam(BeamRows):
                 "elements are wanted"
             )
         nodes, frames = curve(root, quat.from_matrix(axes), turn, along)
-        return cls._with_section(
-            section, nodes, frames, STATIONS[order].axes(frames), h, curved=True, order=order
-        )
+        return cls._with_section(section, nodes, frames, h, order)
 
     @classmethod
     @remembered
@@ -279,9 +262,8 @@ class Beam(BeamRows):
         dtype, device = dtype_with(section, nodes, frames, up)
         # (..., 3) each
         if isinstance(nodes, (list, tuple)) and any(isinstance(point, Tensor) for point in nodes):
-            nodes = torch.stack(
-                torch.broadcast_tensors(*(as_tensor(point, dtype, device) for point in nodes)), -2
-            )
+            points = (as_tensor(point, dtype, device) for point in nodes)
+            nodes = torch.stack(torch.broadcast_tensors(*points), -2)
         # lengths and axes are of these
         nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3)).clone()
         if nodes.ndim < 2 or nodes.shape[-2] < 2:
@@ -301,13 +283,16 @@ class Beam(BeamRows):
             "the distance of neighbouring nodes", torch.linalg.vector_norm(chord, dim=-1)
         )
         if frames is None:
-            return cls._chain(section, nodes, carried_along(chord, length, up), length)
-        frames = orthonormal(as_tensor(frames, dtype, device), N)
-        if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
-            raise ValueError(
-                "frames whose first column leaves the chord were given; it runs from node to node"
-            )
-        return cls._chain(section, nodes, quat.from_matrix(frames), length)
+            elements = carried_along(chord, length, up)
+        else:
+            frames = orthonormal(as_tensor(frames, dtype, device), N)
+            if concrete((frames[..., :, 0] - chord / length[..., None]).abs() > 1e-5).any():
+                raise ValueError(
+                    "frames whose first column leaves the chord were given; it runs from node to "
+                    "node"
+                )
+            elements = quat.from_matrix(frames)
+        return cls._with_section(section, nodes, axes_of_nodes(elements), length, 1, elements)
 
     @classmethod
     @remembered
@@ -340,19 +325,13 @@ class Beam(BeamRows):
                 "wanted"
             )
         s = torch.linspace(0, 1, N + 1, dtype=angle.dtype, device=angle.device) * angle[..., None]
-        in_plane = radius[..., None, None] * torch.stack(
-            (torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1
-        )
-        nodes = root[..., None, :] + in_plane @ axes.mT
-        frames = quat.multiply(
-            quat.from_matrix(axes)[..., None, :], quat.exponential(pad(s[..., None], (2, 0)))
-        )
-        each = (radius * angle / N)[..., None].expand(
-            *broadcast_shapes(radius.shape, angle.shape), N
-        )
-        return cls._with_section(
-            section, nodes, frames, STATIONS[order].axes(frames), each, curved=True, order=order
-        )
+        circle = torch.stack((torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1)
+        nodes = root[..., None, :] + (radius[..., None, None] * circle) @ axes.mT
+        turn = quat.exponential(pad(s[..., None], (2, 0)))
+        frames = quat.multiply(quat.from_matrix(axes)[..., None, :], turn)
+        each = (radius * angle / N)[..., None]
+        each = each.expand(*each.shape[:-1], N)
+        return cls._with_section(section, nodes, frames, each, order)
 
     @classmethod
     def _parabolas(
@@ -361,44 +340,22 @@ class Beam(BeamRows):
         """`from_nodes` of order 2. A station stands for |dr/dx| of its parabola."""
         length, tangent = parabolas(nodes)
         size = positive("the tangent at a node", torch.linalg.vector_norm(tangent, dim=-1))
-        q = (
-            carried_along(tangent, size, up)
-            if frames is None
-            else quat.from_matrix(
-                orthonormal(as_tensor(frames, nodes.dtype, nodes.device), nodes.shape[-2])
-            )
-        )
-        return cls._with_section(
-            section, nodes, q, STATIONS[2].axes(q), length, curved=True, order=2
-        )
-
-    @classmethod
-    def _chain(cls, section, nodes: Tensor, elements: Tensor, length: Tensor) -> Beam:
-        return cls._with_section(
-            section, nodes, axes_of_nodes(elements), elements, length, curved=True
-        )
+        if frames is None:
+            q = carried_along(tangent, size, up)
+        else:
+            frames = as_tensor(frames, nodes.dtype, nodes.device)
+            q = quat.from_matrix(orthonormal(frames, nodes.shape[-2]))
+        return cls._with_section(section, nodes, q, length, 2)
 
     @classmethod
     def _with_section(
-        cls, section: Sections, nodes, frames, elements, length, curved, order=1
+        cls, section: Sections, nodes, frames, length, order, elements=None, curved=True
     ) -> Beam:
+        """elements: their axes, None = by those of nodes."""
         uniform = isinstance(section, Section)
         section = section if uniform else of_elements(section, length, order)
         common_dtype(nodes, section.compliance)  # says so where a section lies on another device
-        compliance, mass = (
-            x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass)
-        )
-        return cls(
-            nodes,
-            frames,
-            elements,
-            length,
-            compliance,
-            mass,
-            rigid=section.rigid,
-            coupled=section.coupled,
-            offset=section.offset,
-            rotary=section.rotary,
-            curved=curved,
-            order=order,
-        )
+        elements = STATIONS[order].axes(frames) if elements is None else elements
+        both = (x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass))
+        has = section.rigid, section.coupled, section.offset, section.rotary
+        return cls(nodes, frames, elements, length, *both, *has, curved=curved, order=order)

@@ -1,6 +1,4 @@
-"""Arguments that the ways to make a beam have in common: how many elements, of which order, where
-it starts, in which dtype.
-"""
+"""Arguments that all ways to make a beam have: elements, order, where it starts, dtype."""
 
 from __future__ import annotations
 
@@ -9,7 +7,7 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from ..core.arguments import count
+from ..core.arguments import count, instance
 from ..core.memory import check_memory
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
 from ..core.warning import warn
@@ -55,13 +53,12 @@ def placed(
         for name, x in sizes.items()
         if not name.startswith("_")
     ]
-    direction, up, root = (
-        None
-        if value is None and name == "up"
-        else finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
-        for name, value in (("direction", direction), ("up", up), ("root", root))
-    )
-    return values, axes_along(direction, up), root
+
+    def vector(name: str, value: Value) -> Tensor:
+        return finite(name, axis_last(name, as_tensor(value, dtype, device), 3))
+
+    direction, root = vector("direction", direction), vector("root", root)
+    return values, axes_along(direction, None if up is None else vector("up", up)), root
 
 
 def warn_of_batch(
@@ -82,17 +79,12 @@ def warn_of_batch(
 
 
 def dtype_with(section: Sections, *values: Value) -> tuple[torch.dtype, torch.device]:
-    """Of sections and values together. Raises ValueError for what is no section, and where dtypes
-    or devices differ.
-    """
+    """Of sections and values. Raises ValueError for no section, and where devices differ."""
     if isinstance(section, Stations):
         return common_dtype(*values, section.s, section.section.compliance)
     if callable(section):
         return common_dtype(*values)
     sections = tuple(section) if isinstance(section, Sequence) else (section,)
     for s in sections:
-        if not isinstance(s, Section):
-            raise ValueError(
-                f"a section of type {type(s).__name__} was given; a torchbeam.Section is wanted"
-            )
+        instance("a section", s, Section)
     return common_dtype(*values, *(s.compliance for s in sections))

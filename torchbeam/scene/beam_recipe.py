@@ -1,6 +1,4 @@
-"""How a beam was made, remembered by the beam itself, so that it can be made again of other
-elements.
-"""
+"""How a beam was made, remembered by the beam, so that it can be made again of other elements."""
 
 from __future__ import annotations
 
@@ -92,9 +90,7 @@ def _check_made_alike(beam: Any, recipe: Recipe) -> None:
 
 
 def whole_parts(beam: Any, elements: int) -> int:
-    """How many of `elements` each element of the beam becomes. Raises ValueError where that is no
-    whole number.
-    """
+    """How many of `elements` each becomes. Raises ValueError where that is no whole number."""
     parts, rest = divmod(elements, beam.element_count)
     if rest:
         raise ValueError(

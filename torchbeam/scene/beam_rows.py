@@ -34,9 +34,7 @@ class BeamRows(Tree):
 
     @property
     def station_count(self) -> int:
-        """The number of stations of stress, which is that of intervals between neighbouring nodes:
-        N, times the order.
-        """
+        """The number of stations of stress, of intervals between neighbouring nodes: N order."""
         return self.length.shape[-1]
 
     @property
@@ -46,16 +44,12 @@ class BeamRows(Tree):
 
     @property
     def extent(self) -> Tensor:
-        """(...) m, the size of the whole that lengths and rotations are judged by: the beam's
-        length.
-        """
+        """(...) m, the size by which lengths and rotations are judged: the beam's length."""
         return self.length.sum(-1)
 
     @property
     def stress_count(self) -> int:
-        """How many rows a state's stress has: of the stations and, behind them, of the joints'
-        forces.
-        """
+        """How many rows a state's stress has: of stations and, behind them, of joints' forces."""
         return self.station_count + len(self.joined)
 
     @property
@@ -85,28 +79,23 @@ class BeamRows(Tree):
             )
 
     def spans(self, effect: Any) -> tuple[Span, ...] | None:
-        """The rows along which an effect acts, in one piece or several; None = along all of
-        them.
-        """
+        """The rows along which an effect acts, in one piece or several; None = along all."""
         return None
 
     def rows_along(self, effect: Any) -> int:
         """How many nodes an effect along the beam acts on."""
-        spans = self.spans(effect)
-        return (
-            self.node_count
-            if spans is None
-            else sum(span.nodes.stop - span.nodes.start for span in spans)
-        )
+        return sum(span.nodes.stop - span.nodes.start for span in self._spans(effect))
 
     def element_counts(self, effect: Any) -> list[int]:
         """The numbers of elements of the pieces along which an effect acts."""
-        spans = self.spans(effect)
-        return [self.element_count] if spans is None else [span.element_count for span in spans]
+        return [span.element_count for span in self._spans(effect)]
+
+    def _spans(self, effect: Any) -> tuple[Span, ...]:
+        nodes, spans = slice(0, self.node_count), self.spans(effect)
+        whole = Span(nodes, slice(0, self.station_count), self.element_count)
+        return (whole,) if spans is None else spans
 
     def at_stations(self, x: Tensor, axes: int) -> Tensor:
-        """Values of the elements, (..., N or 1, *) with `axes` axes of their own, at their
-        stations.
-        """
+        """Values of elements, (..., N or 1, *) with `axes` axes of their own, at their stations."""
         alike = self.element_count == self.station_count or x.shape[-1 - axes] == 1
         return x if alike else x.repeat_interleave(self.order, -1 - axes)

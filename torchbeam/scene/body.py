@@ -12,9 +12,8 @@ from ..core.declared import plain
 from ..core.leaves import Tree, leaf, option
 from ..core.validation import Value, rotations
 from ..math import quaternions as quat
-from .effects.obstacles import Obstacle
+from .effects.obstacle import Obstacle, body_surface
 from .effects.point_mass import PointMass
-from .effects.rounded_box import surface as check_surface
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Body(Tree):
     inertia: Value | None = leaf(2, default=None)
     position: Value = leaf(1, default=(0.0, 0.0, 0.0), size=3, copied=True)
     rotation: Value | None = leaf(2, default=None, size=(3, 3), copied=True)
-    surface: Obstacle | None = option(check_surface, default=None)
+    surface: Obstacle | None = option(body_surface, default=None)
 
     in_words = "a {}'s {}"
 

@@ -1,6 +1,4 @@
-"""Curves: from a curvature; and section axes along one through nodes, by second-order tangents and
-parallel transport.
-"""
+"""Curves: from a curvature; section axes along one through nodes, by parallel transport."""
 
 from __future__ import annotations
 
@@ -74,14 +72,8 @@ def tangents(nodes: Tensor, length: Tensor) -> Tensor:
     else:
         a, b = h[..., :-1, :], h[..., 1:, :]
         inner = (b * slope[..., :-1, :] + a * slope[..., 1:, :]) / (a + b)
-        slopes = torch.cat(
-            (
-                2 * slope[..., :1, :] - inner[..., :1, :],
-                inner,
-                2 * slope[..., -1:, :] - inner[..., -1:, :],
-            ),
-            -2,
-        )
+        first, last = (2 * slope[..., k, :] - inner[..., k, :] for k in (slice(1), slice(-1, None)))
+        slopes = torch.cat((first, inner, last), -2)
     size = torch.linalg.vector_norm(slopes, dim=-1, keepdim=True)
     if concrete(size == 0).any():
         raise ValueError(TURNS_BACK)
@@ -105,9 +97,8 @@ def transported(along: Tensor) -> Tensor:
     """
     each, size = shortest_turn(along[..., :-1, :], along[..., 1:, :]), 1
     while size < each.shape[-2]:  # each is the product of those up to its own
-        each = torch.cat(
-            (each[..., :size, :], quat.multiply(each[..., size:, :], each[..., :-size, :])), -2
-        )
+        products = quat.multiply(each[..., size:, :], each[..., :-size, :])
+        each = torch.cat((each[..., :size, :], products), -2)
         size *= 2
     none = pad(torch.zeros_like(along[..., :1, :]), (1, 0), value=1.0)
     return quat.normalize(torch.cat((none, each), -2))

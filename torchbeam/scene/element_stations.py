@@ -25,9 +25,7 @@ class Middle:
 
     @staticmethod
     def places(length: Tensor) -> Tensor:
-        """Arc lengths (..., stations) m, of stations that stand for a length (..., stations) m
-        each.
-        """
+        """Arc lengths (..., stations) m, of stations that stand for a length each."""
         return length.cumsum(-1) - length / 2
 
     @staticmethod

@@ -1,6 +1,4 @@
-"""Rotation of axes whose angular velocity is given in themselves: the integral of R' = R ~omega
-from one instant to another.
-"""
+"""Rotation of axes whose angular velocity is told in themselves: the integral of R' = R ~omega."""
 
 from __future__ import annotations
 
@@ -81,16 +79,13 @@ def _parts(omega: Omega, start: Tensor, end: Tensor) -> Tensor:
     low, high, edges_of_parts = edges[:-1], edges[1:], [edges[:1]]
     while len(low):
         middle = (low + high) / 2
-        whole, *halves = (
-            _vectors(omega, start, end, *part)
-            for part in ((low, high), (low, middle), (middle, high))
-        )
+        parts = (low, high), (low, middle), (middle, high)
+        whole, *halves = (_vectors(omega, start, end, *part) for part in parts)
         turn, first, second = map(quat.exponential, (whole, *halves))
         off = quat.multiply(quat.conjugate(turn), quat.multiply(first, second))[..., 1:].abs()
         over = off - accuracy * (1 + torch.linalg.vector_norm(whole, dim=-1, keepdim=True))
-        bad = (concrete(over.flatten(1).amax(-1)).reshape(-1, len(low)).amax(0) > 0) & (
-            high - low > NARROWEST
-        )
+        worst = concrete(over.flatten(1).amax(-1)).reshape(-1, len(low)).amax(0)
+        bad = (worst > 0) & (high - low > NARROWEST)
         edges_of_parts += [high[~bad], middle[~bad]]
         low, high = torch.cat((low[bad], middle[bad])), torch.cat((middle[bad], high[bad]))
         if len(low) > MOST:

@@ -12,6 +12,7 @@ from ..core.validation import concrete
 from .joint import MET, Joint, JointEnd
 from .parts import end_of_element, large_rotations
 from .structure import Structure
+from .supports import Support
 
 
 def joints_of(scene: Any) -> tuple[Joint, ...]:
@@ -67,9 +68,7 @@ def _together(one: Joint, other: Joint, structure: Structure) -> bool:
 
 def _cannot_turn(node: int, scene: Any, joints: list[Joint]) -> bool:
     """Whether a support or a joint keeps a node from turning."""
-    supports = scene.supports.given if hasattr(scene.supports, "given") else scene.supports
-    return any(len(joint.rotation) == 3 for joint in joints if node in joint.ends) or any(
-        scene.beam.row(support.node) == node
-        for support in supports or ()
-        if len(support.rotation) == 3
-    )
+    supports = getattr(scene.supports, "given", scene.supports)
+    supports = [x for x in supports or () if isinstance(x, Support)]  # others are refused later
+    held = [scene.beam.row(x.node) for x in supports if len(x.rotation) == 3]
+    return node in held or any(len(x.rotation) == 3 for x in joints if node in x.ends)

@@ -1,11 +1,9 @@
-"""Joint: what two parts of a structure, or a part and the ground, have in common where they
-meet.
-"""
+"""Joint: what two parts of a structure, or a part and the ground, share where they meet."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,21 +18,24 @@ from .structure import Structure
 # numbers may have come in single precision
 MET = {torch.float64: 1e-6, torch.float32: 1e-5}
 VECTOR = "{}'s {}"  # what sentences call a vector of a joint
-ACTS = (
-    "stiffness",
-    "damping",
-    "friction",
-    "slip_speed",
-    "limits",
-    "limit",
-    "limit_stiffness",
-    "torque",
-    "angle",
-    "second_torque",
-    "second_angle",
-    "force",
-    "travel",
-)
+PLACED = frozenset({"a", "b", "at", "axis", "second"})  # fields that say where it is
+
+
+class CoordinateLaw(NamedTuple):
+    """What acts along a coordinate, (...) each, None = nothing: what it resists by, see
+    `DrivenJoint`, and what is given, with values that functions of t and inputs have: the effort,
+    the torque about an angle or the force along a travel, or the coordinate itself, prescribed.
+    """
+
+    stiffness: Tensor | None = None
+    damping: Tensor | None = None
+    friction: Tensor | None = None
+    slip_speed: Tensor | None = None
+    lowest: Tensor | None = None
+    highest: Tensor | None = None
+    limit_stiffness: Tensor | None = None
+    effort: Any = None
+    prescribed: Any = None
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,7 @@ class JointEnd(Tree):
 
     @classmethod
     def of(cls, given: Any) -> JointEnd:
-        """Of what a user writes: a node, (name of a body, point in its axes), or None. Raises
-        ValueError otherwise.
-        """
+        """Of a node, (name of a body, point in its axes), or None. Raises ValueError otherwise."""
         if isinstance(given, JointEnd):
             return given
         node, point = node_and_point(given)
@@ -109,11 +108,8 @@ class Joint(Tree):
             raise ValueError(
                 f"a {self.called} of the ground with itself was given; a part is wanted"
             )
-        if (
-            self.at is not None
-            and not self.distance
-            and any(end.point is not None for end in (self.a, self.b))
-        ):
+        points = any(end.point is not None for end in (self.a, self.b))
+        if self.at is not None and not self.distance and points:
             raise ValueError(
                 f"a {self.called} at a place and at a point of a body was given; one of them is "
                 "wanted"
@@ -135,31 +131,18 @@ class Joint(Tree):
 
     @property
     def coordinates(self) -> tuple[int, ...]:
-        """Which coordinates it has: 0 an angle, 1 a travel or a second angle; all three of a turn
-        about a point.
-        """
+        """Which it has: 0 an angle, 1 a travel or second angle; all three of a turn."""
         return tuple(k for k, held in enumerate((self.rotation, self.position)) if held == "yz")
 
     @property
     def acts(self) -> dict[str, Any]:
         """What acts in it, by name, where it is there."""
-        return {name: value for name in ACTS if (value := getattr(self, name, None)) is not None}
+        names = [own.name for own in fields(self) if own.name not in PLACED]
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
-    def law(self, name: str, coordinate: int) -> Tensor | None:
-        """What one of its `coordinates` resists by (...), by the names of `JointLaws`; None =
-        nothing.
-        """
-        return None
-
-    def effort(self, coordinate: int) -> Any:
-        """The torque about an angle or the force along a travel that is given, by the coordinate
-        that it acts along; None = none.
-        """
-        return None
-
-    def prescribed(self, coordinate: int) -> Any:
-        """One of its `coordinates`, where it is given, None = it is not."""
-        return None
+    def law(self, coordinate: int) -> CoordinateLaw:
+        """What acts along a coordinate; nothing, where it is none of its `coordinates`."""
+        return CoordinateLaw()
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
         """The joint's point on a and on b (..., 3) m, and its axes (..., 3, 3), columns, of which x
@@ -178,24 +161,17 @@ class Joint(Tree):
         return torch.eye(3, dtype=structure.nodes.dtype, device=structure.nodes.device)
 
     def check(self, structure: Structure) -> None:
-        """ValueError for what does not fit a structure: a part joined with itself, parts that do
-        not meet as drawn.
-        """
+        """ValueError for a part joined with itself, and parts that do not meet as drawn."""
         if self.a.node == self.b.node:
             raise ValueError(
                 f"a {self.called} of {self.a.node!r} with itself was given; two different nodes "
                 "are wanted"
             )
-        if (
-            self.at is not None
-            or self.distance
-            or not self.meets
-            or None in (self.a.node, self.b.node)
-        ):
+        placed = self.at is not None or self.distance or not self.meets
+        if placed or None in (self.a.node, self.b.node):
             return
-        off = torch.linalg.vector_norm(
-            self.a.drawn(structure) - self.b.drawn(structure), dim=-1
-        ).detach()
+        apart = self.a.drawn(structure) - self.b.drawn(structure)
+        off = torch.linalg.vector_norm(apart, dim=-1).detach()
         if concrete(off > MET[off.dtype] * structure.size.detach()).any():
             gap = concrete(off).max().item()
             raise ValueError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -13,7 +13,7 @@ from ..core.leaves import leaf
 from ..core.validation import Value, concrete, shown
 from .axes import axes_along
 from .effects.values import OfTime, scalar_value
-from .joint import MET, VECTOR, Joint
+from .joint import MET, VECTOR, CoordinateLaw, Joint
 from .structure import Structure
 
 SQUARE = {torch.float64: 1e-6, torch.float32: 1e-5}  # cosine between axes that are at right angles
@@ -52,22 +52,55 @@ class AxisJoint(Joint):
         return axes_along(self.axis, None)
 
 
-def check_laws(joint: AxisJoint, limits: Any) -> None:
-    """ValueError where a lowest is not below a highest of the limits, or one of two numbers is
-    alone; limits: as given.
+@dataclass(frozen=True)
+class ActingJoint(AxisJoint):
+    """Base of joints in whose coordinates something acts, each by a law of its own; of several,
+    numbers of laws have a last axis, but limits one before theirs.
+
+    GIVEN  names of the effort, and of the coordinate, that may be given, by coordinate
     """
-    if limits is not None:
-        low, high = joint.limits[..., 0], joint.limits[..., 1]
-        if concrete(torch.as_tensor(high <= low)).any():
-            raise ValueError(
-                f"a {joint.called} with the limits {shown(limits)} was given; the lowest, then "
-                "the highest, is wanted"
-            )
-    together(joint, ("friction", "slip_speed"), ("limits", "limit_stiffness"))
+
+    GIVEN: ClassVar[tuple[tuple[str, str], ...]]
+
+    def __post_init__(self) -> None:
+        limits = self.limits
+        super().__post_init__()
+        if limits is not None:
+            low, high = self.limits[..., 0], self.limits[..., 1]
+            if concrete(torch.as_tensor(high <= low)).any():
+                raise ValueError(
+                    f"a {self.called} with the limits {shown(limits)} was given; the lowest, then "
+                    "the highest, is wanted"
+                )
+        together(self, ("friction", "slip_speed"), ("limits", "limit_stiffness"))
+        for effort, prescribed in self.GIVEN:
+            others = [effort] if len(self.GIVEN) > 1 else self.acts.keys() - {prescribed}
+            others = [name for name in self.acts if name in others]
+            if prescribed in self.acts and others:
+                raise ValueError(
+                    f"a {self.called} with {prescribed} and {', '.join(others)} was given; one of "
+                    "them is wanted, for nothing acts along a coordinate that is prescribed"
+                )
+
+    def law(self, coordinate: int) -> CoordinateLaw:
+        if coordinate not in self.coordinates:
+            return CoordinateLaw()
+        several = len(self.GIVEN) > 1
+
+        def own(value: Tensor | None) -> Tensor | None:
+            return value[..., coordinate] if several and value is not None else value
+
+        limits = (None, None) if self.limits is None else map(own, self.limits.unbind(-1))
+        return CoordinateLaw(
+            *map(own, (self.stiffness, self.damping, self.friction, self.slip_speed)),
+            *limits,
+            own(self.limit_stiffness),
+            *(getattr(self, name) for name in self.GIVEN[coordinate if several else 0]),
+        )
 
 
 @dataclass(frozen=True)
-class DrivenJoint(AxisJoint):
+class DrivenJoint(ActingJoint):
     """Base of joints with one coordinate q, an angle in rad, counted over turns, or a travel in m;
     zero as drawn. What acts in the joint acts on b, and its opposite on a.
 
@@ -90,32 +123,6 @@ class DrivenJoint(AxisJoint):
     limits: Value | None = leaf(1, default=None, size=2, copied=True)
     limit_stiffness: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
 
-    # names of the effort, and of the coordinate, that may be given
-    GIVEN: ClassVar[tuple[str, str]]
-
-    def __post_init__(self) -> None:
-        limits = self.limits
-        super().__post_init__()
-        check_laws(self, limits)
-        prescribed = self.GIVEN[1]
-        if getattr(self, prescribed) is not None and len(self.acts) > 1:
-            others = ", ".join(name for name in self.acts if name != prescribed)
-            raise ValueError(
-                f"a {self.called} with {prescribed} and {others} was given; one of them is wanted, "
-                "for nothing acts along a coordinate that is prescribed"
-            )
-
-    def law(self, name: str, coordinate: int) -> Tensor | None:
-        if name in ("lowest", "highest"):
-            return None if self.limits is None else self.limits[..., int(name == "highest")]
-        return getattr(self, name)
-
-    def effort(self, coordinate: int) -> Any:
-        return getattr(self, self.GIVEN[0])
-
-    def prescribed(self, coordinate: int) -> Any:
-        return getattr(self, self.GIVEN[1])
-
 
 @dataclass(frozen=True)
 class Hinge(DrivenJoint):
@@ -136,7 +143,7 @@ class Hinge(DrivenJoint):
     """
 
     rotation = "yz"
-    GIVEN = ("torque", "angle")
+    GIVEN = (("torque", "angle"),)
 
     axis: Value = leaf(1, default=(0.0, 1.0, 0.0), size=3, copied=True, name=VECTOR)
     _: KW_ONLY
@@ -161,7 +168,7 @@ class Slider(DrivenJoint):
 
     position = "yz"
     meets = False
-    GIVEN = ("force", "travel")
+    GIVEN = (("force", "travel"),)
 
     _: KW_ONLY
     force: OfTime = leaf(0, default=None, check=scalar_value)
@@ -169,7 +176,7 @@ class Slider(DrivenJoint):
 
 
 @dataclass(frozen=True)
-class PairJoint(AxisJoint):
+class PairJoint(ActingJoint):
     """Base of joints with two coordinates, whose laws are in pairs, 0 of what is not there."""
 
     _: KW_ONLY
@@ -179,33 +186,6 @@ class PairJoint(AxisJoint):
     slip_speed: Value | None = leaf(1, default=None, positive=True, size=2, copied=True)
     limits: Value | None = leaf(2, default=None, size=(2, 2), copied=True)
     limit_stiffness: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
-
-    # names of the effort, and of the coordinate, that may be given, by coordinate
-    GIVEN: ClassVar[tuple[tuple[str, str], tuple[str, str]]]
-
-    def __post_init__(self) -> None:
-        limits = self.limits
-        super().__post_init__()
-        check_laws(self, limits)
-        for effort, prescribed in self.GIVEN:
-            if {effort, prescribed} <= self.acts.keys():
-                raise ValueError(
-                    f"a {self.called} with {prescribed} and {effort} was given; one of them is "
-                    "wanted, for nothing acts along a coordinate that is prescribed"
-                )
-
-    def law(self, name: str, coordinate: int) -> Tensor | None:
-        if name in ("lowest", "highest"):
-            limits = self.limits
-            return None if limits is None else limits[..., coordinate, int(name == "highest")]
-        value = getattr(self, name)
-        return None if value is None else value[..., coordinate]
-
-    def effort(self, coordinate: int) -> Any:
-        return getattr(self, self.GIVEN[coordinate][0])
-
-    def prescribed(self, coordinate: int) -> Any:
-        return getattr(self, self.GIVEN[coordinate][1])
 
 
 @dataclass(frozen=True)
@@ -280,10 +260,8 @@ class Universal(PairJoint):
     second_angle: OfTime = leaf(0, default=None, check=scalar_value)
 
     def axes(self, structure: Structure) -> Tensor:
-        x, y = (
-            v / torch.linalg.vector_norm(v, dim=-1, keepdim=True) for v in (self.axis, self.second)
-        )
-        x, y = torch.broadcast_tensors(x, y)
+        both = torch.broadcast_tensors(self.axis, self.second)
+        x, y = (v / torch.linalg.vector_norm(v, dim=-1, keepdim=True) for v in both)
         return torch.stack((x, y, torch.linalg.cross(x, y)), -1)
 
     def check(self, structure: Structure) -> None:
@@ -327,14 +305,10 @@ class Distance(Joint):
         super().__post_init__()
         ground = None in (self.a.node, self.b.node)
         if ground != (self.at is not None):
-            raise ValueError(
-                "a Distance "
-                + (
-                    "from the ground without at= was given; the point there is wanted"
-                    if ground
-                    else "of two parts with at= was given; it is between their own points"
-                )
-            )
+            wrong = "of two parts with at= was given; it is between their own points"
+            if ground:
+                wrong = "from the ground without at= was given; the point there is wanted"
+            raise ValueError(f"a Distance {wrong}")
 
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
         a, b = (self.at if end.node is None else end.drawn(structure) for end in (self.a, self.b))
@@ -344,10 +318,8 @@ class Distance(Joint):
     def check(self, structure: Structure) -> None:
         super().check(structure)
         a, b = (self.at if end.node is None else end.drawn(structure) for end in (self.a, self.b))
-        if concrete(
-            torch.linalg.vector_norm(b - a, dim=-1).detach()
-            <= MET[structure.nodes.dtype] * structure.size
-        ).any():
+        length = torch.linalg.vector_norm(b - a, dim=-1).detach()
+        if concrete(length <= MET[length.dtype] * structure.size).any():
             raise ValueError(
                 f"a Distance of {self.a!r} and {self.b!r}, which are at one place, was given; a "
                 "Ball holds these"

@@ -1,6 +1,4 @@
-"""Parts of a structure: beams and bodies by their names, and the rows that they have among those of
-all.
-"""
+"""Parts of a structure: beams and bodies by their names, and their rows among those of all."""
 
 from __future__ import annotations
 
@@ -8,8 +6,8 @@ from typing import Any, NamedTuple
 
 import torch
 
-from ..core.arguments import whole
-from ..core.validation import BOOLEANS, shown
+from ..core.arguments import is_integer, whole
+from ..core.validation import shown
 
 # A node: its number, of a structure the name of a beam and the number there, or that of a body
 # alone or with a point in its axes.
@@ -42,11 +40,8 @@ class Part(NamedTuple):
         return slice(self.first_station, self.first_station + self.station_count)
 
     def __str__(self) -> str:
-        return (
-            f"the body {self.name!r}"
-            if self.body
-            else f"({self.name!r}, 0 to {self.node_count - 1})"
-        )
+        nodes = f"({self.name!r}, 0 to {self.node_count - 1})"
+        return f"the body {self.name!r}" if self.body else nodes
 
 
 class Span(NamedTuple):
@@ -58,9 +53,7 @@ class Span(NamedTuple):
 
 
 class Row(int):
-    """The row of a node among those of a structure; it prints as the user says the node, which is
-    `given`.
-    """
+    """The row of a node of a structure; it prints as the user says the node, `given`."""
 
     given: Any
 
@@ -85,9 +78,7 @@ def check_node(name: str, node: Any) -> Any:
     """`node` if it is one: a whole number, which counts from the root; in a structure
     (name, number), or a body's name. ValueError otherwise.
     """
-    if isinstance(node, str) or (
-        isinstance(node, tuple) and len(node) == 2 and isinstance(node[0], str) and _whole(node[1])
-    ):
+    if isinstance(node, str) or (_is_named(node) and is_integer(node[1])):
         return node
     if isinstance(node, tuple):
         raise ValueError(
@@ -100,26 +91,21 @@ def check_node(name: str, node: Any) -> Any:
 
 def node_and_point(given: Any) -> tuple[Any, Any]:
     """(name of a body, point in its axes) as these two; a node and None otherwise."""
-    pair = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
-    return given if pair and not isinstance(given[1], int) else (given, None)
+    return given if _is_named(given) and not isinstance(given[1], int) else (given, None)
 
 
-def _whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, BOOLEANS)
+def _is_named(given: Any) -> bool:
+    """Whether it is (name, something)."""
+    return isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
 
 
 def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
-    """The row of a node, (name, number) or a body's name. Raises ValueError where there is none
-    such.
-    """
+    """The row of a node, (name, number) or a body's name. Raises ValueError for none."""
     given = node.given if isinstance(node, Row) else node
     check_node(name, given)
     if isinstance(given, int) or not parts:
-        what, there = (
-            ("a structure", f": {nodes_of(parts)}")
-            if parts
-            else ("a scene of one beam, which has no names", "")
-        )
+        what = "a structure" if parts else "a scene of one beam, which has no names"
+        there = f": {nodes_of(parts)}" if parts else ""
         raise ValueError(
             f"{name} = {given!r} was given in {what}; one of its nodes is wanted{there}"
         )
@@ -150,9 +136,8 @@ def part_of(parts: tuple[Part, ...], name: Any) -> Part:
 def one_beam(parts: tuple[Part, ...], name: str) -> None:
     """ValueError where the tip or the root of several parts is asked for."""
     if parts:
-        beams = (
-            ", ".join(repr(part.name) for part in parts if not part.body) or "none, bodies alone"
-        )
+        names = [repr(part.name) for part in parts if not part.body]
+        beams = ", ".join(names) or "none, bodies alone"
         raise ValueError(
             f"the {name} of a structure was asked for; [name].{name} of one of its beams is "
             f"wanted: {beams}"
@@ -160,9 +145,7 @@ def one_beam(parts: tuple[Part, ...], name: str) -> None:
 
 
 def end_of_element(beam: Any, node: Any, name: str, what: str) -> Row:
-    """The row of a node between elements. Raises ValueError for one within an element; name and
-    what: of the node, in sentences.
-    """
+    """The row of a node between elements. Raises ValueError, with name and what, for others."""
     row = beam.row(node, name)
     first = beam.part_at(row).first_node if beam.parts else 0
     row = row if beam.parts else row % beam.node_count

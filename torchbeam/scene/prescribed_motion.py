@@ -13,6 +13,7 @@ from ..core.leaves import with_values
 from ..core.validation import concrete
 from ..math import quaternions as quat
 from .effects import Pose
+from .effects.load_point import cross
 from .frame_turn import turn_between
 from .supports import Support
 
@@ -43,9 +44,7 @@ class PrescribedMotion:
     def pose(
         self, support: Support, t: Tensor, share: Tensor | float = 1.0
     ) -> tuple[Tensor, Tensor]:
-        """Position (..., 3) and quaternion (..., 4) of a support, after a share (..., 1) of its
-        motion.
-        """
+        """Position (..., 3) and quaternion (..., 4) of a support, after a share of its motion."""
         beam = self.scene.beam
         position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
         return moved(position, rotation, *self.displacement(support, t), share)
@@ -56,9 +55,7 @@ class PrescribedMotion:
         return tuple(None if x is None else self._value(x, t) for x in given)
 
     def rates(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
-        """Velocity and spin (..., 3) of a support in frame a, both in frame a's axes, relative to
-        it.
-        """
+        """Velocity and spin (..., 3) of a support in frame a, in its axes, relative to it."""
         still = torch.zeros_like(self.scene.beam.nodes[..., support.node, :])
         velocity = spin = still
         if callable(support.displacement):
@@ -71,21 +68,19 @@ class PrescribedMotion:
     def absolute(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
         """Absolute velocity (..., 3), frame a, and spin (..., 3), section axes, of a clamp."""
         position, rotation = self.pose(support, t)
-        velocity, spin = (
-            self.rates(support, t) if support.moves else (torch.zeros_like(position),) * 2
-        )
+        velocity = spin = torch.zeros_like(position)
+        if support.moves:
+            velocity, spin = self.rates(support, t)
         v, omega = self.frame(t)
         if v is not None:
             velocity = velocity + v
         if omega is not None:
-            velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, position))
+            velocity = velocity + cross(omega, position)
             spin = spin + omega
         return velocity, quat.rotate(quat.conjugate(rotation), spin)
 
     def acceleration(self, support: Support, t: Tensor) -> Tensor:
-        """Rates (..., 2, 3) of the absolute velocity and spin of a clamp, absolute, in frame a's
-        axes.
-        """
+        """Rates (..., 2, 3) of a clamp's absolute velocity and spin, absolute, frame a."""
 
         def motion(now: Tensor) -> Tensor:
             v, spin = self.absolute(support, now)
@@ -94,11 +89,7 @@ class PrescribedMotion:
 
         now, rate = with_rate(motion, t)
         omega = self.frame(t)[1]
-        return (
-            rate
-            if omega is None
-            else rate + torch.linalg.cross(*torch.broadcast_tensors(omega[..., None, :], now))
-        )
+        return rate if omega is None else rate + cross(omega[..., None, :], now)
 
     def root_pose(self, t: Tensor) -> Pose:
         """Pose of the support of node 0, for elastic clamps."""
@@ -107,11 +98,9 @@ class PrescribedMotion:
             position, rotation = beam.nodes[..., 0, :], beam.frames[..., 0, :]
             zero = torch.zeros_like(position)
             return Pose(position, quat.matrix(rotation), zero, zero)
-        support = (
-            Support(0)
-            if root is None
-            else with_values(Support(0), displacement=root.displacement, turn=root.rotation)
-        )
+        support = Support(0)
+        if root is not None:
+            support = with_values(support, displacement=root.displacement, turn=root.rotation)
         position, rotation = self.pose(support, t)
         velocity, spin = self.absolute(support, t)
         return Pose(position, quat.matrix(rotation), velocity, quat.rotate(rotation, spin))
@@ -138,9 +127,7 @@ def moved(
     turn: Tensor | None,
     share: Tensor | float = 1.0,
 ) -> tuple[Tensor, Tensor]:
-    """A position (..., 3) and a quaternion (..., 4) after a share (..., 1) of a displacement and a
-    turn (..., 3).
-    """
+    """A position (..., 3) and quaternion (..., 4) after a share of a displacement and a turn."""
     if displacement is not None:
         position = position + share * displacement
     if turn is not None:
@@ -157,25 +144,17 @@ def orientation(scene: Any, shape: tuple[int, ...], t: Tensor | float = 0.0) -> 
     """Of frame a at t (...) s, in the inertial axes with which it coincides at t = 0: (..., 4),
     with the batch axes `shape` and those of a function; None where it does not turn.
     """
+    if not turning(scene):
+        return None
     nodes = scene.beam.nodes
-    return (
-        oriented(scene, quat.identity(shape, nodes.dtype, nodes.device), 0.0, t)
-        if turning(scene)
-        else None
-    )
+    return oriented(scene, quat.identity(shape, nodes.dtype, nodes.device), 0.0, t)
 
 
 def oriented(scene: Any, frame: Tensor, start: Tensor | float, end: Tensor | float) -> Tensor:
-    """Orientation (..., 4) of frame a, which turns, at `end` (...) s, if it is `frame` (..., 4) at
-    `start`.
-    """
+    """Orientation (..., 4) of frame a at `end` (...) s, if it is `frame` (..., 4) at `start`."""
     start, end = (torch.as_tensor(t, dtype=frame.dtype, device=frame.device) for t in (start, end))
     gap = end - start
-    if (
-        gap is concrete(gap)
-        and not gap.requires_grad
-        and not within_dual_numbers()
-        and bool((gap == 0).all())
-    ):
+    recorded = gap is not concrete(gap) or gap.requires_grad or within_dual_numbers()
+    if not recorded and bool((gap == 0).all()):
         return frame
     return quat.multiply(frame, PrescribedMotion(scene).turn(start, end))

@@ -1,11 +1,10 @@
-"""Scene: a beam, or a structure of beams and bodies, its supports, the motion of its frame, and the
-effects that act on it.
-"""
+"""Scene: a beam, or a structure, its supports, the motion of its frame, and what acts on it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -23,6 +22,7 @@ from ..core.leaves import (
     branch,
     functions,
     leaves_in_order,
+    option,
     own_leaves,
     sent,
     with_values,
@@ -108,13 +108,15 @@ class Scene(Tree):
         torch.Size([100])
     """
 
+    in_words = "{1}"
+
     beam: Sorted[Beam | Mapping[str, Beam | Body], Beam] = branch()
     effects: Sorted[Effect | Iterable[Effect], tuple[Effect, ...]] = ()
-    frame: Frame | None = None
-    root: RootMotion | None = None
-    plane: str | None = None
+    frame: Frame | None = option(partial(instance, wanted=Frame), default=None)
+    root: RootMotion | None = option(partial(instance, wanted=RootMotion), default=None)
+    plane: str | None = option(partial(choice, known=PLANES), default=None)
     supports: Sorted[Support | Iterable[Support] | None, tuple[Support, ...]] = None
-    small: bool = False
+    small: bool = option(boolean, default=False)
     joints: Sorted[Joint | Iterable[Joint], tuple[Joint, ...]] = ()
     dtype: Sorted[torch.dtype | None, torch.dtype] = Precision()
 
@@ -123,11 +125,8 @@ class Scene(Tree):
         if isinstance(self.beam, dict):
             set_(self, "beam", Structure.of(self.beam))
         instance("a beam", self.beam, Beam)
-        for name, wanted in (("frame", Frame), ("root", RootMotion)):
-            if getattr(self, name) is not None:
-                instance(name, getattr(self, name), wanted)
-        choice("plane", self.plane, PLANES)
-        if boolean("small", self.small) and self.plane is not None:
+        super().__post_init__()
+        if self.small and self.plane is not None:
             raise ValueError(
                 f"plane = {self.plane!r} and small=True were given; one of them is wanted"
             )
@@ -152,14 +151,12 @@ class Scene(Tree):
                     "torchbeam.scene.effects for what is"
                 )
         effects = tuple(map(self._placed, effects))
-        for name, given in (
-            ("effects", effects),
-            ("frame", self.frame),
-            ("root", self.root),
-            ("joints", listed(self.joints)),
-        ):
-            set_(self, name, self._bound(given))
+        given = dict(effects=effects, frame=self.frame, root=self.root, joints=listed(self.joints))
+        for name, value in given.items():
+            set_(self, name, self._bound(value))
         set_(self, "effects", with_defaults(self.effects, self.beam))
+        if not isinstance(self.supports, SceneSupports | None):
+            set_(self, "supports", listed(self.supports))
         if self.joints or self.beam.parts:
             joints = joints_of(self)
             set_(self, "joints", joints)
@@ -179,18 +176,12 @@ class Scene(Tree):
     def summary(self) -> dict[str, str]:
         """What there is, in words, by headings."""
         held = [
-            ("clamp" if s.clamp else "support")
-            + f" of node {s.node}"
-            + (", moving" if s.moves else "")
+            f"{'clamp' if s.clamp else 'support'} of node {s.node}{', moving' * s.moves}"
             for s in self.supports
         ]
-        moving = ("frame a moves; " if self.frame is not None else "") + (
-            "small displacements and rotations"
-            if self.small
-            else "in 3D"
-            if self.plane is None
-            else f"plane {self.plane!r}"
-        )
+        moving = "in 3D" if self.plane is None else f"plane {self.plane!r}"
+        moving = "small displacements and rotations" if self.small else moving
+        moving = f"{'frame a moves; ' * (self.frame is not None)}{moving}"
         joints = {"joints": ", ".join(map(str, self.joints)) or "none"} if self.beam.parts else {}
         return {
             "structure" if self.beam.parts else "beam": repr(self.beam),
@@ -309,23 +300,15 @@ class Scene(Tree):
 
     @property
     def changes(self) -> bool:
-        """Whether anything may be a function of time: a load, a motion, an eigenstrain, any effect
-        that is none of the library's.
-        """
+        """Whether anything may be a function of time, as any effect of a user's own."""
         held = (*self.effects, *self.joints, *self.supports, self.frame, self.root)
         called = [v for x in held if x is not None for v in vars(x).values() if callable(v)]
-        if any(map(functions, self.effects)):
-            return True
-        return any(
-            not (isinstance(v, PerElement) and not callable(v.value))
-            for v in called
-            if not isinstance(v, Table)
-        ) or not all([type(e).__module__.startswith(f"{__package__}.") for e in self.effects])
+        still = [isinstance(v, Table) or _is_rows(v) for v in called]
+        library = [type(e).__module__.startswith(f"{__package__}.") for e in self.effects]
+        return any(map(functions, self.effects)) or not all(still + library)
 
     def _supported(self) -> tuple[Support, ...]:
-        """The supports as given, nodes counted from the root; the root's motion in that of node
-        0.
-        """
+        """The supports as given, nodes counted from the root; the root's motion in node 0's."""
         freed = any(e.frees_root for e in self._of("load"))
         asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
         given = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
@@ -353,23 +336,16 @@ class Scene(Tree):
             raise ValueError(
                 "a RootSpring and a support that holds node 0 were given; one of them is wanted"
             )
-        if (
-            self.root is not None
-            and not freed
-            and not (
-                0 in by_node
-                and by_node[0].turn is self.root.rotation
-                and by_node[0].displacement is self.root.displacement
-            )
-        ):
-            if 0 not in by_node or not by_node[0].clamp or by_node[0].displaced:
-                raise ValueError(
-                    "root was given for a node 0 that is not clamped or has a motion of its own; "
-                    "one clamp with one motion is wanted"
-                )
-            by_node[0] = replace(
-                by_node[0], displacement=self.root.displacement, turn=self.root.rotation
-            )
+        if self.root is not None and not freed:
+            clamp, motion = by_node.get(0), (self.root.displacement, self.root.rotation)
+            moves = clamp is not None and (clamp.displacement, clamp.turn)
+            if not moves or any(a is not b for a, b in zip(moves, motion, strict=True)):
+                if not moves or not clamp.clamp or clamp.displaced:
+                    raise ValueError(
+                        "root was given for a node 0 that is not clamped or has a motion of its "
+                        "own; one clamp with one motion is wanted"
+                    )
+                by_node[0] = replace(clamp, displacement=motion[0], turn=motion[1])
         supports = SceneSupports(replace(by_node[node], node=node) for node in by_node)
         supports.given = None if asked is None else given
         return supports
@@ -391,7 +367,7 @@ class Scene(Tree):
             return effect if row is effect.node else with_values(effect, node=row)
         self.beam.named(effect.on, effect)
         for leaf in own_leaves(effect):
-            if isinstance(leaf.value, PerElement) and not callable(leaf.value.value):
+            if _is_rows(leaf.value):
                 for elements in self.beam.element_counts(effect):
                     leaf.value.checked(leaf.value.value, elements)
         return effect
@@ -402,10 +378,8 @@ class Scene(Tree):
             return f"{effect.called} of nodes {', '.join(map(str, effect.nodes))}"
         if effect.node is None:
             return effect.called + ("" if effect.on is None else f" on {effect.on!r}")
-        return (
-            f"{effect.called} at node "
-            f"{effect.node if self.beam.parts else effect.node % self.beam.node_count}"
-        )
+        node = effect.node if self.beam.parts else effect.node % self.beam.node_count
+        return f"{effect.called} at node {node}"
 
     @property
     def device(self) -> torch.device:
@@ -413,9 +387,7 @@ class Scene(Tree):
 
     @cached
     def batch_shape(self) -> torch.Size:
-        """Broadcast of the leading axes of every tensor in the scene (functions and inputs join
-        later).
-        """
+        """Broadcast of the leading axes of all tensors (functions and inputs join later)."""
         return broadcast("a beam and what acts on it", *batch_shapes(self))
 
     def tensors(self, given: dict[str, Any] | None) -> Inputs:
@@ -429,9 +401,8 @@ class Scene(Tree):
                 f"inputs = {shown(given)} was given; a dictionary of values by name is wanted"
             )
         if isinstance(given.get("inputs"), dict):
-            given = merge_inputs(
-                given["inputs"], {name: value for name, value in given.items() if name != "inputs"}
-            )
+            others = {name: value for name, value in given.items() if name != "inputs"}
+            given = merge_inputs(given["inputs"], others)
         sizes, dtype, device = self.inputs, self.dtype, self.device
         for name in given:
             if name not in sizes:
@@ -453,18 +424,18 @@ class Scene(Tree):
             value = value[None] if value.ndim == 0 and sizes[name] == 1 else value
             tensors[name] = axis_last(f"input {name!r}", value, sizes[name])
         if tensors:
-            broadcast(
-                "a scene and inputs",
-                self.batch_shape,
-                *(value.shape[:-1] for value in tensors.values()),
-            )
+            lead = (value.shape[:-1] for value in tensors.values())
+            broadcast("a scene and inputs", self.batch_shape, *lead)
         return tensors
 
 
+def _is_rows(value: Any) -> bool:
+    """Whether it is a value for each element that is the same at all times."""
+    return isinstance(value, PerElement) and not callable(value.value)
+
+
 class SceneSupports(tuple):
-    """A scene's supports; `given` is what they were found from, so that `dataclasses.replace` finds
-    them afresh.
-    """
+    """A scene's supports; `given`: what `dataclasses.replace` finds them from afresh."""
 
     given: Iterable[Support] | None = None
 

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree, leaf
+from ..core.leaves import Tree, leaf, with_values
 from ..core.summary import kind, lines, span
 from ..core.validation import (
     Value,
@@ -94,10 +94,7 @@ class Section(Tree):
                     "none may be negative"
                 )
         inertia("rotary inertia", _about_centre(mass), mass[..., 3:, 3:].abs().amax((-1, -2)))
-        set_ = object.__setattr__  # the dataclass is frozen
-        set_(self, "compliance", S)
-        set_(self, "mass", mass)
-        set_(self, "rigid", _zeros(S_diagonal))
+        vars(self).update(compliance=S, mass=mass, rigid=_zeros(S_diagonal))
         self.declared(
             coupled=present(given[0], S - torch.diag_embed(S_diagonal)),
             offset=present(given[1], mass[..., :3, 3:]),
@@ -176,18 +173,12 @@ class Section(Tree):
         ).declared(self.coupled or moved, self.offset or moved, self.rotary or moved)
 
     def like(self, compliance: Tensor, mass: Tensor) -> Section:
-        """Section with these matrices, means or multiples of this one's: it has what this one has,
-        and is not checked again.
-        """
-        section = object.__new__(Section)
-        for name, value in {**vars(self), "compliance": compliance, "mass": mass}.items():
-            object.__setattr__(section, name, value)
-        return section
+        """Section with means or multiples of its matrices: it has what this one has, unchecked."""
+        return with_values(self, compliance=compliance, mass=mass)
 
     def declared(self, coupled: bool, offset: bool, rotary: bool) -> Section:
         """This section, newly made, with what it is known to have."""
-        for name, value in zip(STRUCTURE, (coupled, offset, rotary), strict=True):
-            object.__setattr__(self, name, value)
+        vars(self).update(coupled=coupled, offset=offset, rotary=rotary)
         return self
 
     def _value(self, value: Value) -> Tensor:
@@ -235,8 +226,8 @@ class Section(Tree):
         broadcast("compliance and mass", compliance.shape[:-1], mass.shape[:-1])
         section = object.__new__(cls)  # whose matrices are right by what its numbers are
         for name, row in (("compliance", compliance), ("mass", mass)):
-            object.__setattr__(section, name, torch.diag_embed(finite(name, row)))
-        object.__setattr__(section, "rigid", _zeros(compliance))
+            vars(section)[name] = torch.diag_embed(finite(name, row))
+        vars(section)["rigid"] = _zeros(compliance)
         return section.declared(coupled=False, offset=False, rotary=present(inertia))
 
     @classmethod
@@ -260,9 +251,7 @@ class Section(Tree):
 
     @classmethod
     def circle(cls, radius: Value, E: Value, nu: Value, rho: Value) -> Section:
-        """Solid circle of the given radius (m); E (Pa), Poisson's ratio nu, density rho (kg/m^3).
-        Shear factor 9/10.
-        """
+        """Solid circle: radius (m), E (Pa), Poisson's ratio nu, rho (kg/m^3). Shear factor 9/10."""
         radius, E, nu, rho = _positive_all(radius=radius, E=E, nu=nu, rho=rho)
         G = E / (2 * (1 + nu))
         I = math.pi * radius**4 / 4
@@ -277,9 +266,7 @@ class Section(Tree):
 
 
 def _positive_all(nu: Value, **values: Value) -> list[Tensor]:
-    """The given values as tensors in the order of the caller's keywords, nu among them, each
-    checked for its sign.
-    """
+    """Values as tensors in the order of the keywords, nu among them, each checked for its sign."""
     dtype, device = common_dtype(nu, *values.values())
     values = {
         name: positive(name, as_tensor(value, dtype, device)) for name, value in values.items()

@@ -49,8 +49,7 @@ class Table(Tree):
         super().__post_init__()
         dtype, device = common_dtype(self.s, self.values)
         s, values = (as_tensor(v, dtype, device) for v in (self.s, self.values))
-        object.__setattr__(self, "s", _places(s))
-        object.__setattr__(self, "values", finite("a Table's values", values))
+        vars(self).update(s=_places(s), values=finite("a Table's values", values))
         shape = s.shape[-1:] if self.width is None else (*s.shape[-1:], self.width)
         if values.ndim < len(shape) or values.shape[values.ndim - len(shape) :] != shape:
             wanted = f"(..., {', '.join(map(str, shape))})"
@@ -106,9 +105,8 @@ class Stations(Tree):
     section: Section | Sequence[Section]
 
     def __post_init__(self) -> None:
-        section = (
-            self.section if isinstance(self.section, Section) else stacked(_sections(self.section))
-        )
+        section = self.section
+        section = section if isinstance(section, Section) else stacked(_sections(section))
         s = _places(as_tensor(self.s, *common_dtype(self.s, section.compliance)))
         n = s.shape[-1]
         if section.batch_shape[-1:] != (n,):
@@ -120,13 +118,10 @@ class Stations(Tree):
                 "a strain that is impossible at some stations was given; at all or at none is "
                 "wanted"
             )
-        object.__setattr__(self, "s", s)
-        object.__setattr__(self, "section", section)
+        vars(self).update(s=s, section=section)
 
     def __call__(self, s: Tensor) -> Section:
-        """The sections at s (..., m) m, m their last batch axis. Raises ValueError for an s beyond
-        the stations.
-        """
+        """The sections at s (..., m) m, m their last batch axis. Raises ValueError for s beyond."""
         slack = 1e-5 * (self.s[..., -1:] - self.s[..., :1])
         if ((s < self.s[..., :1] - slack) | (s > self.s[..., -1:] + slack)).any():
             span = f"{self.s.min().item():g} to {self.s.max().item():g} m"
@@ -135,9 +130,7 @@ class Stations(Tree):
                 f"{span}; stations from end to end are wanted"
             )
         S, mass, n = self.section.compliance, self.section.mass, self.s.shape[-1]
-        rigid = torch.tensor(
-            [float(r) for r in self.section.rigid], dtype=S.dtype, device=S.device
-        ).diag()
+        rigid = S.new_tensor([float(r) for r in self.section.rigid]).diag()
         stiffness = torch.linalg.inv(S + rigid)
         K, mass = (
             _between(self.s, x.expand(*x.shape[:-3], n, 6, 6).flatten(-2), s).unflatten(-1, (6, 6))
@@ -183,23 +176,15 @@ def of_elements(
     if callable(section):
         if not STATIONS[order].averaged:
             return _sections_at(section, STATIONS[order].places(length))
-        places, weights, element = _quadrature(
-            length, section.s if isinstance(section, Stations) else None
-        )
+        corners = section.s if isinstance(section, Stations) else None
+        places, weights, element = _quadrature(length, corners)
         element_sections = _sections_at(section, places)
         _warn_of_sharp_tapers(element_sections.compliance, element, N)
-        return element_sections.like(
-            *(
-                _gathered(x, weights, element, N)
-                for x in (element_sections.compliance, element_sections.mass)
-            )
-        )
+        both = (element_sections.compliance, element_sections.mass)
+        return element_sections.like(*(_gathered(x, weights, element, N) for x in both))
     sections = tuple(section)
-    if (
-        not sections
-        or not all(isinstance(s, Section) for s in sections)
-        or len(sections) not in (1, N // order)
-    ):
+    known = sections and all(isinstance(s, Section) for s in sections)
+    if not known or len(sections) not in (1, N // order):
         raise ValueError(
             f"{len(sections)} sections were given for {N // order} elements; one Section or one "
             "each is wanted"
@@ -210,11 +195,9 @@ def of_elements(
 def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
     sections = check_function("section", function, "s")(places)
     if not isinstance(sections, Section) or sections.batch_shape[-1:] != places.shape[-1:]:
-        given = (
-            f"of batch shape {tuple(sections.batch_shape)}"
-            if isinstance(sections, Section)
-            else type(sections).__name__
-        )
+        given = type(sections).__name__
+        if isinstance(sections, Section):
+            given = f"of batch shape {tuple(sections.batch_shape)}"
         raise ValueError(
             f"a function of s that gave a section {given} for {places.shape[-1]} places was given; "
             "one Section with a last batch axis of that many is wanted"
@@ -231,21 +214,16 @@ def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor,
     if corners is not None:
         inside = torch.maximum(torch.minimum(corners, ends[..., -1:]), ends[..., :1])
         shape = broadcast("stations and elements", inside.shape[:-1], ends.shape[:-1])
-        ends = (
-            torch.cat([x.expand(*shape, x.shape[-1]) for x in (ends, inside)], -1).sort(-1).values
-        )
+        ends = torch.cat([x.expand(*shape, x.shape[-1]) for x in (ends, inside)], -1)
+        ends = ends.sort(-1).values
     size, (points, weights) = ends.diff(dim=-1), (length.new_tensor(x) for x in (POINTS, WEIGHTS))
     places = ends[..., :-1, None] + size[..., None] * points
     inner = length.cumsum(-1)[..., :-1].detach().expand(*size.shape[:-1], -1).contiguous()
-    element = torch.searchsorted(
-        inner, (ends[..., :-1] + size / 2).detach().contiguous(), right=True
-    )
+    middle = (ends[..., :-1] + size / 2).detach().contiguous()
+    element = torch.searchsorted(inner, middle, right=True)
     share = size / length.expand(*size.shape[:-1], -1).gather(-1, element)
-    return (
-        places.flatten(-2),
-        (share[..., None] * weights).flatten(-2),
-        element.repeat_interleave(len(POINTS), -1),
-    )
+    shares = (share[..., None] * weights).flatten(-2)
+    return places.flatten(-2), shares, element.repeat_interleave(len(POINTS), -1)
 
 
 def _warn_of_sharp_tapers(S: Tensor, element: Tensor, N: int) -> None:
@@ -290,16 +268,13 @@ def _places(s: Tensor) -> Tensor:
 
 
 def _between(s: Tensor, values: Tensor, at: Tensor) -> Tensor:
-    """Straight lines through values (..., n, k) at s (..., n), looked up at (..., m):
-    (..., m, k).
-    """
+    """Straight lines through values (..., n, k) at s (..., n), looked up at (..., m)."""
     shape = broadcast("places and values", s.shape[:-1], values.shape[:-2], at.shape[:-1])
     n, m, k = s.shape[-1], at.shape[-1], values.shape[-1]
     s, at = s.expand(*shape, n), at.to(values).expand(*shape, m)
     values = values.expand(*shape, n, k)
-    i = (
-        torch.searchsorted(s.detach().contiguous(), at.detach().contiguous(), right=True) - 1
-    ).clamp(0, n - 2)
+    i = torch.searchsorted(s.detach().contiguous(), at.detach().contiguous(), right=True)
+    i = (i - 1).clamp(0, n - 2)
     a, b = s.gather(-1, i), s.gather(-1, i + 1)
     share = ((at - a) / (b - a)).clamp(0, 1)[..., None]
     before, after = (values.gather(-2, j[..., None].expand(*shape, m, k)) for j in (i, i + 1))

@@ -1,6 +1,4 @@
-"""Structure: several beams and bodies as one set of rows, those of the beams one after the other,
-then the bodies' nodes.
-"""
+"""Structure: beams and bodies as one set of rows, beams one after the other, then bodies."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ from ..topology.framework import Framework
 from .beam import Beam
 from .body import Body
 from .effects.effect import Effect
-from .effects.obstacles import Obstacle
+from .effects.obstacle import Obstacle
 from .effects.point_mass import PointMass
 from .parts import FLAGS, Part, Row, Span, part_of, row_of
 
@@ -55,13 +53,10 @@ class Structure(Beam):
         dtype, device = common_dtype(*(leaf.value for leaf in leaves(list(given.values()))))
         for name in ("order", "linked_interpolation"):
             if len({getattr(beam, name) for beam in beams.values()}) > 1:
-                what = (
-                    "different orders"
-                    if name == "order"
-                    else "linked interpolation beside others without"
-                )
+                linked = "linked interpolation beside others without"
                 raise ValueError(
-                    f"beams of {what} were given; all alike are wanted in one structure"
+                    f"beams of {'different orders' if name == 'order' else linked} were given; all "
+                    "alike are wanted in one structure"
                 )
         bodies = {name: bound(body, dtype, device) for name, body in bodies.items()}
         by_name = {name: [_own(beam, name) for beam in beams.values()] for name in AXES}
@@ -73,32 +68,20 @@ class Structure(Beam):
         }
         parts, node, station = [], 0, 0
         for name, beam in beams.items():
-            parts.append(
-                Part(
-                    name,
-                    node,
-                    beam.node_count,
-                    station,
-                    beam.station_count,
-                    tuple(getattr(beam, name) for name in FLAGS),
-                )
-            )
-            node, station = node + beam.node_count, station + beam.station_count
+            has, count = tuple(getattr(beam, flag) for flag in FLAGS), beam.station_count
+            parts.append(Part(name, node, beam.node_count, station, count, has))
+            node, station = node + beam.node_count, station + count
         masses = []
         for name, body in bodies.items():
             parts.append(Part(name, node, 1, station))
             masses.append(body.mass_at(Row(node, name)))
             node += 1
-        rigid = (
-            tuple(map(any, zip(*(beam.rigid for beam in beams.values()), strict=True)))
-            if beams
-            else (False,) * 6
-        )
+        rigid = zip((False,) * 6, *(beam.rigid for beam in beams.values()), strict=True)
         flags = {name: any(getattr(beam, name) for beam in beams.values()) for name in FLAGS[1:]}
         return cls(
             **tensors,
             **flags,
-            rigid=rigid,
+            rigid=tuple(map(any, rigid)),
             order=1 if first is None else first.order,
             linked_interpolation=first is not None and first.linked_interpolation,
             parts=tuple(parts),
@@ -114,13 +97,9 @@ class Structure(Beam):
         return [self._line(part) for part in self.parts]
 
     def loops(self, supported: tuple[int, ...]) -> int:
-        """How many closed loops joints and the supports of nodes make of the parts, and of the
-        ground that they are held by.
-        """
-        place = [
-            *(self.parts.index(self.part_at(row)) for row in range(self.node_count)),
-            len(self.parts),
-        ]
+        """How many closed loops joints and supports make of the parts, and of the ground."""
+        place = [self.parts.index(self.part_at(row)) for row in range(self.node_count)]
+        place.append(len(self.parts))
         edges = [*self.joined, *((node, None) for node in supported)]
         edges = [tuple(place[-1 if node is None else node] for node in pair) for pair in edges]
         roots = list(range(len(self.parts) + 1))
@@ -137,12 +116,9 @@ class Structure(Beam):
     def _line(self, part: Part) -> str:
         if part.body:
             at = next(mass for mass in self.masses if mass.node == part.first_node)
-            shape = self.surface(part.name)
-            return (
-                f"{part.name!r}: a body of {span(at.mass)} kg at "
-                f"{point(self.nodes[..., part.first_node, :])} m"
-                + ("" if shape is None else f", a {shape.called}")
-            )
+            shape, place = self.surface(part.name), point(self.nodes[..., part.first_node, :])
+            text = f"{part.name!r}: a body of {span(at.mass)} kg at {place} m"
+            return text if shape is None else f"{text}, a {shape.called}"
         return f"{part.name!r}: {self.part(part.name)!r}"
 
     @property
@@ -175,9 +151,7 @@ class Structure(Beam):
 
     @property
     def extent(self) -> Tensor:
-        """(...) m: `size`, or how far the mass of a body is from its centre, if that is more; 1 m
-        of a point alone.
-        """
+        """(...) m: `size`, or how far a body's mass is from its centre, if more; 1 m of a point."""
         spread = [
             (mass.inertia.diagonal(dim1=-2, dim2=-1).sum(-1) / (2 * mass.mass)).sqrt()
             for mass in self.masses
@@ -188,11 +162,7 @@ class Structure(Beam):
 
     def part_at(self, row: int) -> Part:
         """The part that a node belongs to."""
-        return next(
-            part
-            for part in self.parts
-            if part.first_node <= row < part.first_node + part.node_count
-        )
+        return next(part for part in self.parts if part.nodes.start <= row < part.nodes.stop)
 
     def surface(self, name: str) -> Obstacle | None:
         """The surface of the body of that name, in its axes; None = it has none."""
@@ -202,27 +172,16 @@ class Structure(Beam):
     def part(self, name: str) -> Beam:
         """The beam of that name by itself."""
         part = part_of(self.parts, name)
-        rows = {
-            field: getattr(self, field)[
-                (
-                    ...,
-                    part.nodes if field in ("nodes", "frames") else part.stations,
-                    *(slice(None),) * (axes - 1),
-                )
-            ]
-            for field, axes in AXES.items()
-        }
-        return Beam(
-            **rows,
-            **dict(zip(FLAGS, part.declared, strict=True)),
-            order=self.order,
-            linked_interpolation=self.linked_interpolation,
-        )
+        rows = {}
+        for name, axes in AXES.items():
+            own = part.nodes if name in ("nodes", "frames") else part.stations
+            rows[name] = getattr(self, name)[(..., own, *(slice(None),) * (axes - 1))]
+        has = dict(zip(FLAGS, part.declared, strict=True))
+        return Beam(**rows, **has, order=self.order, linked_interpolation=self.linked_interpolation)
 
     def station_axes(self, frames: Tensor) -> Tensor:
-        axes = [
-            self.part(part.name).station_axes(frames[..., part.nodes, :]) for part in self.beams
-        ]
+        each = ((self.part(part.name), part.nodes) for part in self.beams)
+        axes = [part.station_axes(frames[..., nodes, :]) for part, nodes in each]
         return torch.cat(axes, -2) if axes else frames[..., :0, :]
 
     def row(self, node: Any, name: str = "node") -> Row:
@@ -244,13 +203,8 @@ class Structure(Beam):
             return tuple(map(self._span, self.beams))
         if effect.by_mass or not self.masses:
             return None
-        return (
-            Span(
-                slice(0, self.node_count - len(self.masses)),
-                slice(0, self.station_count),
-                self.element_count,
-            ),
-        )
+        nodes = slice(0, self.node_count - len(self.masses))
+        return (Span(nodes, slice(0, self.station_count), self.element_count),)
 
     def _span(self, part: Part) -> Span:
         return Span(part.nodes, part.stations, part.station_count // self.order)

@@ -9,19 +9,21 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import boolean, instance
+from ..core.arguments import boolean
 from ..core.functions_of_time import shared
+from ..core.leaves import option
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
-from ..nodal.loads import Nodes, added_mass
+from ..nodal.loads import added_mass
 from ..nodal.rates import Rates, forces_between_nodes
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from ..state.supported_nodes import set_node
 from .node import _OfNode
+from .of_scene import check_scene, nodes_of
 from .sensor import XYZ
 
 
@@ -60,9 +62,9 @@ class NodeAcceleration(_OfNode):
         torch.Size([6, 3])
     """
 
-    scene: Scene
+    scene: Scene = option(check_scene, name="a scene")
     inputs: dict[str, Any] = field(default_factory=dict)
-    body: bool = False
+    body: bool = option(boolean, default=False)
     proper: Any = None
     lumped: bool = False
     rates: Rates = field(init=False)
@@ -78,7 +80,6 @@ class NodeAcceleration(_OfNode):
     def __post_init__(self) -> None:
         given = self.node
         super().__post_init__()
-        instance("a scene", self.scene, Scene)
         if what := forces_between_nodes(self.scene):
             raise ValueError(
                 f"a scene with {what} was given to NodeAcceleration, which has no forces of it; "
@@ -86,7 +87,6 @@ class NodeAcceleration(_OfNode):
             )
         named = given if self.on is None or isinstance(given, (str, tuple)) else (self.on, given)
         object.__setattr__(self, "row", self.scene.beam.row(named) % self.scene.beam.node_count)
-        boolean("body", self.body)
         if any(self.scene.beam.rigid):
             raise ValueError(
                 "a scene with an infinite stiffness was given to NodeAcceleration; finite ones "
@@ -98,21 +98,10 @@ class NodeAcceleration(_OfNode):
                 "NodeAcceleration; clamps are wanted"
             )
         if self.proper is not None:
-            object.__setattr__(
-                self,
-                "proper",
-                finite(
-                    "proper",
-                    axis_last(
-                        "proper", as_tensor(self.proper, self.scene.dtype, self.scene.device), 3
-                    ),
-                ),
-            )
-        object.__setattr__(
-            self,
-            "rates",
-            Rates(discretise(self.scene, self.lumped), self.scene.tensors(self.inputs)),
-        )
+            g = as_tensor(self.proper, self.scene.dtype, self.scene.device)
+            object.__setattr__(self, "proper", finite("proper", axis_last("proper", g, 3)))
+        rates = Rates(discretise(self.scene, self.lumped), self.scene.tensors(self.inputs))
+        object.__setattr__(self, "rates", rates)
 
     def __call__(self, state: Any) -> Tensor:
         return self.read(state)
@@ -124,11 +113,8 @@ class NodeAcceleration(_OfNode):
             return torch.stack([self.read(state[k]) for k in range(len(state.t))])
         a = self.solve(state)[..., self.row, :]
         if self.proper is not None:
-            a = a - (
-                self.proper
-                if state.frame is None
-                else quat.rotate(quat.conjugate(state.frame), self.proper)
-            )
+            g, frame = self.proper, state.frame
+            a = a - (g if frame is None else quat.rotate(quat.conjugate(frame), g))
         return quat.rotate(quat.conjugate(state.rotation[..., self.row, :]), a) if self.body else a
 
     def solve(self, state: State) -> Tensor:
@@ -140,12 +126,8 @@ class NodeAcceleration(_OfNode):
         """
         model = self.rates.model
         t, space, inertia = shared(state.t), model.space, model.inertia
-        p = model.space.dims.position
-        state = space.to_reduced(state)
-        q, spin = state.rotation, state.spin
-        nodes = Nodes(
-            state.position, q, state.velocity, space.to_frame(q, spin), state.frame, state.internal
-        )
+        p, state = space.dims.position, space.to_reduced(state)
+        q, spin, nodes = state.rotation, state.spin, nodes_of(space, state)
         now = self.rates.conditions(t)
         right, _ = self.rates.balance(now, nodes)
         eye, moving = torch.eye(p, dtype=right.dtype, device=right.device), model.constraints.moving

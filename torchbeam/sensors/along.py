@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
+from ..core.arguments import is_integer
 from ..core.validation import Value, as_tensor, concrete, finite, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
@@ -70,11 +71,7 @@ class _Along(OnPart):
         object.__setattr__(self, "space", coordinates(self.beam, self.beam.topology, None, small))
         if self.element is not None:
             N = self.beam.element_count
-            if (
-                isinstance(self.element, bool)
-                or not isinstance(self.element, int)
-                or not -N <= self.element < N
-            ):
+            if not is_integer(self.element) or not -N <= self.element < N:
                 raise ValueError(
                     f"element = {shown(self.element)} was given; the beam has the elements 0 to "
                     f"{N - 1}"
@@ -82,21 +79,16 @@ class _Along(OnPart):
         else:
             length = self.beam.length
             station = finite("station", as_tensor(self.station, length.dtype, length.device))
-            object.__setattr__(self, "station", station)
             weights = station_weights(station, length, self.beam.order)
-            object.__setattr__(self, "weights", weights)
+            vars(self).update(station=station, weights=weights)
 
     @property
     def name(self) -> str:
-        where = (
-            f"in element {self.element}"
-            if self.station is None
-            else (
-                f"at {self.station.item():g} m"
-                if self.station.ndim == 0
-                else f"at {tuple(self.station.shape)} stations"
-            )
-        )
+        s = self.station
+        if s is None:
+            where = f"in element {self.element}"
+        else:
+            where = f"at {tuple(s.shape)} stations" if s.ndim else f"at {s.item():g} m"
         return f"{self.place}{self.what} {where}"
 
     def __call__(self, state: Any) -> Tensor:
@@ -209,15 +201,11 @@ class _Strains(_Along):
             return super().read(state)
         N = self.beam.station_count
         at = slice(None) if self.element is None else slice(self.element % N, self.element % N + 1)
-        values = without_residual_bending(
-            self.beam, self._strain(state.position, state.rotation) - self.reference, at
-        )
-        values = (
-            values.mean(-2)
-            if self.weights is None
-            else (self.weights[..., None, :] @ values)[..., 0, :]
-        )
-        return self.of(values)
+        values = self._strain(state.position, state.rotation) - self.reference
+        values = without_residual_bending(self.beam, values, at)
+        if self.weights is None:
+            return self.of(values.mean(-2))
+        return self.of((self.weights[..., None, :] @ values)[..., 0, :])
 
     def of_elements(self, state: Any) -> Tensor:
         return self.of(state.strain)
@@ -286,11 +274,8 @@ class Gauge(_Strains):
             object.__setattr__(self, name, finite(name, value))
 
     def of(self, strains: Tensor) -> Tensor:
-        return (
-            strains[..., :1]
-            + self.z[..., None] * strains[..., 4:5]
-            - self.y[..., None] * strains[..., 5:]
-        )
+        y, z = self.y[..., None], self.z[..., None]
+        return strains[..., :1] + z * strains[..., 4:5] - y * strains[..., 5:]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

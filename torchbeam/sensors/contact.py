@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import instance, place
+from ..core.arguments import place
 from ..core.functions_of_time import shared
 from ..nodal.conditions import conditions
-from ..nodal.discretise import discretise
 from ..nodal.element_loads import at_points, load_point, point_weights
 from ..nodal.loads import Nodes, load_points
-from ..nodal.model import Model
+from ..nodal.touching import Touching
 from ..nodal.touching_forces import of_nodes
-from ..nodal.touching_motion import TouchingMotion
+from ..nodal.touching_pairs import PairMotion
 from ..scene.effects.contact import Touch
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.self_contact import SelfContact
-from ..scene.scene import Scene
 from ..state.state import State
-from ..state.state_check import of_mesh
-from .sensor import XYZ, Sensor
+from .of_scene import OfScene
+from .sensor import XYZ
 
 
 class Touched(NamedTuple):
@@ -67,7 +66,7 @@ class Touched(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OfContact(Sensor):
+class OfContact(OfScene):
     """Base of these sensors.
 
     contact  its place among the contacts of the scene
@@ -75,15 +74,11 @@ class OfContact(Sensor):
     Raises ValueError for a scene without such a contact, or a state of another form.
     """
 
-    scene: Scene
     contact: int = 0
-    model: Model = field(init=False)
 
     def __post_init__(self) -> None:
-        instance("a scene", self.scene, Scene)
-        count = len(self._contacts)
-        place("contact", self.contact, count, "a scene has contacts")
-        object.__setattr__(self, "model", discretise(self.scene))
+        super().__post_init__()
+        place("contact", self.contact, len(self._contacts), "a scene has contacts")
 
     @property
     def _contacts(self) -> list[ContactTerms]:
@@ -92,6 +87,12 @@ class OfContact(Sensor):
     @property
     def _law(self) -> ContactTerms:
         return self._contacts[self.contact]
+
+    @property
+    def _touching(self) -> list[Touching]:
+        """Of two parts: the places of either that may touch the other."""
+        number = next(k for k, pair in enumerate(self.scene.pairs) if pair is self._law)
+        return [one for one in self.model.touching.each if one.pair == number]
 
     def _touches(self, state: State) -> list[tuple[Tensor, Touch]]:
         """What it does at its points, and the length (..., points, 1) m that each stands for, 1 of
@@ -102,14 +103,10 @@ class OfContact(Sensor):
 
     def _places(self, state: State) -> list[Touched]:
         """The same, and where."""
-        state = of_mesh(state, self.scene.beam, f"{type(self).__name__}: a state")
-        model, t, law = self.model, shared(state.t), self._law
-        state = model.space.to_reduced(state)
-        spin = model.space.to_frame(state.rotation, state.spin)
-        nodes = Nodes(state.position, state.rotation, state.velocity, spin, state.frame)
+        nodes, model, law = self.nodes(state), self.model, self._law
         if law.kind == "pair":
             return self._of_pair(nodes)
-        now = conditions(model, t, {}, loads=(law,))
+        now = conditions(model, shared(state.t), {}, loads=(law,))
         if law.between_nodes:
             at = [
                 (point_weights(model, acting), acting.load, load_point(model, acting, nodes, now))
@@ -117,7 +114,7 @@ class OfContact(Sensor):
             ]
         else:
             at = [
-                (spin.new_ones(1, 1), acting.load, acting.load.of_body(point))
+                (nodes.spin.new_ones(1, 1), acting.load, acting.load.of_body(point))
                 for acting, point in load_points(model, nodes, now, now.loads)
             ]
         touched = []
@@ -132,19 +129,14 @@ class OfContact(Sensor):
     def _of_pair(self, nodes: Nodes) -> list[Touched]:
         """Of two parts: at all places of both, on the first."""
         space, touches = self.model.space, []
-        motion = TouchingMotion(
+        motion = PairMotion(
             space.public_position(nodes.position),
             None,
             space.public_vector(nodes.velocity),
             space.public_spin(nodes.spin),
-            None,
-            dict,
             axes=(space.axes(nodes.rotation),),
         )
-        pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
-        number = next(k for k, pair in enumerate(pairs) if pair is self._law)
-        of_pair = [one for one in self.model.touching.each if one.pair == number]
-        for one in of_pair:
+        for one in self._touching:
             near = one.nearby(motion, torch.inf)
             pairs = one.pairs(near)
             found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
@@ -157,6 +149,18 @@ class OfContact(Sensor):
             count = one.places.shares.shape[-2]
             touches.append(Touched(found.measure, touch, meets, near.point, count))
         return touches
+
+    def _means(
+        self, state: State, of: Callable[[Touch, Tensor], tuple[Tensor, ...]]
+    ) -> list[Tensor]:
+        """(...) N that presses in all, and means by it of what a function says of points."""
+        sums = []
+        for measure, touch in self._touches(state):
+            force = (measure * touch.pressure)[..., 0]
+            sums.append(torch.stack([force, *(force * x for x in of(touch, force))], -1).sum(-2))
+        total, *weighted = sum(sums[1:], sums[0]).unbind(-1)
+        whole = torch.where(total > 0, total, torch.ones_like(total))
+        return [total, *(x / whole for x in weighted)]
 
     def _forces(self, state: State) -> Tensor:
         """(..., points, 3) N on the beam, frame a."""
@@ -267,14 +271,10 @@ class ContactPressure(OfContact):
     labels: ClassVar[tuple[str, ...]] = ("force", "gap")
 
     def read(self, state: Any) -> Tensor:
-        sums = []
-        for measure, touch in self._touches(state):
-            force = (measure * touch.pressure)[..., 0]
-            gap = torch.where(force > 0, touch.gap[..., 0], torch.zeros_like(force))
-            sums.append(torch.stack((force, force * gap), -1).sum(-2))
-        total, weighted = sum(sums[1:], sums[0]).unbind(-1)
-        whole = torch.where(total > 0, total, torch.ones_like(total))
-        return torch.stack((total, weighted / whole), -1)
+        def gap(touch: Touch, force: Tensor) -> tuple[Tensor]:
+            return (torch.where(force > 0, touch.gap[..., 0], torch.zeros_like(force)),)
+
+        return torch.stack(self._means(state, gap), -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -303,19 +303,15 @@ class ContactSlip(OfContact):
     labels: ClassVar[tuple[str, ...]] = ("speed", "sticking")
 
     def read(self, state: Any) -> Tensor:
-        parts = []
-        for measure, touch in self._touches(state):
+        def slip(touch: Touch, force: Tensor) -> tuple[Tensor, Tensor]:
             if touch.slip is None:
                 raise ValueError(
                     "a contact without friction was given to ContactSlip; one with it is wanted"
                 )
-            force = (measure * touch.pressure)[..., 0]
             speed = torch.linalg.vector_norm(touch.slip, dim=-1)
-            sticks = speed < self._law.slip_speed[..., None]
-            parts.append(torch.stack((force, force * speed, force * sticks), -1).sum(-2))
-        total, *sums = sum(parts[1:], parts[0]).unbind(-1)
-        whole = torch.where(total > 0, total, torch.ones_like(total))
-        return torch.stack([part / whole for part in sums], -1)
+            return speed, speed < self._law.slip_speed[..., None]
+
+        return torch.stack(self._means(state, slip)[1:], -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -348,10 +344,7 @@ class ContactPoints(OfContact):
     def shape(self) -> tuple[int, ...]:
         law = self._law
         if law.kind == "pair":
-            pairs = [effect for effect in self.scene.effects if effect.kind == "pair"]
-            number = next(k for k, pair in enumerate(pairs) if pair is law)
-            each = [one for one in self.model.touching.each if one.pair == number]
-            return (sum(one.places.shares.shape[-2] for one in each), 7)
+            return (sum(one.places.shares.shape[-2] for one in self._touching), 7)
         if law.between_nodes:
             return (sum(self.scene.beam.element_counts(law)) * law.points, 7)
         return (1 if law.corners is None else law.corners.shape[-2], 7)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import place, whole
+from ..core.leaves import option
 from ..state.instant import JointReading
 from .sensor import Sensor
 
@@ -17,10 +18,7 @@ from .sensor import Sensor
 class _OfJoint(Sensor):
     """joint: its place in `Scene(joints=...)`. ValueError for one that is not there."""
 
-    joint: int
-
-    def __post_init__(self) -> None:
-        whole("joint", self.joint)
+    joint: int = option(whole)
 
     def reading(self, state: Any) -> JointReading:
         joints = getattr(state, "joint", ())
@@ -35,12 +33,7 @@ class _OfCoordinate(_OfJoint):
 
     field: ClassVar[str]
 
-    component: int | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.component is not None:
-            whole("component", self.component)
+    component: int | None = option(whole, default=None)
 
     def read(self, state: Any) -> Tensor:
         reading = self.reading(state)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice, place
+from ..core.leaves import option
 from ..core.validation import as_tensor, axis_last, common_dtype, finite, rotations
 from ..math import quaternions as quat
 from ..scene.parts import Place, check_node
@@ -22,11 +24,11 @@ class _OfNode(OnPart):
     (name, node) or the name of a body; or `on` has the name.
     """
 
-    node: Place
+    node: Place = option(check_node)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         node, on = self.node, self.on
-        check_node("node", node)
         if isinstance(node, (str, tuple)):
             if on is not None:
                 raise ValueError(
@@ -34,8 +36,7 @@ class _OfNode(OnPart):
                     "the part"
                 )
             on, node = node if isinstance(node, tuple) else (node, 0)
-        for name, value in (("node", int(node)), ("on", on)):
-            object.__setattr__(self, name, value)
+        vars(self).update(node=int(node), on=on)
 
     @property
     def name(self) -> str:
@@ -122,7 +123,7 @@ class Spin(_OfNode):
         tensor([ 0.0000, -5.2346,  0.0000])
     """
 
-    body: bool = False
+    body: bool = option(boolean, default=False)
     what = "spin"
     unit = "rad/s"
     labels = XYZ
@@ -130,10 +131,6 @@ class Spin(_OfNode):
     @property
     def transforms_as(self) -> str | None:
         return None if self.body else "vector"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        boolean("body", self.body)
 
     def read(self, state: Any) -> Tensor:
         if self.body and isinstance(state, State):
@@ -156,11 +153,10 @@ class _Turned(_OfNode):
         super().__post_init__()
         if self.reference is not None:
             given = self.reference
-            q = (
-                _quaternion(self.seen(given), self.node)
-                if hasattr(given, "position")
-                else quat.from_matrix(rotations("reference", _given(given)))
-            )
+            if hasattr(given, "position"):
+                q = _quaternion(self.seen(given), self.node)
+            else:
+                q = quat.from_matrix(rotations("reference", _given(given)))
             object.__setattr__(self, "reference", quat.conjugate(q))
 
     def quaternion(self, state: Any) -> Tensor:
@@ -206,13 +202,9 @@ class Angles(_Turned):
         tensor([-0.3550])
     """
 
-    kind: str = "tait-bryan"
+    kind: str = option(partial(choice, known=("tait-bryan", "vector")), default="tait-bryan")
     what = "angles"
     unit = "rad"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        choice("kind", self.kind, ("tait-bryan", "vector"))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -242,9 +234,8 @@ def _given(reference: Any) -> Tensor:
 def _quaternion(state: Any, node: int) -> Tensor:
     if not isinstance(state, State):
         return quat.from_matrix(state.node(node).rotation)
-    return state.rotation[
-        ..., place("node", node, state.rotation.shape[-2], "the beam has the nodes"), :
-    ]
+    k = place("node", node, state.rotation.shape[-2], "the beam has the nodes")
+    return state.rotation[..., k, :]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

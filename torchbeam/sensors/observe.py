@@ -69,9 +69,8 @@ def observe(
         raise ValueError(
             f"a solution of {len(t)} instants was given to observe; two or more are wanted"
         )
-    values = (sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state"))(
-        solution.state
-    )
+    read = sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state")
+    values = read(solution.state)
     if not isinstance(values, Tensor):
         raise ValueError(f"a sensor that gave {shown(values)} was given; one of tensors is wanted")
     if values.shape[:1] != t.shape:
@@ -79,14 +78,11 @@ def observe(
             f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as "
             "its first axis is wanted"
         )
-    shape = (
-        sensor.shape if isinstance(sensor, Sensor) else values.shape[len(solution.state.t.shape) :]
-    )
+    shape = values.shape[len(solution.state.t.shape) :]
+    shape = sensor.shape if isinstance(sensor, Sensor) else shape
     batch = values.shape[1 : values.ndim - len(shape)]
-    times, delay = (
-        as_tensor(times, t.dtype, t.device),
-        finite("delay", as_tensor(delay, t.dtype, t.device)),
-    )
+    times, delay = (as_tensor(x, t.dtype, t.device) for x in (times, delay))
+    finite("delay", delay)
     if times.ndim == 0:
         raise ValueError(
             "one number was given for times; a series (times,) or (times, ...) is wanted"
@@ -135,18 +131,14 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
     h, s, wrong = wide(h), wide(s), wide(~seen | ahead)
     rise, bend = b - a - h * va, h * (vb - va)
     c, d = 3 * rise - bend, bend - 2 * rise
-    reading = (
-        torch.where(wide(before), 0, va + s * (2 * c + 3 * s * d) / h)
-        if rate
-        else a + s * (h * va + s * (c + s * d))
-    )
+    reading = a + s * (h * va + s * (c + s * d))
+    if rate:
+        reading = torch.where(wide(before), 0, va + s * (2 * c + 3 * s * d) / h)
     return torch.where(wrong, torch.nan, reading)
 
 
 def _slopes(t: Tensor, values: Tensor) -> Tensor:
-    """Derivatives of `values` (time, ...) at their instants: those of the polynomials through
-    `NEIGHBOURS` of them.
-    """
+    """Derivatives of `values` (time, ...) at their instants, of polynomials through neighbours."""
     n = min(NEIGHBOURS, len(t))
     order = torch.arange(n, device=t.device)
     near = (torch.arange(len(t), device=t.device) - n // 2).clamp(0, len(t) - n)[:, None] + order

@@ -56,23 +56,19 @@ class Position(_Along):
         super().__post_init__()
         length = self.beam.length
         point = axis_last("point", as_tensor(self.point, length.dtype, length.device), 3)
-        object.__setattr__(self, "point", finite("point", point))
-        object.__setattr__(self, "arclength", self.beam.topology.arclength(length))
+        arclength = self.beam.topology.arclength(length)
+        vars(self).update(point=finite("point", point), arclength=arclength)
 
     def read(self, state: Any) -> Tensor:
         position = state.position
-        rotation = (
-            state.rotation
-            if isinstance(state, State)
-            else quat.from_matrix(
-                torch.stack([state.node(k).rotation for k in range(position.shape[-2])], -3)
-            )
-        )
+        if isinstance(state, State):
+            rotation = state.rotation
+        else:
+            R = [state.node(k).rotation for k in range(position.shape[-2])]
+            rotation = quat.from_matrix(torch.stack(R, -3))
         shape = broadcast_shapes(self.station.shape, self.arclength.shape[:-1])
-        s, at = (
-            self.arclength.expand(*shape, self.arclength.shape[-1]),
-            self.station.expand(shape)[..., None],
-        )
+        s, at = self.arclength, self.station.expand(shape)[..., None]
+        s = s.expand(*shape, s.shape[-1])
         k = torch.searchsorted(s[..., 1:-1].detach().contiguous(), at.detach().contiguous())
         start, h = s.gather(-1, k), s.diff(dim=-1).gather(-1, k)
         (a, p), (b, q) = ((_row(position, k + i), _row(rotation, k + i)) for i in (0, 1))

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..core.arguments import instance, whole
+from ..core.arguments import whole
 from ..core.functions_of_time import shared
+from ..core.leaves import option
 from ..nodal.conditions import conditions
-from ..nodal.discretise import discretise
-from ..nodal.loads import Nodes, external
-from ..nodal.model import Model
+from ..nodal.loads import external
 from ..scene.effects import RootSpring
-from ..scene.scene import Scene
 from ..state.state import State
-from ..state.state_check import of_mesh
+from .of_scene import OfScene
 from .sensor import XYZ, OnPart, Sensor
 
 
@@ -88,12 +86,9 @@ class Reaction(Sensor):
         tensor(-2.)
     """
 
-    support: int
+    support: int = option(whole)
     unit = "N, N m"
     labels = RootReaction.labels
-
-    def __post_init__(self) -> None:
-        whole("support", self.support)
 
     @property
     def name(self) -> str:
@@ -109,7 +104,7 @@ class Reaction(Sensor):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootSpringLoad(Sensor):
+class RootSpringLoad(OfScene):
     """Force and moment (..., 6) N and N m of an elastic clamp (`RootSpring`) on the beam, frame a,
     at the instant of the state: what `RootReaction` is of a clamp. Such a scene has no support
     whose reaction a state could hold.
@@ -129,38 +124,22 @@ class RootSpringLoad(Sensor):
         tensor(-1.)
     """
 
-    scene: Scene
-    model: Model = field(init=False)
     name = "load of the root spring"
     unit = "N, N m"
     labels = RootReaction.labels
 
     def __post_init__(self) -> None:
-        instance("a scene", self.scene, Scene)
+        super().__post_init__()
         if not self._springs:
             raise ValueError(
                 "a scene without a RootSpring was given to RootSpringLoad; one with it is wanted"
             )
-        object.__setattr__(self, "model", discretise(self.scene))
 
     @property
     def _springs(self) -> tuple[RootSpring, ...]:
         return tuple(load for load in self.scene.loads if isinstance(load, RootSpring))
 
     def read(self, state: Any) -> Tensor:
-        state = of_mesh(state, self.scene.beam, "RootSpringLoad: a state")
-        space, t = self.model.space, shared(state.t)
-        state = space.to_reduced(state)
-        nodes = Nodes(
-            state.position,
-            state.rotation,
-            state.velocity,
-            space.to_frame(state.rotation, state.spin),
-            state.frame,
-            state.internal,
-        )
-        return space.embed(
-            external(self.model, nodes, conditions(self.model, t, {}, loads=self._springs))[
-                ..., 0, :
-            ]
-        )
+        nodes = self.nodes(state)
+        now = conditions(self.model, shared(state.t), {}, loads=self._springs)
+        return self.model.space.embed(external(self.model, nodes, now)[..., 0, :])

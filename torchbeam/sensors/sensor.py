@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.arguments import listed
+from ..core.arguments import is_integer, listed
+from ..core.declared import check_fields
 from ..core.validation import axis_last, shown
 from ..math.shapes import broadcast_shapes
 from ..scene.parts import part_of
@@ -20,7 +21,7 @@ XYZ = ("x", "y", "z")
 
 class Sensor:
     """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape`
-    if that is no vector.
+    if that is no vector. One that is a dataclass may declare checks of its fields, see `leaf`.
 
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
@@ -42,6 +43,11 @@ class Sensor:
     labels: tuple[str, ...]
     on: str | None = None
     transforms_as: str | None = None
+    called: ClassVar[str] = ""
+    in_words: ClassVar[str] = "{1}"  # what sentences call a field
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -52,9 +58,7 @@ class Sensor:
         return math.prod(self.shape)
 
     def __call__(self, state: Any) -> Tensor:
-        """(..., *shape). Raises ValueError for what is not a state, or has no such node or
-        element.
-        """
+        """(..., *shape). Raises ValueError for what is no state, or has no such node or element."""
         if not hasattr(state, "position"):
             raise ValueError(
                 f"{type(state).__name__} was given to a sensor; a state is wanted (of a "
@@ -112,8 +116,15 @@ def part_of_state(state: Any, name: str) -> Any:
     return state.part(name)
 
 
+class OfSensor(Sensor):
+    """Base of what reads another sensor, its field `of`, otherwise."""
+
+    name = property(lambda self: self.of.name)
+    unit = property(lambda self: self.of.unit)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Component(Sensor):
+class Component(OfSensor):
     """Some numbers of another sensor's reading: `sensor[which]`.
 
     Examples:
@@ -142,11 +153,7 @@ class Component(Sensor):
                     f"the components {which} were given, none of the {len(labels)} of "
                     f"{self.of.name}; one or more are wanted"
                 )
-        elif (
-            isinstance(which, int)
-            and not isinstance(which, bool)
-            and -len(labels) <= which < len(labels)
-        ):
+        elif is_integer(which) and -len(labels) <= which < len(labels):
             places = (which % len(labels),)
         else:
             raise ValueError(
@@ -154,14 +161,6 @@ class Component(Sensor):
                 f"{', '.join(labels)}"
             )
         object.__setattr__(self, "places", places)
-
-    @property
-    def name(self) -> str:
-        return self.of.name
-
-    @property
-    def unit(self) -> str:
-        return self.of.unit
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, rotations, shown
 from ..math import quaternions as quat
-from .sensor import Component, Sensor, Stack
+from .sensor import Component, OfSensor, Sensor, Stack
 
 FIELDS = ("origin", "tilt")  # that may be parameters
 
@@ -81,27 +81,17 @@ class SensorFrame:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _InFrame(Sensor):
+class _InFrame(OfSensor):
     """A sensor's reading in the axes of a frame whose numbers are all known."""
 
-    sensor: Sensor
+    of: Sensor
     frame: SensorFrame
     kind: str
 
-    @property
-    def name(self) -> str:
-        return self.sensor.name
-
-    @property
-    def unit(self) -> str:
-        return self.sensor.unit
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return self.sensor.labels
+    labels = property(lambda self: self.of.labels)
 
     def read(self, state: Any) -> Tensor:
-        reading, frame = self.sensor(state), self.frame
+        reading, frame = self.of(state), self.frame
         if self.kind == "point":
             reading = reading - frame.origin.to(reading)
         if frame.rotation is not None:

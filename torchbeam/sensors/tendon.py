@@ -8,6 +8,7 @@ from typing import Any
 from torch import Tensor
 
 from ..core.arguments import place, whole
+from ..core.leaves import option
 from .sensor import Sensor
 
 
@@ -15,10 +16,7 @@ from .sensor import Sensor
 class _OfTendon(Sensor):
     """tendon: its place among the scene's tendons. ValueError for one that is not there."""
 
-    tendon: int
-
-    def __post_init__(self) -> None:
-        whole("tendon", self.tendon)
+    tendon: int = option(whole)
 
     def row(self, state: Any) -> Tensor:
         tendons = getattr(state, "tendons", None)

@@ -27,9 +27,7 @@ def bent(
     velocity: Value | None,
     spin: Value | None,
 ) -> Placed:
-    """The state `still` of the beam at rest, bent into the curve of the nodes; arguments as of
-    `State.from_nodes`.
-    """
+    """The state `still` of the beam at rest, bent; arguments as of `State.from_nodes`."""
     beam = scene.beam
 
     def given(name: str, value: Value) -> Tensor:
@@ -67,10 +65,8 @@ def bent(
         def axes(nodes: Tensor) -> Tensor:
             q = carried_axes(beam.frames, beam.nodes, nodes, s.diff(dim=-1), twist)
             for support in scene.supports:
-                at = support.node
-                q = set_node(
-                    q, at, held_rotation(q[..., at, :], still.rotation[..., at, :], support)
-                )
+                own, held = (x[..., support.node, :] for x in (q, still.rotation))
+                q = set_node(q, support.node, held_rotation(own, held, support))
             return q
 
         rotation = axes(nodes)
@@ -82,8 +78,7 @@ def bent(
         if spin is None and frames is None:
             relative = velocity - frame_motion(state, prescribed_motion)[0]
             q, rate = rate_along(axes, (nodes + 0 * relative,), (relative + 0 * nodes,))
-            state = replace(
-                state, spin=state.spin + 2 * quat.multiply(quat.conjugate(q), rate)[..., 1:]
-            )
+            turn = 2 * quat.multiply(quat.conjugate(q), rate)[..., 1:]
+            state = replace(state, spin=state.spin + turn)
         state = replace(state, velocity=velocity)
     return (state if spin is None else replace(state, spin=given("spin", spin))).broadcast()

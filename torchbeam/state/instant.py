@@ -1,6 +1,4 @@
-"""Instant: what the states of all forms of the beam have in common; points and reactions as they
-are read from them.
-"""
+"""Instant: what the states of all forms have in common; points and reactions read from them."""
 
 from __future__ import annotations
 
@@ -87,18 +85,14 @@ class JointReading(NamedTuple):
 
     @classmethod
     def of(cls, row: Tensor, coordinates: tuple[int, ...]) -> JointReading:
-        """row (..., READINGS): up to three coordinates, their rates, force, moment; coordinates:
-        which of them the joint has.
-        """
+        """row (..., READINGS): coordinates, rates, force, moment; coordinates: which it has."""
 
         def own(first: int) -> Tensor | None:
             if not coordinates:
                 return None
-            return (
-                row[..., first + coordinates[0]]
-                if len(coordinates) == 1
-                else row[..., first : first + len(coordinates)]
-            )
+            if len(coordinates) == 1:
+                return row[..., first + coordinates[0]]
+            return row[..., first : first + len(coordinates)]
 
         return cls(own(0), own(3), row[..., 6:9], row[..., 9:])
 

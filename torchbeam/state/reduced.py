@@ -1,6 +1,4 @@
-"""Reduced states: in the coordinates in which they were solved for, public as far as they are asked
-for.
-"""
+"""Reduced states: in the coordinates in which they were solved for, public as far as asked for."""
 
 from __future__ import annotations
 
@@ -115,11 +113,6 @@ def joined(*parts: Tensor) -> Tensor:
     if len(parts) == 1:
         return parts[0]
     shape = broadcast_shapes(*(x.shape[1:] for x in parts))
-    return torch.cat(
-        [
-            x
-            if x.shape[1:] == shape
-            else x[(slice(None),) + (None,) * (len(shape) + 1 - x.ndim)].expand(len(x), *shape)
-            for x in parts
-        ]
-    )
+    news = [(None,) * (len(shape) + 1 - x.ndim) for x in parts]
+    pairs = zip(parts, news, strict=True)
+    return torch.cat([x[(slice(None), *new)].expand(len(x), *shape) for x, new in pairs])

@@ -127,12 +127,8 @@ class Solution:
     @property
     def summary(self) -> dict[str, str]:
         """What there is, in words, by headings."""
-        done = [counted(self.stats.steps, "step")] if self.stats.steps is not None else []
-        done += (
-            [counted(self.stats.evaluations, "evaluation")]
-            if self.stats.evaluations is not None
-            else []
-        )
+        counts = {"step": self.stats.steps, "evaluation": self.stats.evaluations}
+        done = [counted(n, noun) for noun, n in counts.items() if n is not None]
         nodes = self.nodes
         instants = f"{counted(len(self.t), 'instant')}, t = {span(self.t)} s"
         return {
@@ -171,9 +167,7 @@ class Solution:
 
     @property
     def tip(self) -> Point:
-        """position, velocity (time, ..., 3), rotation (time, ..., 3, 3), spin (time, ..., 3), frame
-        a.
-        """
+        """position, velocity, spin (time, ..., 3), rotation (time, ..., 3, 3), frame a."""
         one_beam(self._parts, "tip")
         return self.states.node(-1)
 

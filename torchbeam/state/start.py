@@ -41,19 +41,13 @@ def on_supports(state: State, scene: Any, t: Tensor) -> State:
         node, (place, turn) = support.node, prescribed_motion.pose(support, t)
         holds, turns = (place.new_tensor(part) for part in (support.held[:3], support.held[3:]))
         away = (position[..., node, :] - place).detach() * holds
-        _judge(away, OFF[state.position.dtype] * length, judged, support, "position", "m", AT)
+        off = OFF[length.dtype] * length
+        _judge(away, off, judged, support, "position", "m", AT)
         swing = quat.multiply(rotation[..., node, :], quat.conjugate(turn))
         angle = 2 * torch.asin((swing[..., 1:].detach() * turns).clamp(-1, 1))
         limit = OFF if len(support.rotation) == 3 else SWUNG
-        _judge(
-            angle,
-            torch.full_like(length, limit[length.dtype]),
-            judged,
-            support,
-            "rotation",
-            "rad",
-            AT,
-        )
+        off = torch.full_like(length, limit[length.dtype])
+        _judge(angle, off, judged, support, "rotation", "rad", AT)
         position = set_node(position, node, torch.where(holds > 0, place, position[..., node, :]))
         rotation = set_node(rotation, node, held_rotation(rotation[..., node, :], turn, support))
     state = replace(state, position=position, rotation=rotation)
@@ -64,23 +58,13 @@ def on_supports(state: State, scene: Any, t: Tensor) -> State:
 
 def _judge_velocities(state: State, scene: Any, judged: Tensor) -> None:
     spin = quat.rotate(state.rotation, state.spin)
-    for name, x, unit, letters in (
-        ("velocity", state.velocity, "m/s", 0),
-        ("spin", spin, "rad/s", 3),
-    ):
-        x = x.detach()
+    motions = (("velocity", state.velocity, "m/s", 0), ("spin", spin, "rad/s", 3))
+    for name, x, unit, letters in motions:
+        x, wanted = x.detach(), "; its support does not move"
         limit = MOVING[x.dtype] * torch.linalg.vector_norm(x, dim=-1).amax(-1)
         for support in scene.supports:
             held = x.new_tensor(support.held[letters : letters + 3])
-            _judge(
-                x[..., support.node, :] * held,
-                limit,
-                judged,
-                support,
-                name,
-                unit,
-                "; its support does not move",
-            )
+            _judge(x[..., support.node, :] * held, limit, judged, support, name, unit, wanted)
 
 
 def _judge(

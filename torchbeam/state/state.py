@@ -1,6 +1,4 @@
-"""State: the beam at one instant in the nodal form; the beam at rest, and checks of a state that
-was given.
-"""
+"""State: the beam at one instant in the nodal form; the beam at rest."""
 
 from __future__ import annotations
 
@@ -22,6 +20,7 @@ from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
 from ..scene.scene import Scene
 from .bent import bent
 from .instant import READINGS, Instant, JointReading, Point, Reaction
+from .reduced import AT_NODES
 from .rest_shape import RestShape
 from .supported_nodes import at_rest, at_supports
 
@@ -153,9 +152,7 @@ class State(Instant):
         return quat.matrix(quat.half_way(self.rotation[..., :-1, :], self.rotation[..., 1:, :]))
 
     def at(self, t: float | Tensor) -> State:
-        """The same state at another time, its work counted from there and its failures
-        forgotten.
-        """
+        """The same state at another time; its work counts from there, its failures are gone."""
         return replace(
             self,
             t=torch.zeros_like(self.t) + instants("t", t, self.t),
@@ -177,25 +174,15 @@ class State(Instant):
     @property
     def joint(self) -> tuple[JointReading, ...]:
         """The joints of a structure, as an equilibrium or a step has left them."""
-        return tuple(
-            JointReading.of(self.joints[..., k, :], names)
-            for k, names in enumerate(self.coordinates)
-        )
+        each = enumerate(self.coordinates)
+        return tuple(JointReading.of(self.joints[..., k, :], own) for k, own in each)
 
     def part(self, name: str) -> State:
-        """The state of a beam of a structure, or that of a body, a single node. Raises ValueError
-        where there is none such.
-        """
+        """The state of a beam or, a single node, of a body. Raises ValueError for neither."""
         part = part_of(self.parts, name)
-        held = [
-            k
-            for k, node in enumerate(self.supports or ())
-            if part.nodes.start <= node < part.nodes.stop
-        ]
-        rows = {
-            name: getattr(self, name)[..., part.nodes, :]
-            for name in ("position", "rotation", "velocity", "spin")
-        }
+        own = range(part.nodes.start, part.nodes.stop)
+        held = [k for k, node in enumerate(self.supports or ()) if node in own]
+        rows = {name: getattr(self, name)[..., part.nodes, :] for name in AT_NODES}
         return replace(
             self,
             **rows,
@@ -243,22 +230,17 @@ class State(Instant):
         nodes = range(self.reaction.shape[-2]) if self.supports is None else self.supports
         if 0 not in nodes:
             held = ", ".join(map(str, nodes))
+            there = f"supports hold node {held} alone, and reaction_of(k) is their load"
             raise ValueError(
                 "the load of the support at node 0 was asked for; "
-                + (
-                    f"supports hold node {held} alone, and reaction_of(k) is their load"
-                    if held
-                    else "the beam has no support"
-                )
+                f"{there if held else 'the beam has no support'}"
             )
         return self.reaction_of(nodes.index(0))
 
     def reaction_of(self, support: int) -> Reaction:
         """Load of support k of `scene.supports`, which are in the order given."""
-        load = self.reaction[
-            ..., place("support", support, self.reaction.shape[-2], "there are the supports"), :
-        ]
-        return Reaction(load[..., :3], load[..., 3:])
+        k = place("support", support, self.reaction.shape[-2], "there are the supports")
+        return Reaction(*self.reaction[..., k, :].split(3, -1))
 
     @property
     def batch_shape(self) -> torch.Size:
@@ -352,9 +334,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
 
 
 def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
-    """Fields of a state whose joints stand as drawn, with axes `like` these (...); none where there
-    are no joints.
-    """
+    """Fields of a state whose joints stand as drawn, of the batch axes of `like`; or none."""
     if not scene.joints:
         return {}
     return {
@@ -377,9 +357,8 @@ def with_optional_fields(state: State, scene: Any) -> State:
     nodes, known = supported(scene), state.supports
     state = _of_this_beam(state, scene.beam)
     if state.reaction.shape[-2] != len(nodes) or known not in (None, nodes):
-        state = replace(
-            state, reaction=state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6)
-        )
+        none = state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6)
+        state = replace(state, reaction=none)
     state = state if known == nodes else replace(state, supports=nodes)
     if (state.parts, state.joined) != (scene.beam.parts, scene.beam.joined):
         state = replace(state, parts=scene.beam.parts, joined=scene.beam.joined)

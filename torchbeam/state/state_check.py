@@ -12,9 +12,7 @@ from .state import State
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
-    """`state`, to start from, in the scene's dtype; ValueError where it is not one of the nodal
-    form, of the scene's mesh.
-    """
+    """`state`, to start from, in the scene's dtype; ValueError where it is none of its mesh."""
     state = of_mesh(state, scene.beam, name)
     broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state

@@ -1,6 +1,4 @@
-"""Supported nodes: their places and motions put into a state, and the motion of all nodes with
-frame a.
-"""
+"""Supported nodes: their places and motions put into a state; the motion of frame a."""
 
 from __future__ import annotations
 
@@ -31,9 +29,7 @@ def at_supports(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
 
 
 def at_rest(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
-    """A state at rest in frame a, in absolute velocities, what supports hold with the motion that
-    they have at its time.
-    """
+    """A state at rest in frame a, what supports hold with the motion that they have."""
     t = shared(state.t)
     velocity, spin = frame_motion(state, prescribed_motion)
     for support in prescribed_motion.scene.supports:
@@ -45,12 +41,9 @@ def at_rest(state: Placed, prescribed_motion: PrescribedMotion) -> Placed:
 
 
 def frame_motion(state: Placed, prescribed_motion: PrescribedMotion) -> tuple[Tensor, Tensor]:
-    """Velocity (..., N+1, 3) m/s, frame a, and spin (..., N+1, 3) rad/s, section axes, of nodes
-    that stand in frame a.
-    """
-    v, omega = (
-        None if x is None else x[..., None, :] for x in prescribed_motion.frame(shared(state.t))
-    )
+    """Velocity (..., N+1, 3) m/s, frame a, and spin, section axes, of nodes at rest in it."""
+    frame = prescribed_motion.frame(shared(state.t))
+    v, omega = (None if x is None else x[..., None, :] for x in frame)
     velocity = torch.zeros_like(state.position)
     spin = torch.zeros_like(velocity)
     if omega is not None:
@@ -71,10 +64,8 @@ def held_rotation(q: Tensor, at: Tensor, support: Any) -> Tensor:
 
 def _put_held(x: Tensor, support: Any, value: Tensor) -> Tensor:
     """`set_node`, of the components whose position is held."""
-    at = support.node
-    return set_node(
-        x, at, torch.where(torch.tensor(support.held[:3], device=x.device), value, x[..., at, :])
-    )
+    held, own = torch.tensor(support.held[:3], device=x.device), x[..., support.node, :]
+    return set_node(x, support.node, torch.where(held, value, own))
 
 
 def set_node(x: Tensor, node: int, value: Tensor) -> Tensor:

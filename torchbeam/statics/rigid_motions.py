@@ -5,7 +5,6 @@ the scene's plane, loads, and the stress that these have brought about.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,7 +14,6 @@ from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..math.block_tridiagonal import in_unit
 from ..math.shapes import broadcast_shapes
-from ..nodal import interactions
 from ..nodal import loads as external
 from ..nodal.coordinates.planar import PLANES
 from ..nodal.element_loads import element_matrix
@@ -93,7 +91,9 @@ def _forbidden(
         out = (normal, *(3 + j for j in range(3) if j != normal))
         rows += [row for k, row in enumerate(eye) if k % 6 in out]
     if model.joints.count:
-        G = _joined(problem, x).constraints()
+        w = model.space.unknowns
+        none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
+        G = model.joints.matrix(none, x.stress, problem.node_motion(x)).constraints()
         own = (size * model.unit).repeat(*(1,) * (size.ndim - 1), model.node_count)[..., None, :]
         G = G / torch.linalg.vector_norm(G * own, dim=-1, keepdim=True)
         rows += (G @ as_unknowns(problem, moves).flatten(-2).mT).unbind(-2)
@@ -118,7 +118,7 @@ def stiffness_of(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tup
     x; (..., 1, 1) the size of its terms.
     """
     model, space = problem.model, problem.model.space
-    own, _ = model.joints.split(x.stress)
+    own, _ = model.multipliers.split(x.stress)
     stress = space.geometric_stiffness(model.kinematics(x.position, x.rotation), own, model.length)
     by_node = model.unit  # all moves in m, all stiffnesses in N/m
     position, spins = by_node.split((space.dims.position, space.dims.spin), -1)
@@ -140,28 +140,16 @@ def stiffness_of(problem: SteadyProblem, x: Configuration, moves: Tensor) -> tup
 
 
 def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:
-    """What joints, loads between nodes, and tendons each add to the tangent."""
+    """What loads between nodes, and all else that is, each add to the tangent."""
     model = problem.model
     loads = element_matrix(model, problem.nodes(x), problem.conditions)
-    if model.joints.count:
-        yield _joined(problem, x)
     if loads is not None:
         yield loads.each(torch.neg)
-    if model.scene.tendons or model.scene.pairs or model.scene.interactions:
-        w = model.space.unknowns
+    if model.interactions:
+        motion, w = problem.node_motion(x), model.space.unknowns
         none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
-        tied = model.tendons.matrix(none, lambda: problem.tendon_motion(x))
-        tied = model.touching.matrix(tied, lambda: problem.touching_motion(x))
-        now, by = problem.conditions, problem.motion_by(None)
-        yield interactions.matrix(model, problem.nodes(x), now, by, tied)
-
-
-def _joined(problem: SteadyProblem, x: Configuration) -> Any:
-    """The matrix of the joints alone."""
-    joints = problem.model.joints
-    return joints.alone(
-        joints.blocks_of(problem.joint_poses(x), joints.split(x.stress)[1], None, 1.0)
-    )
+        for one in model.interactions:
+            yield one.matrix(none, x.stress, motion)
 
 
 def as_unknowns(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:

@@ -114,6 +114,11 @@ class Cut:
     joints: Joints
     ties: Ties = ()
 
+    @property
+    def multipliers(self) -> int:
+        """How many rows of these there are behind the nodes."""
+        return len(self.joints)
+
     def holds(self, nodes: tuple[int, ...]) -> bool:
         """Whether any of them is in the interface."""
         return bool(nodes and self.interface) and not {*nodes}.isdisjoint(self.interface)
@@ -151,7 +156,8 @@ def cut(
     ends of the chains that are held.
     """
     total = sum(N + 1 for N in chains)
-    joined = {node for nodes in (*joints, *ties) for node in nodes if node is not None}
+    joined = {node for pair in joints for node in pair if node is not None}
+    joined |= {node for nodes in ties for node in nodes if node < total + singles}
     interface = tuple(sorted(joined | set(range(total, total + singles))))
     place = {node: k for k, node in enumerate(interface)}
     runs, direct, start = [], [], 0
@@ -179,6 +185,7 @@ def cut(
     at = {node: k for k, node in enumerate(row)}
     order = even(at.get(node, len(row)) for node in range(total + singles))
     ends = tuple(tuple(None if node is None else place[node] for node in pair) for pair in joints)
+    place |= {total + singles + k: len(interface) + k for k in range(len(joints))}
     tied = tuple(tuple(place[node] for node in nodes) for nodes in ties)
     return Cut(interface, by_length, lines, order, tuple(direct), ends, tied)
 

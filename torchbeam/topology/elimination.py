@@ -1,5 +1,5 @@
 """Elimination: the lines of nodes between those of the interface, then a small dense system, of the
-interface's moves and the joints' forces.
+interface's moves and the multipliers.
 
 A line is eliminated node by node towards an interface node r, so that each one's moves follow from
 the next one's: x_i = y_i - A_i x_{i+1}, of the last one with x_r in the place of x_{i+1}. Where it
@@ -7,7 +7,7 @@ begins at another interface node l, y_i has columns f_i of x_l too, and the row 
 with its block g_i at the line's first node that is left: g_{i+1} = -g_i A_i. What is left of the
 last row and of g goes into the rows of r and l. A line with one end in the interface begins at the
 other, one with none is a chain by itself; lines alike are eliminated side by side. The dense system
-is solved with exchange of rows: it does not ask whether joints make trees or loops.
+is solved with exchange of rows: it does not ask whether ties make trees or loops.
 """
 
 from __future__ import annotations
@@ -67,19 +67,13 @@ def transposed(
     D: Tensor,
     U: Tensor,
     L: Tensor,
-    held: Tensor | None,
-    stiffness: Tensor | None,
-    force: Tensor | None,
-    constraint: Tensor | None,
-    tied: Tensor | None,
+    tied: Tensor | None = None,
+    held: Tensor | None = None,
 ) -> tuple[Tensor | None, ...]:
     """The parts of the transposed matrix."""
-    joints = (None,) * 4
-    if held is not None:
-        joints = held, stiffness.transpose(-4, -3).mT, constraint.mT, force.mT
     if tied is not None:
         tied = take(tied, how.tied_back, 2).mT
-    return D.mT, L.mT, U.mT, *joints, tied
+    return D.mT, L.mT, U.mT, tied, held
 
 
 def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
@@ -96,7 +90,7 @@ def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
     if max(how.order, default=0) == sum(part.shape[-2] for part in x):
         x.append(torch.zeros_like(x[0][..., :1, :]))
     found = take(torch.cat(broadcast_matrices(*x), -2), how.order)
-    return found if not how.joints else torch.cat((found, inner[..., interface:, :]), -2)
+    return found if not how.multipliers else torch.cat((found, inner[..., interface:, :]), -2)
 
 
 def condense(
@@ -105,14 +99,11 @@ def condense(
     D: Tensor,
     U: Tensor,
     L: Tensor,
-    held: Tensor | None = None,
-    stiffness: Tensor | None = None,
-    force: Tensor | None = None,
-    constraint: Tensor | None = None,
     tied: Tensor | None = None,
+    held: Tensor | None = None,
 ) -> tuple[Interface | None, list[Rows]]:
     """The interface's system, None where there is none, and the rows of each line."""
-    n, J, interface = D.shape[-3], len(how.joints), how.interface
+    n, J, interface = D.shape[-3], how.multipliers, how.interface
     system = Interface(len(interface) + J, D.shape[-1]) if interface or J else None
     if system is not None:
         own = range(len(interface))
@@ -125,7 +116,7 @@ def condense(
         if tied is not None:
             system.add(tied, *zip(*how.tied, strict=True))
         if J:
-            _join(how, system, b[..., n:, :], held, stiffness, force, constraint)
+            system.load(b[..., n:, :] * held, range(len(interface), system.count))
     return system, [eliminate(line, system, b, D, U, L) for line in how.lines]
 
 
@@ -239,29 +230,3 @@ def _sum(parts: list[Tensor], at: list[int], count: int, axes: int) -> Tensor:
     whole = torch.cat([x.expand(*shape, *x.shape[-1 - axes :]) for x in parts], -1 - axes)
     total = whole.new_zeros(*shape, count, *whole.shape[whole.ndim - axes :])
     return total.index_add(-1 - axes, index(tuple(at), whole.device), whole)
-
-
-def _join(
-    how: Cut,
-    system: Interface,
-    b: Tensor,
-    held: Tensor,
-    stiffness: Tensor,
-    force: Tensor,
-    constraint: Tensor,
-) -> None:
-    """What joints add to the interface's system. Forces that a joint has not are zero."""
-    rows = range(len(how.interface), system.count)
-    for i in (0, 1):
-        there = [k for k, pair in enumerate(how.joints) if pair[i] is not None]
-        ends, own = [how.joints[k][i] for k in there], [rows[k] for k in there]
-        system.add(take(force[..., i, :, :], tuple(there), 2), ends, own)
-        system.add(take(constraint[..., i, :, :], tuple(there), 2), own, ends)
-        for j in (0, 1):
-            both = [k for k in there if how.joints[k][j] is not None]
-            system.add(
-                take(stiffness[..., i, j, :, :], tuple(both), 2),
-                *([how.joints[k][end] for k in both] for end in (i, j)),
-            )
-    system.add(torch.diag_embed(1 - held), rows, rows)
-    system.load(b * held, rows)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import Any
 
 import torch
@@ -14,7 +15,7 @@ from torch.nn.functional import pad
 
 from ..math.quadratic import X
 from .cut import Cut, cut, pairs_of
-from .framework_matrix import FrameworkMatrix
+from .framework_matrix import FrameworkMatrix, dense_of
 from .framework_unknowns import FrameworkUnknowns
 from .places import Places, added, at_i, at_j, even, interleaved, take
 from .protocols import Blocks
@@ -28,10 +29,10 @@ class Framework:
              2, 3, 4; ... of it
     chains   elements of each line
     singles  how many nodes there are beside the lines
-    joints   pairs of nodes that a joint connects; None = the ground. None of them is inside an
+    joints   of each of `Joints` the nodes that it connects; None = the ground. None is inside an
              element of order 2
-    ties     nodes of which each one's balance depends on all others of the same tie, none of them
-             inside an element of order 2 either
+    ties     rows of which each depends on all others of the same tie: nodes, none of them inside an
+             element of order 2 either, and behind them the multipliers of joints
     """
 
     order: int
@@ -111,6 +112,7 @@ class Framework:
         if self.order == 1:
             return self
         place = {node: k for k, node in enumerate(self.ends)}
+        place |= {self.node_count + k: len(place) + k for k in range(len(self.joints))}
         return Framework(
             1,
             self.chains,
@@ -156,7 +158,7 @@ class Framework:
         return (i, j), (j, i), *far
 
     def at_joints(self, x: Tensor) -> Tensor:
-        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of each joint; zeros at
+        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of joints; zeros at
         the ground.
         """
         ends = take(x, self._joined).unflatten(-2, (-1, 2))
@@ -166,6 +168,35 @@ class Framework:
         """total (..., nodes, w) with (..., J, 2, w) of the joints' ends added."""
         push = (push * self._not_ground(push) if self._grounded else push).flatten(-3, -2)
         return added(total, self._joined, push, total.shape[-2], 1)
+
+    @cached_property
+    def joint_ties(self) -> tuple[tuple[int, ...], ...]:
+        """Rows of joints: of each its nodes, and that of its multipliers."""
+        rows = [(*pair, self.node_count + k) for k, pair in enumerate(self.joints)]
+        return tuple(tuple(row for row in own if row is not None) for own in rows)
+
+    def of_ties(self, blocks: Tensor) -> Tensor:
+        """Blocks (..., J, n, n, w, w) of joints, or of their ends alone -> (..., m, w, w) of their
+        ties.
+        """
+        n, blocks = blocks.shape[-3], blocks.flatten(-5, -3)
+        if not self._grounded:
+            return blocks
+        there = [[node is not None for node in (*pair, 0)[:n]] for pair in self.joints]
+        both = (a and b for own in there for a, b in product(own, own))
+        return take(blocks, tuple(k for k, is_there in enumerate(both) if is_there), 2)
+
+    def by_nodes(self, blocks: Tensor) -> Tensor:
+        """(..., J w, nodes w): rows of joints by the moves of their ends (..., J, 2, w, w)."""
+        there = [
+            (2 * k + i, k, node)
+            for k, pair in enumerate(self.joints)
+            for i, node in enumerate(pair)
+            if node is not None
+        ]
+        at, rows, columns = zip(*there, strict=True)
+        part = take(blocks.flatten(-4, -3), at, 2), rows, columns
+        return dense_of(len(self.joints), self.node_count, [part])
 
     @cached_property
     def tied(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -213,7 +244,7 @@ class Framework:
 def _there(
     joints: tuple[tuple[int | None, int | None], ...], dtype: torch.dtype, device: torch.device
 ) -> Tensor:
-    """(J, 2, 1) 1 where a joint's end is a node, 0 where it is the ground."""
+    """(J, 2, 1) 1 where an end of joints is a node, 0 where it is the ground."""
     there = [[[float(node is not None)] for node in pair] for pair in joints]
     return torch.tensor(there, dtype=dtype, device=device)
 

@@ -1,17 +1,15 @@
-"""Matrix of a framework: blocks on the diagonal, between the nodes of an element, of joints and of
-ties.
-"""
+"""Matrix of a framework: blocks on the diagonal, between the nodes of an element, and of ties."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..math.block_chain import BlockChain
 from ..math.shapes import broadcast_shapes
@@ -21,65 +19,47 @@ from .midside_nodes import condensed
 from .places import Places, added, even, index, take
 
 
-class JointBlocks(NamedTuple):
-    """Of J joints, each of two ends, of which one that is the ground has zeros; a joint has as many
-    constraints and forces as a node has unknowns, of which it uses those that it holds.
-
-    held        (J, w) 1 where there is a constraint, else 0
-    stiffness   (..., J, 2, 2, w, w): the ends' balances by their moves, at fixed joint forces
-    force       (..., J, 2, w, w): the ends' balances by the joint forces
-    constraint  (..., J, 2, w, w): the constraints by the ends' moves
-    """
-
-    held: Tensor
-    stiffness: Tensor
-    force: Tensor
-    constraint: Tensor
-
-
 @dataclass(frozen=True)
 class FrameworkMatrix:
     """See `protocols.Matrix`. diagonal (..., nodes, w, w); couplings, none where nodes have nothing
     in common: upper and lower (..., links, w, w), from each node of an element to the next one and
     back; of order 2 also far upper and far lower (..., N, w, w), from an element's first node to
-    its third and back; tied (..., n, w, w): of all pairs of the nodes of each tie, see
+    its third and back; tied (..., n, w, w): of all pairs of the rows of each tie, see
     `Framework.tied`, None = there are none.
 
-    With joints, vectors have a row (w) of each joint behind those of the nodes: its forces, or its
-    constraints.
+    held (J, w): vectors have J rows behind those of the nodes, of multipliers, or constraints, of
+    which those are there where it is 1, else 0; None = there are no such rows.
     """
 
     framework: Any
     diagonal: Tensor
     couplings: tuple[Tensor, ...] = ()
-    joints: JointBlocks | None = None
     tied: Tensor | None = None
+    held: Tensor | None = None
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
-        joints = () if self.joints is None else self.joints[1:]
-        return self.diagonal, *self.couplings, *joints, *(() if self.tied is None else (self.tied,))
+        return self.diagonal, *self.couplings, *(() if self.tied is None else (self.tied,))
 
     def __add__(self, other: FrameworkMatrix) -> FrameworkMatrix:
         couplings = self.couplings or other.couplings
         if self.couplings and other.couplings:
             couplings = tuple([a + b for a, b in zip(self.couplings, other.couplings, strict=True)])
-        joints = other.joints if self.joints is None else self.joints
-        tied = other if self.tied is None else self
-        diagonal = self.diagonal + other.diagonal
-        return FrameworkMatrix(tied.framework, diagonal, couplings, joints, tied.tied)
+        whole = replace(self, diagonal=self.diagonal + other.diagonal, couplings=couplings)
+        if other.tied is None:
+            return whole
+        return whole.tied_too(other.framework.ties, other.tied, other.held)
 
-    def joined(self, joints: JointBlocks) -> FrameworkMatrix:
-        """With the joints."""
-        return replace(self, joints=joints)
-
-    def tied_too(self, ties: tuple[tuple[int, ...], ...], blocks: Tensor) -> FrameworkMatrix:
-        """With more ties, of these nodes: blocks (..., n, w, w) of all pairs of each."""
+    def tied_too(
+        self, ties: tuple[tuple[int, ...], ...], blocks: Tensor, held: Tensor | None = None
+    ) -> FrameworkMatrix:
+        """With more ties, of these rows: blocks (..., n, w, w) of all pairs of each."""
         if self.tied is not None:
             ties, every = (*self.framework.ties, *ties), (self.tied, blocks)
             shape = broadcast_shapes(*(x.shape[:-3] for x in every))
             blocks = torch.cat([x.expand(*shape, *x.shape[-3:]) for x in every], -3)
-        return replace(self, framework=_with_ties(self.framework, ties), tied=blocks)
+        framework, held = _with_ties(self.framework, ties), self.held if held is None else held
+        return replace(self, framework=framework, tied=blocks, held=held)
 
     def plus(self, blocks: Tensor) -> FrameworkMatrix:
         return replace(self, diagonal=self.diagonal + blocks)
@@ -113,52 +93,31 @@ class FrameworkMatrix:
                 y = y + of.scatter((far[0], torch.zeros_like(far[0]), far[1]))
         if self.tied is not None:
             rows, columns = of.tied
-            moves = take(nodes, columns)
-            y = added(y, rows, (self.tied @ moves[..., None])[..., 0], y.shape[-2], 1)
-        return y if self.joints is None else self._with_joints(x, y)
-
-    def _with_joints(self, x: Tensor, y: Tensor) -> Tensor:
-        _, stiffness, force, constraint = self.joints
-        ends = self.framework.at_joints(x)  # (..., J, 2, w)
-        forces = x.narrow(-2, self.framework.node_count, len(self.framework.joints))
-        push = (
-            torch.einsum("...abij,...bj->...ai", stiffness, ends)
-            + (force @ forces[..., None, :, None])[..., 0]
-        )
-        closed = (constraint @ ends[..., None])[..., 0].sum(-2)
-        y = self.framework.from_joints(push, y)
-        return torch.cat((y, closed.expand(*y.shape[:-2], *closed.shape[-2:])), -2)
+            y = y if self.held is None else pad(y, (0, 0, 0, len(self.held)))
+            push = (self.tied @ take(x, columns)[..., None])[..., 0]
+            y = added(y, rows, push, y.shape[-2], 1)
+        return y
 
     def dense(self) -> Tensor:
-        """Of the nodes, with the joints' stiffness."""
+        """Of the nodes."""
         nodes = tuple(range(self.framework.node_count))
         parts = [(self.diagonal, nodes, nodes)]
         pairs = zip(self.couplings, self.framework.pairs, strict=False)
         parts += [(A, *pair) for A, pair in pairs]
         if self.tied is not None:
-            parts.append((self.tied, *self.framework.tied))
-        for i, j in product((0, 1), (0, 1)) if self.joints is not None else ():
-            there = [
-                k
-                for k, pair in enumerate(self.framework.joints)
-                if pair[i] is not None and pair[j] is not None
-            ]
-            rows, columns = (tuple(self.framework.joints[k][end] for k in there) for end in (i, j))
-            parts.append((self.joints.stiffness[..., there, i, j, :, :], rows, columns))
-        return _dense(len(nodes), len(nodes), parts)
+            at, *pair = _tied_at(self.framework, False)
+            parts.append((take(self.tied, at, 2), *pair))
+        return dense_of(len(nodes), len(nodes), parts)
 
     def constraints(self) -> Tensor:
-        """(..., m, w nodes): those of the joints, of which there are m, by the nodes' moves."""
-        parts = []
-        for i in (0, 1):
-            there = [k for k, pair in enumerate(self.framework.joints) if pair[i] is not None]
-            columns = tuple(self.framework.joints[k][i] for k in there)
-            parts.append((self.joints.constraint[..., there, i, :, :], tuple(there), columns))
-        whole = _dense(len(self.framework.joints), self.framework.node_count, parts)
-        return whole.index_select(-2, self.joints.held.flatten().nonzero()[:, 0])
+        """(..., m, w nodes): of those that are held, of which there are m, by the nodes' moves."""
+        at, *pair = _tied_at(self.framework, True)
+        own = take(self.tied, at, 2), *pair
+        whole = dense_of(len(self.held), self.framework.node_count, [own])
+        return whole.index_select(-2, self.held.flatten().nonzero()[:, 0])
 
     def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
-        if self.joints is not None or self.tied is not None:
+        if self.tied is not None:
             return FrameworkRows(nodes, None, self)
         parts, blocks = [], self.tensors
         for places, columns in _row_places(self.framework, nodes, bool(self.couplings)):
@@ -167,10 +126,10 @@ class FrameworkMatrix:
         return FrameworkRows(nodes, tuple(parts), None)
 
     def grouped(self, unknowns: FrameworkUnknowns, held: float) -> BlockChain | None:
-        """Where it is one line, in which nothing is joined or tied: of nodes, or of order 2 of
+        """Where it is one line, in which nothing is tied: of nodes, or of order 2 of
         groups of an end and the midside node before it, of which the first has none.
         """
-        if not self.framework.is_line or self.joints is not None or self.tied is not None:
+        if not self.framework.is_line or self.tied is not None:
             return None
         size = held * self.diagonal.diagonal(dim1=-2, dim2=-1).abs().amax((-1, -2))[..., None, None]
         D, *couplings = self.diagonal, *self._couplings()
@@ -192,26 +151,30 @@ class FrameworkMatrix:
         return tuple([none.expand(*none.shape[:-3], n, *none.shape[-2:]) for n in counts])
 
     def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:
-        of, D, couplings, joints = self.framework, self.diagonal, self._couplings(), self.joints
+        of, D, couplings = self.framework, self.diagonal, self._couplings()
         cut, tied = of.cut_without(unknowns.held), self.tied
         if unknowns.partial or cut.holds(unknowns.held):
             free = unknowns.mask
             D, *couplings = masked(of, free, D, *couplings)
-            if joints is not None:
-                at = of.at_joints(free)[..., None]  # (J, 2, w, 1)
-                joints = JointBlocks(
-                    joints.held,
-                    joints.stiffness * at[..., :, None, :, :] * at[..., None, :, :, :].mT,
-                    joints.force * at,
-                    joints.constraint * at.mT,
-                )
             if tied is not None:
+                if self.held is not None:
+                    free = torch.cat((free, torch.ones_like(self.held)))
                 rows, columns = (take(free, side)[..., None] for side in of.tied)
                 tied = tied * rows * columns.mT
         midside = None
         if of.order == 2:
             D, *couplings, midside = condensed(of, D, *couplings)
-        return FrameworkSystem(of, unknowns, cut, D, *couplings, joints, midside, tied)
+        return FrameworkSystem(of, unknowns, cut, D, *couplings, midside, tied, self.held)
+
+
+@lru_cache(maxsize=64)
+def _tied_at(framework: Any, own: bool) -> tuple[tuple[int, ...], ...]:
+    """Which of the ties' blocks are by moves of nodes, of balances of nodes, or of the rows (own)
+    behind them; the rows and columns there.
+    """
+    n, pairs = framework.node_count, enumerate(zip(*framework.tied, strict=True))
+    there = [(k, i - n * own, j) for k, (i, j) in pairs if j < n and (i >= n) == own]
+    return tuple(zip(*there, strict=True))
 
 
 @lru_cache(maxsize=64)
@@ -241,7 +204,7 @@ def _paired(size: Tensor, D: Tensor, U: Tensor, L: Tensor, *far: Tensor) -> Bloc
 
 class FrameworkRows(NamedTuple):
     """See `protocols.MatrixRows`. parts: of each node its row's blocks (w, m w), and of which m
-    nodes they are; None = those of the matrix, which joints or ties have a part in.
+    nodes they are; None = those of the matrix, which ties have a part in.
     """
 
     nodes: tuple[int, ...]
@@ -261,9 +224,8 @@ class FrameworkRows(NamedTuple):
             return self._replace(parts=parts)
         A = self.matrix
         couplings, tied = tuple([x.detach() for x in A.couplings]), A.tied
-        joints = None if A.joints is None else JointBlocks(*(x.detach() for x in A.joints))
         tied = None if tied is None else tied.detach()
-        matrix = FrameworkMatrix(A.framework, A.diagonal.detach(), couplings, joints, tied)
+        matrix = FrameworkMatrix(A.framework, A.diagonal.detach(), couplings, tied, A.held)
         return self._replace(matrix=matrix)
 
 
@@ -271,7 +233,7 @@ class FrameworkRows(NamedTuple):
 def _row_places(
     framework: Any, nodes: tuple[int, ...], coupled: bool
 ) -> tuple[tuple[tuple[tuple[int, int], ...], Places], ...]:
-    """Of rows of a matrix without joints and ties: the numbers and the places of their blocks, see
+    """Of rows of a matrix without ties: the numbers and the places of their blocks, see
     `FrameworkMatrix.tensors`, and the nodes of their columns.
     """
     there: dict[int, list[tuple[int, int, int]]] = {node: [(node, 0, node)] for node in nodes}
@@ -285,7 +247,7 @@ def _row_places(
     )
 
 
-def _dense(
+def dense_of(
     rows: int, columns: int, parts: list[tuple[Tensor, tuple[int, ...], tuple[int, ...]]]
 ) -> Tensor:
     """(..., w rows, w columns) of blocks (..., K, w, w), each with the places of its rows and

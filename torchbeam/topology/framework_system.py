@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -22,8 +22,8 @@ from .midside_nodes import Midside
 @dataclass(frozen=True)
 class FrameworkSystem:
     """See `protocols.System`. Of the elements' end nodes: D (..., n, w, w), U and L
-    (..., N, w, w) from an element's first end to its last and back; joints: `JointBlocks`, tied
-    (..., n, w, w) of ties, None = there are none.
+    (..., N, w, w) from an element's first end to its last and back; tied (..., n, w, w) of ties,
+    and held, see `FrameworkMatrix`; None = there are none.
     """
 
     framework: Any
@@ -32,22 +32,21 @@ class FrameworkSystem:
     D: Tensor
     U: Tensor
     L: Tensor
-    joints: Any | None
     midside: Midside | None = None
     tied: Tensor | None = None
+    held: Tensor | None = None
 
     @property
     def _parts(self) -> tuple[Tensor | None, ...]:
         """As `solve` and `condense` take them."""
-        joints = (None,) * 4 if self.joints is None else self.joints
-        return self.D, self.U, self.L, *joints, self.tied
+        return self.D, self.U, self.L, self.tied, self.held
 
     def solve(self, b: Tensor, constant: bool = True) -> Tensor:
-        """b (..., nodes + J, w): with joints, behind the nodes what their constraints are to change
-        by; their forces then.
+        """b (..., nodes + J, w): behind the nodes what constraints are to change by; multipliers
+        then.
         """
         n, unknowns, own = self.framework.node_count, self.unknowns, None
-        nodes, forces = (b, None) if self.joints is None else b.split((n, b.shape[-2] - n), -2)
+        nodes, forces = (b, None) if self.held is None else b.split((n, b.shape[-2] - n), -2)
         if unknowns.partial or self.cut.holds(unknowns.held):
             nodes = nodes * unknowns.mask
         if self.midside is not None:
@@ -66,7 +65,7 @@ class FrameworkSystem:
         return nodes if forces is None else torch.cat((nodes, x[..., n:, :]), -2)
 
     def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Of midside nodes, of the runs, and of the interface where joints leave it free."""
+        """Of midside nodes, of the runs, and of the interface where constraints leave it free."""
         pivots, sound = [], torch.ones((), dtype=torch.bool, device=self.D.device)
         for line in self.cut.lines:
             own, well = finite_pivots(*blocks(line, self.D, self.U, self.L))
@@ -104,7 +103,7 @@ class FrameworkSystem:
         how, w = self.cut, self.D.shape[-1]
         if not how.interface:
             return []
-        none = self.D.new_zeros(self.D.shape[-3] + len(how.joints), w)
+        none = self.D.new_zeros(self.D.shape[-3] + how.multipliers, w)
         dense, n = condense(how, none, *self._parts)[0].dense(), len(how.interface) * w
         # a run is singular: so is this
         dense = torch.where(torch.isfinite(dense).all(-1).all(-1)[..., None, None], dense, 0.0)
@@ -112,8 +111,8 @@ class FrameworkSystem:
         if unit is not None:
             own = unit.repeat(*(1,) * (unit.ndim - 1), len(how.interface))
             K, G = own[..., :, None] * K * own[..., None, :], G * own[..., None, :]
-        if how.joints:
-            Z = torch.linalg.svd(G).Vh[..., int(self.joints.held.sum()) :, :].mT
+        if how.multipliers:
+            Z = torch.linalg.svd(G).Vh[..., int(self.held.sum()) :, :].mT
             K = Z.mT @ K @ Z
         more = -K.shape[-1] % w if K.shape[-1] else w
         K = pad(K, (0, more, 0, more)) + torch.diag_embed(
@@ -122,13 +121,10 @@ class FrameworkSystem:
         return [_block_pivots(K, w)]
 
     def detach(self) -> FrameworkSystem:
-        joints = (
-            None if self.joints is None else type(self.joints)(*(x.detach() for x in self.joints))
-        )
         midside = None if self.midside is None else self.midside.detach()
         tied = None if self.tied is None else self.tied.detach()
-        own = (x.detach() for x in (self.D, self.U, self.L))
-        return FrameworkSystem(self.framework, self.unknowns, self.cut, *own, joints, midside, tied)
+        own = {name: getattr(self, name).detach() for name in "DUL"}
+        return replace(self, **own, midside=midside, tied=tied)
 
 
 def _block_pivots(K: Tensor, w: int) -> tuple[Tensor, Tensor, Tensor]:

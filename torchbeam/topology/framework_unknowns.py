@@ -41,7 +41,7 @@ class FrameworkUnknowns:
         nodes, held = framework.node_count, []
         if framework.order == 1:
             some = moving.any(-1).tolist()
-            joined = {node for pair in (*framework.joints, *framework.ties) for node in pair}
+            joined = {*framework.cut.interface}
             fixed = [not some[k] and k not in joined for k in range(nodes)]
             for start, N in zip(framework.starts, framework.chains, strict=True):
                 before = [*takewhile(fixed.__getitem__, range(start, start + N))]

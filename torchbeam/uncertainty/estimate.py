@@ -54,6 +54,11 @@ class Estimate:
     method: str
     reasons: Mapping[str, int] = field(default_factory=dict)
 
+    @classmethod
+    def about(cls, centre: Tensor, half: Tensor, *rest: Any) -> Estimate:
+        """With an interval of that half width."""
+        return cls(centre, centre - half, centre + half, *rest)
+
     @property
     def failed(self) -> int:
         return sum(self.reasons.values())
@@ -130,7 +135,7 @@ def mean(groups: Sequence[Tensor], level: float, reasons: Mapping[str, int]) -> 
     y = groups[0]
     centre = y.mean(0)
     half = student_half(y, level) if len(y) > 1 else centre + math.inf
-    return Estimate(centre, centre - half, centre + half, level, len(y), "Student's t", reasons)
+    return Estimate.about(centre, half, level, len(y), "Student's t", reasons)
 
 
 def quantile(
@@ -208,16 +213,9 @@ def replicated(
     centre, each = _values(
         statistic, [pooled, *(y for y in groups if len(y) >= fewest)]
     ).tensor_split([1])
+    method = f"{len(each)} replicates"
     half = student_half(each, level)
-    return Estimate(
-        centre[0],
-        centre[0] - half,
-        centre[0] + half,
-        level,
-        len(pooled),
-        f"{len(each)} replicates",
-        reasons,
-    )
+    return Estimate.about(centre[0], half, level, len(pooled), method, reasons)
 
 
 def bootstrap(
@@ -278,7 +276,11 @@ def share_half(shares: Tensor, level: float, n: int) -> Tensor:
 
 def at_levels(y: Tensor, level: Tensor) -> Tensor:
     """Quantiles (...) of sorted samples (n, ...), each number at a level of its own (...)."""
-    place = level * (len(y) - 1)
+    return between(y, level * (len(y) - 1))
+
+
+def between(y: Tensor, place: Tensor) -> Tensor:
+    """Values (...) of rows y (n, ...) at places (...) from 0 to n - 1, linear between rows."""
     below = place.floor().long()
     a, b = (y.gather(0, k[None])[0] for k in (below, (below + 1).clamp_max(len(y) - 1)))
     return torch.lerp(a, b, place - below)

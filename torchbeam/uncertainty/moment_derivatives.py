@@ -142,7 +142,7 @@ def moment_derivatives(
     method = f"{len(good)} replicates"
     return MomentDerivatives(
         *(
-            Estimate(centre, centre - half, centre + half, level, samples, method, reasons)
+            Estimate.about(centre, half, level, samples, method, reasons)
             for centre, half in zip(pooled, halves, strict=True)
         )
     )

@@ -3,6 +3,7 @@ what is refused.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -12,8 +13,8 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.math import quaternions as quat
+from torchbeam.nodal.between_nodes import NodeMotion
 from torchbeam.nodal.discretise import discretise
-from torchbeam.nodal.joint_motion import JointDrive, JointMotion
 
 AXIS, AT = (0.6, 0.0, 0.8), (0.9, 0.2, 0.1)
 PAIRS = {
@@ -94,17 +95,7 @@ class Step:
         self.start = random(n, 3), quat.normalize(torch.eye(1, 4) + 0.3 * random(n, 4, seed=1))
         self.u, self.m = 0.2 * random(n, 3, seed=2), quat.exponential(0.2 * random(n, 3, seed=3))
         t = torch.tensor(0.3)
-        values = self.own.values(model.scene.joints, t, {}, t)
-        self.drive = (
-            JointDrive(values, share=torch.tensor(0.7))
-            if still
-            else JointDrive(
-                values,
-                torch.zeros(1, 2),
-                torch.tensor(0.1),
-                moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)),
-            )
-        )
+        self.now = SimpleNamespace(joints=self.own.values(model.scene, t, {}, t))
 
     def end(self, move):
         turned = quat.multiply(quat.exponential(move[:, 3:]), quat.multiply(self.start[1], self.m))
@@ -114,16 +105,18 @@ class Step:
         return self.start[0] + 2 * (self.u + move[:, :3]), quat.multiply(turned, again)
 
     def __call__(self, move):
-        end = self.own.pose(*self.end(move))
         if self.still:
-            return JointMotion(end, end, None, self.drive)
-        start = self.own.pose(*self.start)
-        return JointMotion(start.mean(end), end, start, self.drive)
+            return NodeMotion(self.now, None, None, self.end(move), share=torch.tensor(0.7))
+        n = len(move)
+        return NodeMotion(
+            self.now, None, None, self.end(move), self.start, mean=True, dt=torch.tensor(0.1),
+            moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)),
+            state=SimpleNamespace(joints=torch.zeros(1, 12)), half=self.half,
+        )  # fmt: skip
 
-    @property
     def half(self):
         R, R_n = (quat.matrix(q) for q in (quat.multiply(self.start[1], self.m), self.start[1]))
-        return None if self.still else (torch.eye(3) + R @ R_n.mT) / 2
+        return (torch.eye(3) + R @ R_n.mT) / 2
 
 
 @pytest.mark.parametrize("still", [False, True])
@@ -134,11 +127,9 @@ def test_tangent_is_the_derivative(kind, law, pair, still):
     model = joined(kind, law, pair)
     step, n, force = Step(model, still), model.node_count, random(1, 6)
     none, gap = torch.zeros(n, 6), torch.zeros(0, 6)
-    nodes_by, gap_by = jacrev(lambda move: step.own.balance(none, gap, force, lambda: step(move)))(
-        none
-    )
-    blocks = step.own.blocks_of(step(none), force, step.half, 1.0 if still else 2.0)
-    matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(blocks)
+    nodes_by, gap_by = jacrev(lambda move: step.own.balance(none, gap, force, step(move)))(none)
+    blocks = step.own.blocks_of(step(none), force)
+    matrix = step.own.tied(model.topology.diagonal(torch.zeros(n, 6, 6)), blocks, step.own.held)
     assert_close(matrix.dense().view(n, 6, n, 6), nodes_by, rtol=1e-11, atol=1e-11)
     held = step.own.held.flatten() > 0
     assert_close(matrix.constraints().view(-1, n, 6), gap_by[0][held], rtol=1e-11, atol=1e-11)

@@ -71,7 +71,7 @@ def test_tangent_is_the_derivative(kind, pair):
     R, R_n = (quat.matrix(q) for q in (quat.multiply(start[1], m), start[1]))
     half = (torch.eye(3) + R @ R_n.mT) / 2
     blocks = own.blocks(acting(none), own.pose(*end(none)), force, half, 2.0)
-    matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(blocks)
+    matrix = own.tied(model.topology.diagonal(torch.zeros(n, 6, 6)), blocks, own.held)
     assert_close(matrix.dense().view(n, 6, n, 6), load, rtol=0, atol=1e-12)
     held = own.held.flatten() > 0
     assert_close(matrix.constraints().view(-1, n, 6), gap[0][held], rtol=0, atol=1e-12)
@@ -81,7 +81,7 @@ def test_tangent_is_the_derivative(kind, pair):
             own.pose(start[0] + move[:, :3], quat.multiply(quat.exponential(move[:, 3:]), start[1]))
         )
     )
-    matrix = model.topology.diagonal(torch.zeros(n, 6, 6)).joined(steady)
+    matrix = own.tied(model.topology.diagonal(torch.zeros(n, 6, 6)), steady, own.held)
     assert_close(matrix.constraints().view(-1, n, 6), moved(none)[0][held], rtol=0, atol=1e-12)
     after = end(none)
     turn = quat.multiply(after[1], quat.conjugate(start[1]))
@@ -100,9 +100,6 @@ def test_holds_as_many_as_it_says_where_it_is_drawn(kind):
         pose = own.pose(beam.nodes, beam.frames)
         assert_close(own.gap(pose), torch.zeros(1, 6), rtol=0, atol=1e-15)
         blocks = own.blocks(pose, pose, torch.zeros(1, 6), None, 1.0)
-        G = (
-            model.topology.diagonal(torch.zeros(model.node_count, 6, 6))
-            .joined(blocks)
-            .constraints()
-        )
+        none = model.topology.diagonal(torch.zeros(model.node_count, 6, 6))
+        G = own.tied(none, blocks, own.held).constraints()
         assert int(torch.linalg.matrix_rank(G)) == model.scene.joints[0].holds == len(G)

@@ -3,7 +3,7 @@ tangents, what they keep; in both engines.
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -11,11 +11,15 @@ from torch.func import jacfwd
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam import extend
+from torchbeam.core.leaves import bound
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise
-from torchbeam.scene.effects.obstacles import beyond
-from torchbeam.scene.effects.rounded_box import RoundedBox
+from torchbeam.nodal.surface_pairs import numbers_of, with_numbers
+from torchbeam.plot.solids import surface_mesh
+from torchbeam.scene.effects.drag import norm
+from torchbeam.scene.effects.obstacle import unit
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
@@ -50,22 +54,69 @@ def fallen(x=None, surface=BOX, height=0.028, spin=(8.0, 3.0, 0), rod=None, **la
     return scene, replace(start, velocity=velocity, spin=start.spin + last * torch.tensor(spin))
 
 
-def test_a_rounded_box_is_as_far_as_the_obstacle_that_it_is_of():
-    bar = tb.Cylinder((0.01, 0, 0), (0.3, 1, 0.2), 0.02)
-    x = 0.05 * torch.randn(50, 3, generator=torch.Generator().manual_seed(0))
-    for shape in (BOX, CAPSULE, bar, tb.Sphere((0, 0.01, 0), 0.02)):
-        shape = shape.__class__(**{k: torch.as_tensor(v, dtype=x.dtype) if v is not None else None
-                                   for k, v in vars(shape).items()
-                                   if k not in ("drift", "turning", "inside", "spin")})  # fmt: skip
-        box = RoundedBox.of(shape)
-        gap = beyond((x - box.centre) @ box.axes, box.half, box.rounding[None]).gap
-        out = shape.distance(x) > -float(box.rounding)  # deeper in a side is as near as another
-        assert_close(gap[out], shape.distance(x)[out], rtol=1e-12, atol=1e-14)
-        assert out.sum() > 10
+@dataclass(frozen=True)
+class Puck(extend.Obstacle):
+    """A shape that no list knows: a disc about z with a rounded edge."""
+
+    centre: extend.Value = extend.leaf(1, size=3)
+    sizes: extend.Value = extend.leaf(1, size=3, positive=True)  # radius, half height, rounding
+    PLACE = "centre"
+    of_bodies = True
+
+    @property
+    def reach(self):
+        return self.centre.norm(dim=-1) + self.sizes.sum(-1)
+
+    def beyond(self, x):
+        y = self._from(x)
+        out = norm(y[..., :2])
+        return torch.cat((out, y[..., 2:].abs()), -1) - self.sizes[..., None, :2], y
+
+    def distance(self, x):
+        q, _ = self.beyond(x)
+        inside = q.amax(-1, keepdim=True).clamp(max=0)
+        return norm(q.clamp(min=0)) + inside - self.sizes[..., None, 2:]
+
+    def gradient(self, x):
+        q, y = self.beyond(x)
+        out = torch.where(
+            (q > 0).any(-1, keepdim=True), q.clamp(min=0), 1.0 * (q >= q.amax(-1, keepdim=True))
+        )
+        out = unit(out)
+        return torch.cat((out[..., :1] * unit(y[..., :2]), out[..., 1:] * y[..., 2:].sign()), -1)
+
+
+PUCK = Puck((0.001, 0, 0), (0.02, 0.006, 0.008))
+BAR = tb.Cylinder((0.01, 0, 0), (0.3, 1, 0.2), 0.02)
+SHAPES = {"box": BOX, "capsule": CAPSULE, "bar": BAR, "ball": tb.Sphere((0, 0.01, 0), 0.02),
+          "puck": PUCK}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_is_the_same_fixed_and_on_a_body(name):
+    """Its distance has its gradient; what a body keeps of it, its numbers, is as far from points as
+    it is; and the mean of its gradients does on a way what its distance changes by, of a box and a
+    capsule as long as the way is along one face, edge or corner.
+    """
+    g = torch.Generator().manual_seed(0)
+    x, way = (s * torch.randn(40, 3, generator=g, dtype=torch.float64) for s in (0.05, 0.02))
+    shape = bound(SHAPES[name], x.dtype, x.device)
+    (slope,) = torch.autograd.grad(shape.distance(x.requires_grad_()).sum(), x)
+    assert_close(shape.gradient(x), slope, rtol=0, atol=1e-12)
+    x = x.detach()
+    assert (shape.gradient(x).norm(dim=-1) - 1).abs().max() < 1e-12
+    own = shape.in_body
+    own = with_numbers(type(own), numbers_of(own).expand(4, -1))
+    assert_close(own.distance(x.view(4, 10, 3)).view(40, 1), shape.distance(x), rtol=0, atol=1e-15)
+    parts = name in ("box", "capsule")
+    way = 1e-4 * way if parts else way
+    mean = (own.mean_gradient(*(p.view(4, 10, 3) for p in (x, x + way))).view(40, 3) * way).sum(-1)
+    change = (shape.distance(x + way) - shape.distance(x))[:, 0]
+    assert ((mean - change).abs() < 1e-14).sum() >= (36 if parts else 40)
 
 
 @pytest.mark.parametrize("law", [{}, RUBS], ids=["smooth", "rough"])
-@pytest.mark.parametrize("surface", [BOX, CAPSULE], ids=["box", "capsule"])
+@pytest.mark.parametrize("surface", [BOX, CAPSULE, PUCK], ids=["box", "capsule", "puck"])
 def test_tangent_is_the_derivative_of_the_forces(surface, law):
     scene, start = fallen(surface=surface, height=0.021, **law)
     model, dt = discretise(scene), torch.tensor(1e-3)
@@ -78,13 +129,13 @@ def test_tangent_is_the_derivative_of_the_forces(surface, law):
     def forces(move):
         moved = problem.update(x, move, torch.zeros_like(x.stress))
         kinematics = problem.motion.kinematics(moved.u, moved.m)
-        return model.touching.loaded(zero, lambda: problem.touching_motion(kinematics))
+        return model.touching.loaded(zero, problem.node_motion(kinematics))
 
     kinematics = problem.motion.kinematics(x.u, x.m)
     assert forces(zero).abs().max() > 1
     wanted = jacfwd(forces)(zero).flatten(0, 1).flatten(-2)
     none = model.topology.diagonal(torch.zeros(5, 6, 6))
-    found = model.touching.matrix(none, lambda: problem.touching_motion(kinematics)).dense()
+    found = model.touching.matrix(none, x.stress, problem.node_motion(kinematics)).dense()
     assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())
 
 
@@ -169,6 +220,34 @@ def test_a_box_on_a_floor_and_a_beam_on_a_fixed_capsule():
     forces = [tb.sensors.ContactForce(scene)(tb.equilibrium(scene))[2] for scene in (one, two)]
     assert forces[0] > 0.05
     assert_close(forces[1], forces[0], rtol=0.02, atol=0)  # of places along the curve
+
+
+def test_a_shape_of_ones_own_is_one_class():
+    """On a body: native steps are the eager ones, a beam is as far from it as from the fixed one,
+    and a picture has it.
+    """
+    ends = []
+    for engine in ("eager", "compiled"):
+        scene, start = fallen(surface=PUCK, height=0.022)
+        options = dict(step=5e-4, initial=start, engine=engine, tolerance=1e-13)
+        state = tb.simulate(scene, [0.0, 3e-3], **options).state[-1]
+        ends.append(torch.cat((state.position, state.rotation, 1e-2 * state.velocity), -1))
+    assert (
+        ends[0] - torch.cat((start.position, start.rotation, 1e-2 * start.velocity), -1)
+    ).abs().amin(-1)[4] > 1e-7
+    assert_close(ends[1], ends[0], rtol=0, atol=1e-12)
+
+    terms = dict(radius=R, thickness=2e-3, force=2000.0)
+    beam = tb.Beam.straight(0.12, 3, SECTION, root=(-0.06, 0, 0.021))
+    fixed = tb.Scene(beam, [tb.Contact(PUCK, **terms)])
+    parts = {"rod": beam, "puck": tb.Body(1.0, 1e-3, surface=PUCK)}
+    clamps = [tb.Support(("rod", 0)), tb.Support("puck")]
+    moving = tb.Scene(parts, [tb.Contact("rod", "puck", **terms)], supports=clamps)
+    for scene in (fixed, moving):
+        assert_close(tb.sensors.ContactGap(scene)(tb.rest(scene)), torch.tensor([0.002]))
+    puck = bound(PUCK, torch.float64, torch.device("cpu"))
+    mesh = surface_mesh(puck, 1.0)
+    assert puck.distance(mesh.points).abs().max() < 1e-9 and len(mesh.quads) > 100
 
 
 M, G, FORCE, THICK = 0.1, 9.81, 2.0, 1e-3

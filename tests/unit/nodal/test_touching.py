@@ -11,6 +11,7 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
 from torchbeam.equations.midpoint import MidpointProblem
+from torchbeam.nodal.between_nodes import NodeMotion
 from torchbeam.nodal.centreline import (
     bernstein,
     control_shares,
@@ -19,7 +20,8 @@ from torchbeam.nodal.centreline import (
     piece_nodes,
 )
 from torchbeam.nodal.discretise import discretise
-from torchbeam.nodal.touching_motion import TouchingMotion
+from torchbeam.nodal.element_loads import Way
+from torchbeam.nodal.loads import Nodes
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
@@ -154,13 +156,13 @@ def test_tangent_is_the_derivative_of_the_forces(tapers, rubs, method, plane):
     def forces(move):
         moved = problem.update(x, move, torch.zeros_like(x.stress))
         kinematics = problem.motion.kinematics(moved.u, moved.m)
-        return model.touching.loaded(zero, lambda: problem.touching_motion(kinematics))
+        return model.touching.loaded(zero, problem.node_motion(kinematics))
 
     kinematics = problem.motion.kinematics(x.u, x.m)
     assert forces(zero).abs().max() > 1
     wanted = jacfwd(forces)(zero).flatten(0, 1).flatten(-2)
     none = model.topology.diagonal(zero[..., None].expand(*zero.shape, zero.shape[-1]) * 0)
-    found = model.touching.matrix(none, lambda: problem.touching_motion(kinematics)).dense()
+    found = model.touching.matrix(none, x.stress, problem.node_motion(kinematics)).dense()
     assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())
 
 
@@ -347,7 +349,10 @@ def test_what_goes_through_an_axis_is_told_from_what_goes_past_it():
     still = beam.nodes.expand(len(WAYS), 5, 3)
     position = torch.cat((still, middle[:, None]), -2)
     half = torch.cat((torch.zeros_like(still), half[:, None]), -2)
-    found = touching.passed(lambda: TouchingMotion(position, half, None, None, None, dict))
+    nodes, way = Nodes(position, None), Way(position, half)
+    found = touching.passed(
+        NodeMotion(None, lambda reads: nodes, dict, nodes[:2], nodes[:2], way=lambda: way)
+    )
     assert found.tolist() == wanted.tolist()
 
 

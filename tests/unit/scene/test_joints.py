@@ -116,3 +116,14 @@ def test_no_axis(joint):
         joint(("arm", -1), None, axis=None)
     with pytest.raises(ValueError, match="None was given; numbers or a tensor are wanted"):
         tb.Body(1.0, position=None)
+
+
+@pytest.mark.parametrize("form", [lambda x: x, lambda x: [x], lambda x: iter((x,))])
+def test_a_support_keeps_a_body_without_inertia_from_turning(form):
+    scene = tb.Scene({"hub": tb.Body(0.1)}, supports=form(tb.Support("hub")))
+    assert [support.clamp for support in scene.supports] == [True]
+
+
+def test_what_is_no_support_of_a_body_without_inertia_is_refused():
+    with pytest.raises(ValueError, match="without inertia was given"):
+        tb.Scene({"hub": tb.Body(0.1)}, supports=[3])

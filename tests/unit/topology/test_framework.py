@@ -7,7 +7,6 @@ import torch
 from torch.testing import assert_close
 
 from torchbeam.topology.framework import Framework
-from torchbeam.topology.framework_matrix import JointBlocks
 
 W = 3
 CASES = {  # chains, singles, joints as (chain, end) or single numbers; None = the ground
@@ -84,10 +83,11 @@ def system(of, batch=(), held_by="a roller"):
     held[:, 0] = 0  # fewer constraints than there are moves
     held[1::2, 1] = 0
     if J:
-        force, constraint = random(*batch, J, 2, W, W), random(*batch, J, 2, W, W)
-        stiffness = random(*batch, J, 2, 2, W, W)
-        rows, columns = held[:, None, :, None], held[:, None, None, :]
-        matrix = matrix.joined(JointBlocks(held, stiffness, force * columns, constraint * rows))
+        blocks = random(*batch, J, 3, 3, W, W)
+        blocks[..., :2, 2, :, :] *= held[:, None, None, :]
+        blocks[..., 2, :2, :, :] *= held[:, None, :, None]
+        blocks[..., 2, 2, :, :] = torch.diag_embed(1 - held)
+        matrix = matrix.tied_too(of.joint_ties, of.of_ties(blocks), held)
     moving = torch.ones(of.node_count, W, dtype=torch.bool)
     joined = [node for pair in of.joints for node in pair if node is not None]
     if of.chains:
@@ -150,16 +150,16 @@ def test_pivots_tell_what_is_stable(name, order, held_by):
     for shift in (8.0, -1.0):
         matrix, unknowns, dense, free = system(of, (), held_by)
         n = of.node_count * W
-        joints = matrix.joints
-        if joints is not None:
-            K, G = joints.stiffness, joints.constraint
-            joints = joints._replace(stiffness=(K + K.transpose(-4, -3).mT) / 2, force=G.mT)
+        tied = matrix.tied
+        if tied is not None:
+            tied = (tied + tied[..., matrix.framework.cut.tied_back, :, :].mT) / 2
         swapped = [matrix.couplings[k] for k in (1, 0, 3, 2)[: 2 * order]]
         matrix = type(matrix)(
-            of,
+            matrix.framework,
             (matrix.diagonal + matrix.diagonal.mT) / 2 + shift * torch.eye(W),
             tuple((A + B.mT) / 2 for A, B in zip(matrix.couplings, swapped, strict=True)),
-            joints,
+            tied,
+            matrix.held,
         )
         J = len(of.joints)
         dense = columns_of(matrix, of.node_count + J)

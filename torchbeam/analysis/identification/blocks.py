@@ -11,7 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+SANDWICHED = ("blocks", "repeats")
 FEWEST = 6  # blocks of an experiment
+REPEATS = 2  # experiments that are a block each
 LEVERAGE = 0.95  # share of what is known that one block alone may tell; more counts as so much
 
 
@@ -26,7 +28,8 @@ class Blocks:
     def of(cls, problem: Any, r: Tensor) -> Blocks | None:
         """Of a problem with residuals r (T,); None where no measurement asks for them. All readings
         of an experiment in one while are one block: what a model misses is in all channels.
-        Without times the values of one place along the first axis are: those of a pose.
+        Without times the values of one place along the first axis are: those of a pose. With
+        "repeats" all of an experiment are one.
 
         Blocks of times are as long as those that estimate the variance of a mean best where
         residuals remember as an autoregression of the first order does: (6 (a/(1 - a^2))^2 n)^(1/3)
@@ -35,11 +38,12 @@ class Blocks:
         """
         number, first = torch.full_like(r, -1, dtype=torch.long), 0
         for e in problem.experiments:
-            series = [
-                _series(m, rows)
-                for owner, m, rows in problem.rows()
-                if owner is e and m.noise == "blocks"
-            ]
+            own = [(m, rows) for owner, m, rows in problem.rows() if owner is e]
+            if repeated := [rows for m, rows in own if m.noise == "repeats"]:
+                for rows in repeated:
+                    number[rows[rows >= 0]] = first
+                first += 1
+            series = [series_of(m, rows) for m, rows in own if m.noise == "blocks"]
             if not series:
                 continue
             instants = torch.cat([t for t, _, _ in series]).unique()
@@ -54,6 +58,16 @@ class Blocks:
                 number[rows[there]] = first + block[:, None].expand_as(rows)[there]
             first += count
         return cls(number, first) if first else None
+
+    @staticmethod
+    def check(experiments: Any) -> None:
+        """ValueError for a repeat that is the only one."""
+        repeated = [e for e in experiments if any(m.noise == "repeats" for m in e.measurements)]
+        if 0 < len(repeated) < REPEATS:
+            raise ValueError(
+                "noise='repeats' was given with one experiment; two that repeat each other are "
+                "wanted, or noise='blocks'"
+            )
 
     def covariance(
         self, r: Tensor, J: Tensor, A: Tensor, C: Tensor, scale: float
@@ -71,7 +85,28 @@ class Blocks:
         independent: Liang and Zeger 1986, Biometrika 73, 13; Bell and McCaffrey 2002, Survey
         Methodology 28, 169). Priors and readings of independent noise count as they are. The
         freedom is Satterthwaite's, of what the blocks would move it by if noise were independent.
+        Parameters that one block alone tells, as the start of a repeat, have no scatter among them:
+        theirs is that of independent noise, and what the others move them by.
         """
+        told_by = [(J[self.number == g] != 0).any(0) for g in range(self.count)]
+        outside = (J[self.number < 0] != 0).any(0) | (A.diagonal() > (J * J).sum(0) * (1 + 1e-9))
+        own = (torch.stack(told_by).sum(0) == 1) & ~outside
+        if own.any() and not own.all():
+            inner = torch.linalg.inv(A[own][:, own])
+            ridge = -inner @ A[own][:, ~own]
+            common = A[~own][:, ~own] + A[~own][:, own] @ ridge
+            V, freedom = self.covariance(
+                r, J[:, ~own] + J[:, own] @ ridge, common, torch.linalg.inv(common), scale
+            )
+            T = C.new_zeros(len(C), len(V))
+            T[~own], T[own] = torch.eye(len(V)).to(C), ridge
+            whole, moved = T @ V @ T.mT, (ridge @ V @ ridge.mT).diagonal()
+            square = own.nonzero(), own.nonzero()[:, 0]
+            whole[square] += scale**2 * inner
+            share = moved / whole.diagonal()[own].clamp(min=torch.finfo(C.dtype).tiny)
+            every = C.new_full((len(C),), torch.inf)
+            every[~own], every[own] = freedom, freedom.min() / share.square()
+            return whole, every
         root, failed = torch.linalg.cholesky_ex((C + C.mT) / 2)  # C = root root^T
         if failed:  # some are not told by the data
             return scale**2 * C, torch.full_like(C[0], torch.inf)
@@ -88,12 +123,12 @@ class Blocks:
         rest = C @ (A - told + (scale**2 - 1) * other.mT @ other) @ C
         share = torch.stack(shares)
         freedom = share.sum(0).square() / share.square().sum(0).clamp(min=torch.finfo(C.dtype).tiny)
-        own = V.diagonal() / (V + rest).diagonal().clamp(min=torch.finfo(C.dtype).tiny)
-        freedom = freedom * (self.count - 1) / self.count / own.square()
-        return V + rest, torch.where(own > 0, freedom, torch.inf).clamp(min=1)
+        part = V.diagonal() / (V + rest).diagonal().clamp(min=torch.finfo(C.dtype).tiny)
+        freedom = freedom * (self.count - 1) / self.count / part.square()
+        return V + rest, torch.where(part > 0, freedom, torch.inf).clamp(min=1)
 
 
-def _series(m: Any, rows: Tensor) -> tuple[Tensor, Tensor, bool]:
+def series_of(m: Any, rows: Tensor) -> tuple[Tensor, Tensor, bool]:
     """Times (n,) of a measurement in their order, its rows (n, channels), and whether they are
     times; else places along the first axis.
     """

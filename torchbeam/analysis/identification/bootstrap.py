@@ -13,6 +13,7 @@ from torch.special import ndtr, ndtri
 from ...core.arguments import count, level_of
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import search
+from ...uncertainty.estimate import between
 from .problem import FitProblem
 from .transform import Transform
 
@@ -49,8 +50,8 @@ class Bootstrap:
         least = 1 / (len(x) + 1)
         bias = ndtri((x < self.x_fit).to(x).mean(0).clamp(least, 1 - least))
         ends = [
-            _at(x.sort(0).values, ndtr(2 * bias + student_quantile(share, math.inf)))
-            for share in (tail, 1 - tail)
+            between(x.sort(0).values, ((len(x) + 1) * share - 1).clamp(0, len(x) - 1))
+            for share in (ndtr(2 * bias + student_quantile(t, math.inf)) for t in (tail, 1 - tail))
         ]
         return torch.stack([self.transform.theta(end) for end in ends], -1)
 
@@ -94,11 +95,3 @@ def bootstrap(
         )
     transform = problem.parameters.transform
     return Bootstrap(transform.theta(fits.x), fits.status, fits.x, x, transform)
-
-
-def _at(ordered: Tensor, share: Tensor) -> Tensor:
-    """(p,) of numbers (R, p) in order, at shares (p,), between those at both sides."""
-    place = ((len(ordered) + 1) * share - 1).clamp(0, len(ordered) - 1)
-    below = place.long().clamp(max=len(ordered) - 2)
-    low, high = (ordered.gather(0, k[None])[0] for k in (below, below + 1))
-    return torch.lerp(low, high, place - below)

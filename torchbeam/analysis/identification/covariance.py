@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ...math.dense import positive_inverse
 from ...solvers.least_squares import Found
+from . import losses
 from .blocks import Blocks
 from .problem import FitProblem
 
@@ -51,9 +52,15 @@ class Spread:
         scale = 1.0
         if not problem.sigma_given:
             redundancy = redundancy.clamp(min=1)
-            scale = (noise.sums(r.square(), problem.known) / redundancy).sqrt().item()
+            squares = losses.squares(problem.loss, problem.white.share, r)
+            scale = (noise.sums(squares, problem.known) / redundancy).sqrt().item()
         slope = torch.where(held, J.mT @ r + pull, 0) / (scale**2 or 1)
         covariance, freedom = scale**2 * C, _freedom(problem, J, C, free)
+        if problem.loss.any():
+            some = (~held & (A.diagonal() > 0)).nonzero()[:, 0]
+            covariance[some[:, None], some] = scale**2 * losses.covariance(
+                problem, r, J[:, some], bend[some], scale
+            )
         if blocks := Blocks.of(problem, r):
             some = (~held & (A.diagonal() > 0)).nonzero()[:, 0]
             square = some[:, None], some
@@ -105,8 +112,9 @@ def _freedom(problem: FitProblem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
     Biometrics 53, 983). One channel: readings less parameters. Infinite where sigma is known.
     """
     noise, channel = problem.noise, problem.noise.channel[problem.known]
+    memory = _of_memory(problem, J, C)
     if not noise.names:
-        return torch.full_like(J[0], torch.inf)
+        return 1 / memory
     # (channels, p, p)
     N = torch.stack([J[channel == c].mT @ J[channel == c] for c in range(len(noise.names))])
     share = torch.einsum("ji,cik,jk->cj", C, N, C) / C.diagonal()
@@ -119,6 +127,34 @@ def _freedom(problem: FitProblem, J: Tensor, C: Tensor, free: Tensor) -> Tensor:
     information = torch.einsum("cij,dji->cd", taken, taken) + torch.diag(alone)
     if len(information) == 1:  # as many parameters as data: one degree is left
         information = information.clamp(min=1)
-    freedoms = 1 / torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share)
+    freedoms = 1 / (
+        torch.einsum("cj,cd,dj->j", share, torch.linalg.inv(information), share) + memory
+    )
     # of those that the data tell nothing of
     return torch.where(torch.isfinite(freedoms), freedoms, 1.0)
+
+
+def _of_memory(problem: FitProblem, J: Tensor, C: Tensor) -> Tensor:
+    """(p,) half the squared relative error of variances that correlations of the noise bring in,
+    by the information of n steps: n (1 + rho^2)/(1 - rho^2)^2 of rho, -n rho/(1 - rho^2) of rho and
+    the logarithm of the variance, n/2 of that; 0 where there are none.
+    """
+    memory, none = problem.memory, torch.zeros_like(J[0])
+    if memory is None:
+        return none
+    plain, left = problem.white.inverse(J.mT).mT, 1 - memory.rho.square()
+    for k, n in enumerate(memory.steps.tolist()):
+
+        def N(rho: Tensor, k: int = k) -> Tensor:
+            K = memory.with_(k, rho).in_(problem.white)(plain.mT)
+            return K @ K.mT
+
+        step = 1e-3 * left[k]
+        by = -(C @ ((N(memory.rho[k] + step) - N(memory.rho[k])) / step) * C).sum(-1)
+        by = by / C.diagonal()
+        if (problem.noise.channel[problem.known][memory.number == k] < 0).all():
+            error = by.square() * left[k].square() / (1 + memory.rho[k].square())
+        else:  # the size of the noise is found beside
+            error = (by + 2 * memory.rho[k] / left[k]).square() * left[k]
+        none = none + error / (2 * max(n, 1))
+    return none

@@ -9,12 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, choice, chosen, count, instance, level_of, number
+from ...core.arguments import boolean, choice, count, instance, level_of, number
 from ...core.validation import Value, as_tensor, common_dtype, shown
 from . import posterior
 from .experiment import experiments_of
 from .fit import Fit, warn_of
-from .identify import identify
+from .identify import SearchOptions, searched
 from .measurement import Measurement, each, sigma_given
 from .noise import NOISES
 from .parameter import Parameter
@@ -179,33 +179,9 @@ def identify_fields(
         >>> (found.fit.theta - torch.sin(x)).abs().max() < 0.1
         tensor(True)
     """
+    options = SearchOptions.of(locals())
     choice("criterion", criterion, CRITERIA)
-    task = _Task.of(
-        model,
-        data,
-        start,
-        smoothness,
-        log,
-        chosen(
-            identify,
-            dict(
-                bounds=bounds,
-                sigma=sigma,
-                absolute_sigma=absolute_sigma,
-                noise=noise,
-                names=names,
-                starts=starts,
-                spread=spread,
-                follow=follow,
-                seed=seed,
-                derivatives=derivatives,
-                relative_step=relative_step,
-                iterations=iterations,
-                tolerance=tolerance,
-                progress=progress,
-            ),
-        ),
-    )
+    task = _Task.of(model, data, start, smoothness, options)
     most = count("rounds", rounds) if weight is None or task.sharp or not task.known else 1
     weights, sigma = task.first() if weight is None else (task.checked(weight), task.noise)
     k, settled, sharpened, before = 0, False, False, None
@@ -258,7 +234,7 @@ class _Task:
     factor: dict[str, Tensor]
     sharp: tuple[str, ...]
     known: bool
-    options: dict[str, Any]
+    options: SearchOptions
 
     @classmethod
     def of(
@@ -267,31 +243,36 @@ class _Task:
         data: Any,
         start: Mapping[str, Any],
         smoothness: Mapping[str, Smoothness],
-        log: bool,
-        options: dict[str, Any],
+        options: SearchOptions,
     ) -> _Task:
         if not isinstance(start, Mapping) or not isinstance(smoothness, Mapping) or not smoothness:
             raise ValueError(
                 "a start and smoothness by name are wanted: {'EI': tb.Parameter(...)}, {'EI': "
                 "tb.Smoothness()}"
             )
-        if not boolean("absolute_sigma", options.get("absolute_sigma", True)):
+        if not boolean("absolute_sigma", options.absolute_sigma):
             raise ValueError(
                 "absolute_sigma=False was given to identify_fields, whose weights count on sigma; "
                 "data without sigma are wanted, whose noise is found"
             )
-        if choice("noise", options.get("noise", "common"), NOISES) != "common":
+        if choice("noise", options.noise, NOISES) != "common":
             raise ValueError(
-                f"noise={options['noise']!r} was given to identify_fields, which finds one "
+                f"noise={options.noise!r} was given to identify_fields, which finds one "
                 "deviation of all data; channels weighed by their sigma are wanted"
             )
-        experiments = experiments_of(model, data, options.get("sigma"))
-        options = {name: value for name, value in options.items() if name != "sigma"} | {"log": log}
+        experiments = experiments_of(model, data, options.sigma)
+        options, log = replace(options, sigma=None), options.log
         models = {e.name: e.model for e in experiments}
         measured = {
             e.name: e.measurements[0] if e.single else list(e.measurements) for e in experiments
         }
         every = [m for given in measured.values() for m in each(given)]
+        if odd := [m for m in every if m.loss or m.noise in ("ar1", "repeats")]:
+            kind = f"loss={odd[0].loss!r}" if odd[0].loss else f"noise={odd[0].noise!r}"
+            raise ValueError(
+                f"{kind} was given to identify_fields, whose weights count on normal noise that is "
+                "independent; noise='white' is wanted"
+            )
         known = sigma_given(every)
         if not known and not any(m.values.nan_to_num().any() for m in every):
             raise ValueError(
@@ -359,9 +340,8 @@ class _Task:
     def first(self) -> tuple[Tensor, float]:
         """Weights that leave the data all they can say, from the derivatives at the start."""
         tiny = self._like.new_full((len(self.rows),), torch.finfo(self._like.dtype).eps)
-        fit = identify(
-            *self._with_rows(tiny, self.noise), self.start, **{**self.options, "iterations": 1}
-        )
+        once = replace(self.options, iterations=1)
+        fit = searched(*self._with_rows(tiny, self.noise), self.start, once)
         problem, x = fit.problem, fit.problem.parameters.x[:1]
         with torch.no_grad():
             linear = self._linearised(problem, x, *problem.linearised(x, _first(x)), self.noise)
@@ -370,7 +350,7 @@ class _Task:
     def searched(
         self, start: Mapping[str, Any], weight: Tensor, sigma: float
     ) -> tuple[Fit, Linearised]:
-        fit = identify(*self._with_rows(weight, sigma), start, **self.options)
+        fit = searched(*self._with_rows(weight, sigma), start, self.options)
         x = fit.x[None]
         with torch.no_grad():
             r = fit.problem.residuals(x, _first(x))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
+from .blocks import SANDWICHED
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
 from .observed_priors import with_priors_observed
@@ -25,6 +26,7 @@ from .problem import FitProblem
 from .profile import Profile, profiles
 from .readings import Readings
 from .refinement import refined
+from .report import write_report
 from .result import REASON, conclusions
 from .table import table
 from .transform import Transform
@@ -65,6 +67,8 @@ class Fit:
         scale: deviation of the noise over the sigma that weighs the data: 1 where that is known, or
             was found by channel
         noise: channel -> its deviation, of those that were found by `identify(noise="channel")`
+        memory: measurement -> correlation of its noise from one reading to the next, of those with
+            noise="ar1"
         y: (...) the model there, offsets and drifts included, as the data were given
         misfit: RMS of y - data (over sigma, where given or found by channel)
         status: 0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller,
@@ -120,6 +124,7 @@ class Fit:
     redundancy: Tensor = field(default_factory=lambda: torch.zeros(0))
     scale: float = 1.0
     noise: dict[str, float] = field(default_factory=dict)
+    memory: dict[str, float] = field(default_factory=dict)
     derivatives: str = ""
     shapes: dict[str, tuple[int, tuple[int, ...]]] = field(default_factory=dict)
     x: Tensor = field(default_factory=lambda: torch.zeros(0))
@@ -311,6 +316,22 @@ class Fit:
         """
         return table(self, level, REASON)
 
+    def report(
+        self, path: str | Path, *, level: float = 0.95, predictions: Mapping[str, Any] | None = None
+    ) -> Path:
+        """Write a page of HTML that holds all of its own pictures: doubts, parameters with their
+        intervals, data, fit and residuals of each measurement, correlations, predictions. It wants
+        matplotlib.
+
+        Args:
+            path: ends in .html
+            predictions: name -> (times (m,), `predict`'s answer (m, ...)), or these and data that
+                were measured there, of which it is counted how many lie in the bands
+
+        Raises ValueError for other predictions, files.NotWritten (an OSError).
+        """
+        return write_report(self, path, level_of("level", level), predictions, REASON[self.status])
+
     def save(self, path: str | Path) -> None:
         """Write all but the model into a file. Raises files.NotWritten (an OSError) where that
         fails.
@@ -382,9 +403,15 @@ class Fit:
         """The problem, whose noise is known."""
         problem = self._problem(what)
         if not problem.independent.all():
+            kind = next(
+                f"loss={m.loss!r}" if m.loss else f"noise={m.noise!r}"
+                for _, m in problem.measurements
+                if m.loss or m.noise in SANDWICHED
+            )
             raise ValueError(
-                f"a {what} of a fit with noise='blocks' was asked for, which knows no noise to "
-                "draw or to weigh by; method='laplace' is wanted, which is by blocks"
+                f"a {what} of a fit with {kind} was asked for, which knows no noise to "
+                "draw or to weigh by; method='laplace' is wanted, which is by "
+                f"{'misfits' if 'loss' in kind else 'blocks'}"
             )
         if not problem.sigma_given and problem.spare < 1:
             raise ValueError(

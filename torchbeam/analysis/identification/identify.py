@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import torch
@@ -25,7 +25,7 @@ from .measurement import Measurement, each
 from .noise import NOISES, Noise
 from .parameters import Parameters
 from .problem import FitProblem
-from .reweighting import search_by_channel
+from .reweighting import search_in_rounds
 
 DERIVATIVES = ("auto", "forward", "difference", "adjoint")
 STEP = 1e-4  # of differences
@@ -123,73 +123,101 @@ def identify(
         >>> fit.theta, fit.interval(0.95)  # the estimate, where it is
         (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
     """
-    choice("derivatives", derivatives, DERIVATIVES)
-    check_tolerance("tolerance", tolerance)
-    boolean("progress", progress)
-    boolean("log", log)
-    limit = count("iterations", iterations)
-    step = STEP if relative_step is None else check_tolerance("relative_step", relative_step)
-    choice("noise", noise, NOISES)
-    if noise == "channel" and not absolute_sigma:
-        raise ValueError(
-            "noise='channel' was given with absolute_sigma=False; measurements without sigma are "
-            "wanted, whose noise is found"
-        )
-    experiments = experiments_of(model, data, sigma)
+    return searched(model, data, start, SearchOptions.of(locals()))
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Options of `identify`, checked where a search begins."""
+
+    log: bool
+    bounds: tuple[Value, Value] | None
+    sigma: Value | None
+    absolute_sigma: bool
+    noise: str
+    names: Sequence[str] | None
+    starts: int
+    spread: float
+    follow: int
+    seed: int
+    derivatives: str
+    relative_step: float | None
+    iterations: int
+    tolerance: float
+    progress: bool
+
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any]) -> SearchOptions:
+        """Those among the arguments of a function."""
+        return cls(**{f.name: arguments[f.name] for f in fields(cls)})
+
+    def check(self) -> None:
+        choice("derivatives", self.derivatives, DERIVATIVES)
+        for name in ("tolerance", *["relative_step"] * (self.relative_step is not None)):
+            check_tolerance(name, getattr(self, name))
+        boolean("progress", self.progress)
+        boolean("log", self.log)
+        count("iterations", self.iterations)
+        choice("noise", self.noise, NOISES)
+        if self.noise == "channel" and not self.absolute_sigma:
+            raise ValueError(
+                "noise='channel' was given with absolute_sigma=False; measurements without sigma "
+                "are wanted, whose noise is found"
+            )
+
+
+def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
+    """See `identify`."""
+    options.check()
+    o, derivatives, tolerance = options, options.derivatives, options.tolerance
+    experiments = experiments_of(model, data, o.sigma)
     like = [
         d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)
     ]
     if isinstance(start, Mapping) or any(isinstance(d, Measurement) for d in like):
         like = [m.values for e in experiments for m in e.measurements]
     named = [e.name for e in experiments if e.name is not None and e.measured]
-    parameters = Parameters.of(start, log, bounds, names, named, like)
+    parameters = Parameters.of(start, o.log, o.bounds, o.names, named, like)
     if derivatives == "adjoint" and parameters.bounded:
         raise ValueError(
             "bounds were given with derivatives = 'adjoint', which takes none but by the "
             "transform 'logit'; 'difference' and 'forward' do"
         )
-    parameters = parameters.more_starts(starts, spread, seed)
-    experiments, own = Noise.by_channel(experiments) if noise == "channel" else (experiments, None)
-    problem = FitProblem.of(experiments, parameters, boolean("absolute_sigma", absolute_sigma), own)
-    problem = replace(problem, relative_step=step)
+    parameters, own = parameters.more_starts(o.starts, o.spread, o.seed), None
+    if o.noise == "channel":
+        experiments, own = Noise.by_channel(experiments)
+    absolute = boolean("absolute_sigma", o.absolute_sigma)
+    problem = FitProblem.of(experiments, parameters, absolute, own)
+    problem = replace(problem, relative_step=STEP if o.relative_step is None else o.relative_step)
     x = problem.parameters.x
     region = problem.region(x)
     with torch.no_grad():
         if derivatives in ("forward", "difference"):
             problem = replace(problem, method=derivatives)
         else:
-            problem = _chosen(problem, x, TRIES if relative_step is None else 1)
-        most = count("follow", follow) if starts > 1 else None
-        with _line(progress, len(x)) as report:
+            problem = _chosen(problem, x, TRIES if o.relative_step is None else 1)
+        most = count("follow", o.follow) if o.starts > 1 else None
+        with _line(o.progress, len(x)) as report:
 
             def run(problem: FitProblem, ends: Tensor, which: Tensor) -> Found:
                 here = (region if len(which) == len(x) else region.of(which)).against(
                     problem.target
                 )
                 if derivatives == "adjoint":
-                    return _by_adjoint(problem, ends, here, limit, tolerance)
-                return search(
-                    problem,
-                    ends,
-                    here,
-                    limit,
-                    tolerance,
-                    follow=most and min(most, len(ends)),
-                    progress=report,
-                )
+                    return _by_adjoint(problem, ends, here, o.iterations, tolerance)
+                few = most and min(most, len(ends))
+                # fmt: off
+                return search(problem, ends, here, o.iterations, tolerance, follow=few,
+                              progress=report)
+                # fmt: on
 
-            if own is not None and own.names:
-                problem, search_result = search_by_channel(problem, x, run)
+            if problem.in_rounds:
+                problem, search_result = search_in_rounds(problem, x, run)
             else:
                 search_result = run(problem, x, torch.arange(len(x), device=x.device))
         region = region.against(problem.target)
-        return Fit.of(
-            problem,
-            search_result,
-            region,
-            derivatives if derivatives == "adjoint" else problem.method,
-            tolerance,
-        )
+        method = derivatives if derivatives == "adjoint" else problem.method
+        return Fit.of(problem, search_result, region, method, tolerance)
 
 
 def _chosen(problem: FitProblem, x: Tensor, tries: int) -> FitProblem:

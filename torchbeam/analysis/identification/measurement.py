@@ -16,8 +16,9 @@ from ...sensors import Sensor
 from ...sensors.observe import observe
 from ...sensors.sensor_frame import SensorFrame
 from ...state.state import State
+from .losses import LOSSES
 
-NOISES = ("white", "blocks")
+NOISES = ("white", "ar1", "repeats", "blocks")
 LEAST_BLOCKS = 6  # to know a deviation by
 
 
@@ -45,10 +46,15 @@ class Measurement:
         drift: each channel reads a straight line more, per s, or per the series' length where it
             has no times
         name: in sentences and pictures; None = the sensor's
-        noise: "white": independent from reading to reading. "blocks": alike over a while, or a
+        noise: "white": independent from reading to reading. "ar1": an autoregression of the first
+            order along each channel, whose correlation rho from one reading to the next is found
+            (rho^(dt/step) over dt, step the median). "repeats": each experiment repeats
+            the others: deviations count them, two at least. "blocks": alike over a while, or a
             model that errs over a while: deviations count blocks of times, which are longer than
             residuals remember, or where there are no times places along the first axis (poses),
             and no readings (`interval` of method "laplace", `predict`)
+        loss: None: squares. "huber", "student": of readings that miss by much, less (Huber's loss,
+            Student's of four degrees of freedom), for outliers; without sigma their scale is found
         baseline: times (times,) s -> (times,): each channel reads some of it more, a parameter
             beside: what is slow and of a known shape, as the creep ln(1 + t/t_0)
 
@@ -90,9 +96,16 @@ class Measurement:
     frame: SensorFrame | None = None
     noise: str = "white"
     baseline: Callable[[Tensor], Tensor] | None = None
+    loss: str | None = None
 
     def __post_init__(self) -> None:
         choice("noise", self.noise, NOISES)
+        choice("loss", self.loss, LOSSES)
+        if self.loss and self.noise in ("repeats", "blocks"):
+            raise ValueError(
+                f"loss={self.loss!r} was given with noise={self.noise!r}, whose blocks count "
+                "squares; 'white' or 'ar1' is wanted"
+            )
         dtype, device = common_dtype(self.values)
         values = as_tensor(self.values, dtype, device).detach()
         if values.isnan().all():
@@ -131,6 +144,13 @@ class Measurement:
             raise ValueError(
                 f"noise='blocks' was given with {self._of} of shape {tuple(values.shape)}; "
                 f"{LEAST_BLOCKS} times, or poses, at least are wanted"
+            )
+        at = torch.arange(len(values)) if self.times is None and values.ndim else self.times
+        if self.noise == "ar1" and (at is None or len(at.unique()) < len(at)):
+            raise ValueError(
+                f"noise='ar1' was given with {self._of} "
+                f"{'of one number' if at is None else 'of which two have one time'}; readings one "
+                "after the other are wanted"
             )
         if self.baseline is not None and self.times is None:
             raise ValueError("a baseline was given without times; times=(times,) are wanted")

@@ -1,4 +1,6 @@
-"""Noise of unknown size: one deviation for all data, or one for each channel."""
+"""Noise that is found with the parameters: one deviation for all data, or one for each channel; the
+correlation from reading to reading; the weights of a loss.
+"""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def with_priors_observed(problem: FitProblem) -> FitProblem:
 
     Raises ValueError for other priors, which are none.
     """
-    parameters, like = problem.parameters, problem.weight
+    parameters, like = problem.parameters, problem.white.weight
     log, logit = parameters.transform.log, parameters.transform.logit
     seen, left = [], {}
     for entry in parameters.priors:
@@ -68,7 +68,7 @@ def with_priors_observed(problem: FitProblem) -> FitProblem:
         parameters=parameters,
         noise=noise,
         known=torch.cat((problem.known, torch.ones_like(values, dtype=torch.bool))),
-        weight=torch.cat((like, 1 / sigma)),
+        white=problem.white.longer(1 / sigma),
         target=torch.cat((problem.target, (values / sigma)[None]), -1),
         nuisance=torch.cat((problem.nuisance, like.new_zeros(q, rows)), -1),
         basis=torch.cat((problem.basis, like.new_zeros(q, rows)), -1),

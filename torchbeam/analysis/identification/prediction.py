@@ -12,7 +12,6 @@ from torch import Tensor
 from ...core.arguments import function as check_function
 from ...core.validation import Value, as_tensor, broadcast, finite, positive, shown
 from ...sensors.observe import observe
-from ...solvers.jacobian import difference, forward
 from ...state.solution import Solution
 from ...state.state import State
 from .experiment import status_of, with_status
@@ -81,11 +80,10 @@ def predicted(
     """
     instrument, linear = _instrument(problem, measurement, experiment, sensor, times)
     read = _reader(problem, model, instrument or sensor, times, experiment)
-    parameters, m = problem.parameters, problem.parameters.model
+    m = problem.parameters.model
 
     def readings(x: Tensor) -> Tensor:
-        nuisance = x.new_zeros(len(x), len(problem.basis))  # of which the model knows nothing
-        return read(parameters.transform.theta(torch.cat((x, nuisance), -1)))
+        return read(problem.theta(x))
 
     with torch.no_grad():
         y = readings(x[None, :m])[0]
@@ -98,13 +96,7 @@ def predicted(
         def flat(x: Tensor) -> Tensor:
             return readings(x).reshape(len(x), -1)
 
-        if problem.method == "forward":
-            J = forward(flat, x[None, :m])[1][0]
-        else:
-            bounds = (end[..., :m] for end in parameters.bounds(x[None]))
-            J = difference(
-                flat, x[None, :m], problem.steps(x[None])[:, :m], *bounds, y.flatten()[None]
-            )[1][0]
+        J = problem.derivatives(flat, x[None], y.flatten()[None])[1][0]
     J = torch.nn.functional.pad(J, (0, len(x) - m)).reshape(*y.shape, len(x))
     for k, shape in linear.items():
         if shape.shape != y.shape:

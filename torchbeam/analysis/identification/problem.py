@@ -4,7 +4,7 @@ derivatives.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,10 +13,14 @@ from torch import Tensor
 
 from ...solvers.jacobian import difference, forward
 from ...solvers.region import Region
+from .blocks import Blocks
 from .experiment import Experiment
+from .losses import LOSSES
 from .measurement import Measurement, sigma_given
+from .memory import Memory
 from .noise import Noise
 from .parameters import Entry, Parameters
+from .whitening import Whitening
 
 
 @dataclass(frozen=True)
@@ -24,10 +28,10 @@ class FitProblem:
     """Least squares of all experiments: r(x) = (y + nuisance - data) / sigma, and minus the
     logarithm of priors.
 
-    known       (all numbers,) bool: which were measured;  weight (T,) of those
+    known       (all numbers,) bool: which were measured;  white  by which those are weighed
     target      (1 or S, T): weighted data, one set for all starts or each its own
     noise       whose size is found;  sigma_given: weights are those of the noise, or are changed
-                until they are
+                until they are;  memory  of noise that is not independent
     nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the
                 same, weighted
     method      "forward" or "difference", of relative_step, one or (p,)
@@ -36,12 +40,13 @@ class FitProblem:
     experiments: tuple[Experiment, ...]
     parameters: Parameters
     known: Tensor
-    weight: Tensor
+    white: Whitening
     target: Tensor
     nuisance: Tensor
     basis: Tensor
     noise: Noise
     sigma_given: bool
+    memory: Memory | None = None
     method: str = "difference"
     relative_step: float | Tensor = 1e-4
 
@@ -66,6 +71,7 @@ class FitProblem:
                 for _, m in every
             ]
         )
+        Blocks.check(experiments)
         names, rows, before = [], [], 0
         for e, m in every:
             own, basis = m.nuisance()
@@ -98,18 +104,12 @@ class FitProblem:
                     f"a Measurement with the parameter {wrong[0]!r} was given; there are "
                     f"{', '.join(sorted(known_names)) or 'none by name'}"
                 )
-        weight = weight[known]
-        return cls(
-            tuple(experiments),
-            parameters,
-            known,
-            weight,
-            (values[known] * weight)[None],
-            torch.cat(rows),
-            torch.cat(rows)[:, known] * weight,
-            noise,
-            scaled,
-        )
+        white = Whitening.of(weight[known])
+        # fmt: off
+        problem = cls(tuple(experiments), parameters, known, white, white(values[known])[None],
+                      torch.cat(rows), white(torch.cat(rows)[:, known]), noise, scaled)
+        # fmt: on
+        return replace(problem, memory=Memory.of(problem))
 
     @property
     def measurements(self) -> list[tuple[Experiment, Measurement]]:
@@ -127,13 +127,26 @@ class FitProblem:
 
     @property
     def independent(self) -> Tensor:
-        """(T,) bool: data of which the noise is independent from reading to reading, and does not
-        count by blocks of times.
+        """(T,) bool: data of which weighted noise is normal and independent from reading to
+        reading: it does not count by blocks, nor has it another loss than the square.
         """
-        every = [
-            torch.full(m.values.shape, m.noise == "white").flatten() for _, m in self.measurements
-        ]
+        return self._of_data(lambda e, m: m.noise in ("white", "ar1") and m.loss is None)
+
+    @property
+    def loss(self) -> Tensor:
+        """(T,) number of each one's loss, see `losses`."""
+        return self._of_data(lambda e, m: LOSSES.index(m.loss))
+
+    def _of_data(self, read: Callable[[Experiment, Measurement], int]) -> Tensor:
+        """(T,) of each measurement's."""
+        every = [torch.full(m.values.shape, read(e, m)).flatten() for e, m in self.measurements]
         return torch.cat(every).to(self.known.device)[self.known]
+
+    @property
+    def in_rounds(self) -> bool:
+        """Whether noise is found by searches in turn."""
+        channels = self.sigma_given and bool(self.noise.names)
+        return channels or self.memory is not None or bool(self.loss.any())
 
     def by_measurement(self, values: Tensor) -> list[Tensor]:
         """Values (all numbers,) of each measurement, of its shape."""
@@ -147,20 +160,20 @@ class FitProblem:
     def spare(self) -> int:
         """Data less parameters and the numbers that models have fitted to the data themselves."""
         fitted = sum(m.fitted for _, m in self.measurements)
-        return len(self.weight) - fitted - len(self.parameters.names)
+        return int(self.known.sum()) - fitted - len(self.parameters.names)
 
     @property
     def deviations(self) -> Tensor:
         """(channels,) by which the data of a channel whose noise is to be found are weighed."""
-        return self.noise.sums(1 / self.weight, self.known) / self.noise.sums(
-            torch.ones_like(self.weight), self.known
+        weight = self.white.weight
+        return self.noise.sums(1 / weight, self.known) / self.noise.sums(
+            torch.ones_like(weight), self.known
         )
 
     @property
     def measured(self) -> Tensor:
         """(T,) bool: data, and not rows of a prior."""
-        every = [torch.full(m.values.shape, e.measured).flatten() for e, m in self.measurements]
-        return torch.cat(every).to(self.known.device)[self.known]
+        return self._of_data(lambda e, m: e.measured)
 
     def values(self, theta: Tensor) -> Tensor:
         """Readings (N, all numbers), measured or not, without offsets and drifts."""
@@ -169,9 +182,15 @@ class FitProblem:
 
     def weighted(self, x: Tensor) -> Tensor:
         """Weighted readings (N, T) of coordinates (N, model) of the model's parameters."""
-        nuisance = x.new_zeros(len(x), len(self.basis))  # of which the model knows nothing
-        theta = self.parameters.transform.theta(torch.cat((x, nuisance), -1))
-        return self.values(theta)[:, self.known] * self.weight
+        return self.white(self.values(self.theta(x))[:, self.known])
+
+    def theta(self, x: Tensor) -> Tensor:
+        """Parameters (N, p) of coordinates (N, model); offsets, of which the model knows nothing,
+        are 0.
+        """
+        return self.parameters.transform.theta(
+            torch.nn.functional.pad(x, (0, len(self.parameters.names) - x.shape[1]))
+        )
 
     def residuals(self, x: Tensor, which: Tensor) -> Tensor:
         """r (N, T) of coordinates (N, p) of the starts `which` (N,)."""
@@ -183,22 +202,21 @@ class FitProblem:
         """r (N, T) and J (N, T, p); r where it is known already. A rough J is of differences of one
         side.
         """
-        m, besides = self.parameters.model, self._besides(x, which)
-        if self.method == "forward":
-            y, J = forward(self.weighted, x[:, :m])
-        else:
-            bounds = (b[..., :m] for b in self.parameters.bounds(x))
-            y, J = difference(
-                self.weighted,
-                x[:, :m],
-                self.steps(x)[:, :m],
-                *bounds,
-                None if r is None else r - besides,
-                central=not rough,
-            )
+        besides = self._besides(x, which)
+        y, J = self.derivatives(self.weighted, x, None if r is None else r - besides, rough)
         if len(self.basis):
             J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
         return y + besides, J
+
+    def derivatives(
+        self, f: Callable[[Tensor], Tensor], x: Tensor, y: Tensor | None, rough: bool = False
+    ) -> tuple[Tensor, Tensor]:
+        """f (N, n) of the model's coordinates, and its derivatives (N, n, model) by them."""
+        m = self.parameters.model
+        if self.method == "forward":
+            return forward(f, x[:, :m])
+        bounds = (end[..., :m] for end in self.parameters.bounds(x))
+        return difference(f, x[:, :m], self.steps(x)[:, :m], *bounds, y, central=not rough)
 
     def region(self, x: Tensor) -> Region:
         """Where a search may move from coordinates (S, p)."""
@@ -244,7 +262,7 @@ class FitProblem:
 
     def with_data(self, values: Sequence[Tensor]) -> FitProblem:
         """The same for other values of each measurement, missing where those of this one are."""
-        target = torch.cat([v.flatten() for v in values])[self.known] * self.weight
+        target = self.white(torch.cat([v.flatten() for v in values])[self.known])
         return replace(self, experiments=self._with_measured("values", values), target=target[None])
 
     def reweighted(self, factor: Tensor) -> FitProblem:
@@ -254,13 +272,18 @@ class FitProblem:
             m.sigma * own
             for (_, m), own in zip(self.measurements, self.by_measurement(every), strict=True)
         ]
-        less = 1 / every[self.known]
+        changed = replace(self, experiments=self._with_measured("sigma", sigma))
+        white = self.white
+        return changed.whitened(replace(white, weight=white.weight / every[self.known]))
+
+    def whitened(self, white: Whitening, memory: Memory | None = None) -> FitProblem:
+        """The same with other weights."""
         return replace(
             self,
-            experiments=self._with_measured("sigma", sigma),
-            weight=self.weight * less,
-            target=self.target * less,
-            basis=self.basis * less,
+            white=white,
+            target=white(self.white.inverse(self.target)),
+            basis=white(self.nuisance[:, self.known]),
+            memory=memory or self.memory,
         )
 
     def with_targets(self, target: Tensor) -> FitProblem:

@@ -77,11 +77,9 @@ def conclusions(
     spare = problem.spare + int(spread.held.sum())
     determined = ~open_[best]
     seen = J[best][:, determined]
-    deviation = _everywhere(
-        problem,
-        ((seen @ spread.free[determined][:, determined]) * seen).sum(-1).clamp(min=0).sqrt()
-        / problem.weight,
-    )
+    plain = problem.white.inverse(seen.mT).mT
+    variance = ((plain @ spread.free[determined][:, determined]) * plain).sum(-1)
+    deviation = _everywhere(problem, variance.clamp(min=0).sqrt())
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
     odd = (
         ()
@@ -101,7 +99,8 @@ def conclusions(
     )
     if odd:
         warn(odd[0], UserWarning)
-    status, misfits = int(statuses[best]), r[:, problem.measured].square().mean(-1).sqrt()
+    misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
+    status = int(statuses[best])
     failed = int((statuses == FAILED).sum())
     message = "; ".join(
         (
@@ -123,13 +122,14 @@ def conclusions(
     # fmt: off
     return dict(theta=theta[best], names=parameters.names,
                 covariance=slope[:, None] * spread.free * slope,
-                y=_as_given(readings, problem), misfit=misfits[best], status=status,
+                y=_as_given(readings, problem), misfit=misfit[best], status=status,
                 iterations=len(search.history) - 1,
-                history=history, starts=theta, misfits=misfits, statuses=statuses,
+                history=history, starts=theta, misfits=misfit, statuses=statuses,
                 unidentifiable=shown[best],
                 message=message, hints=hints, doubts=doubts, open=open_[best], held=spread.held,
                 freedom=spread.freedom,
                 redundancy=spread.redundancy, scale=spread.scale, noise=_found_noise(problem),
+                memory=_memory(problem),
                 derivatives=derivatives,
                 shapes=shapes, x=x[best], x_covariance=spread.covariance, x_slope=spread.slope,
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
@@ -146,6 +146,12 @@ def _found_noise(problem: FitProblem) -> dict[str, float]:
     )
 
 
+def _memory(problem: FitProblem) -> dict[str, float]:
+    """Correlations from one reading to the next that were found."""
+    memory = problem.memory
+    return {} if memory is None else dict(zip(memory.names, memory.rho.tolist(), strict=True))
+
+
 def _everywhere(problem: FitProblem, known: Tensor) -> Tensor:
     """(all numbers,) of what is known where something was measured, NaN elsewhere."""
     values_everywhere = torch.full(
@@ -159,7 +165,7 @@ def _known(problem: FitProblem, r: Tensor) -> Tensor:
     """The model's values (all numbers,) from residuals (T,), NaN where nothing was measured;
     offsets and drifts are in them.
     """
-    return _everywhere(problem, (r + problem.target[0]) / problem.weight)
+    return _everywhere(problem, problem.white.inverse(r + problem.target[0]))
 
 
 def _values(problem: FitProblem, x: Tensor, r: Tensor) -> Tensor:

@@ -43,6 +43,8 @@ def table(fit: Any, level: float, reason: dict[int, str]) -> str:
         lines.append(
             "noise found: " + ", ".join(f"{name} {sigma:.3g}" for name, sigma in fit.noise.items())
         )
+    for name, rho in fit.memory.items():
+        lines.append(f"noise of {name}: correlation {rho:.3g} from one reading to the next")
     if len(fit.starts) > 1:
         near = ((fit.misfits - fit.misfit) <= 1e-3 * fit.misfit + 1e-12).sum().item()
         lines.append(f"{near} of {len(fit.starts)} starts end with this misfit")

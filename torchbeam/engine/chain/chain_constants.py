@@ -138,8 +138,8 @@ class JointConstants(Tree):
 
 @dataclass(frozen=True)
 class StretchConstants(Tree):
-    """Rows of stretches of tendons, see `Rope` and `Tendons`: arms of both ends; given (..., S):
-    tension N or length m; 0 of those whose tendon has not what others have, None = none has.
+    """Rows of stretches, see `Rope` and `Tendons`: arms of both ends; given (..., S): tension N or
+    length m; the law's numbers, 0 where others have one, None = none has.
     """
 
     arms: Tensor = leaf(3)

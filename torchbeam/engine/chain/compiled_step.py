@@ -17,8 +17,8 @@ from ...core.leaves import functions, wants_gradient
 from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
-from ...nodal.joints import stacked
 from ...nodal.model import Model
+from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
 from ...scene.effects.effect import of_library
 from ...state.state import State
@@ -168,7 +168,7 @@ class CompiledStep:
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
         self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
         if model.joints.count:
-            size = model.joints.size.detach()
+            size = model.multipliers.size.detach()
             self._lengths.append(Field("common", "joint_size", size, 0))
         self.sources = [*[one.value for one in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
@@ -408,7 +408,7 @@ class CompiledStep:
         if name == INTERNAL:
             return self.constants.internal_rows(start.internal)
         if name in ("stress", FORCES):
-            return self.model.joints.split(start.stress)[name == FORCES]
+            return self.model.multipliers.split(start.stress)[name == FORCES]
         return getattr(start, name)
 
     def _orientations(

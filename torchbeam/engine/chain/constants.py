@@ -18,7 +18,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.balance import same_law
 from ...nodal.conditions import conditions, supports
 from ...nodal.coordinates.planar import Planar
-from ...nodal.joint_motion import JointValues
+from ...nodal.joint_motion import NO_VALUES, JointValues
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs, Pose
@@ -96,7 +96,7 @@ class LoadRoles(NamedTuple):
             given
             for joint in scene.joints
             for coordinate in joint.coordinates
-            for given in (joint.effort(coordinate), joint.prescribed(coordinate))
+            for given in joint.law(coordinate)[-2:]
         ]
         drives += [x for tendon in scene.tendons for x in (tendon.tension, tendon.length)]
         asks = by_time or not given_eigenstrain or not rests or any(map(callable, drives))
@@ -229,12 +229,12 @@ class Constants:
         values |= {name: x for name, x in velocities if x is not None}
         values |= {} if frame is None else {"frame": frame}
         if model.scene.tendons:
-            given = model.tendons.values(model.scene.tendons, t, inputs)
+            given = model.tendons.values(model.scene, t, inputs, t)
             values["tendon given"] = given[..., [k for k, _ in model.tendons.stretches]]
         if not self.prescribes and not model.scene.joints:
             return values
         end = t + (1 - self.instant) * dt if self.steps else t
-        joints = model.joints.values(model.scene.joints, t, inputs, end)
+        joints = model.joints.values(model.scene, t, inputs, end) or NO_VALUES
         values |= {f"joint {name}": x for name, x in joints._asdict().items() if x is not None}
         return values | self._prescribed(end) if self.prescribes else values
 

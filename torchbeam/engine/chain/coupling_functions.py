@@ -13,7 +13,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.conditions import Conditions
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
-from .interaction_functions import transposed
+from .interaction_functions import of_ends
 from .local_problem import Ends, Fields, LocalProblems
 from .node_kinds import CouplingKind
 
@@ -25,38 +25,23 @@ class CouplingFunctions(LocalProblems):
     def coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its push (w) on the balances of its nodes, and its blocks (w, w), see `interaction`."""
         problem, x = self.of_coupling(fields, kind)
-        kinematics, inertia, _ = problem.node_balance(x)
-        nodes, now = problem.nodes(kinematics), problem.conditions
-        by = problem.motion_by(problem.node_tangent(kinematics, inertia)[0])
-        ((_, push),) = interactions.wrenches(problem.model, nodes, now)
-        ((_, blocks),) = interactions.blocks(problem.model, nodes, now, by)
-        n, w = push.shape
-        blocks = blocks + push.new_zeros(n, n, w, w)
-        push, blocks = (-problem.share * x for x in (push, blocks))
-        outputs = {f"{side}.push": push[k] for k, side in enumerate(kind.sides)}
-        for i, row in enumerate(kind.sides):
-            outputs |= {row + column: blocks[i, j] for j, column in enumerate(kind.sides)}
-        return outputs
+        return of_ends(problem, x, problem.model.couplings, kind.sides)[0]
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its work over the step."""
         problem, x = self.of_coupling(fields, kind)
-        return {"work": problem.work(problem.node_balance(x)[0])}
-
-    def transposed_coupling(self, held: bool, kind: CouplingKind, **fields: Tensor) -> Fields:
-        """See `interaction_functions.transposed`."""
-        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        return transposed(self.coupling(kind, **fields), reactions)
+        return {"work": problem.work(problem.node_balance(problem.apply_supports(x))[0])}
 
     def of_coupling(self, fields: Fields, kind: CouplingKind) -> tuple[BalanceProblem, Any]:
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
         now = self._coupled(ends, ends.common.now, kind)
-        problem, x = self._problem(ends.rows, None, ends.common, ends.given, now)
+        rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space))
+        problem, x = self._problem(rows, None, ends.common, ends.given, now)
         if ends.common.before is not None:
             before = self._coupled(ends, ends.common.before, kind)
             problem = replace(problem, before=before)
-        return problem, problem.apply_supports(x)
+        return problem, x
 
     def _coupled(self, ends: Ends, alike: CommonConditions, kind: CouplingKind) -> Conditions:
         """Conditions with the interaction."""

@@ -13,7 +13,6 @@ from ...core.arguments import choice
 from ...core.leaves import own_leaves
 from ...core.surroundings import Surroundings, Unsteady
 from ...nodal.model import Model
-from ...nodal.rigid_moves import free_pieces
 from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
@@ -47,7 +46,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
     scene = model.scene
     reasons = {
         f"method {method!r}": (method, conserve) not in FUNCTIONS,
-        "conserve of what floats free": conserve and bool(free_pieces(model)),
+        "conserve of what floats free": conserve and bool(model.free_pieces),
         f"the device {scene.device}": scene.device.type != "cpu",
     }
     return next((reason for reason, given in reasons.items() if given), None)

@@ -1,5 +1,5 @@
-"""Interactions: what acts between nodes, as native code knows it: a joint, a stretch of a tendon, a
-pair that may touch, a coupling (an `Interaction` of a scene).
+"""Interactions: what acts between nodes, as native code knows it: `Joints`, stretches of `Tendons`,
+pairs that may touch, couplings (an `Interaction` of a scene).
 
 Each pushes the nodes at its ends, and may have unknowns of its own, called o; those of the one
 before it are called p. A block of the matrix is called by its row and its column, each an end or
@@ -59,3 +59,4 @@ TIE = Interaction(
 PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES)
 COUPLING = Interaction("coupling", "coupling", COUPLINGS, (), PAIR_SIDES)
 INTERACTIONS = JOINT, TIE, PAIR, COUPLING
+FINISHED = PAIR, COUPLING, JOINT  # those with functions of their own at the end of a step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..compiler.derivative import bar
 from .driver_code import Place, Places
-from .interaction import COUPLING, JOINT, PAIR
+from .interaction import FINISHED, JOINT, PAIR
 from .interaction_driver import Entry, InteractionCode
 
 STATE = "joint_state_bar"
@@ -61,7 +61,7 @@ class InteractionAdjoint(InteractionCode):
             self._call_of(f"ended {entry.name} {entry.function}", entry, change)
             self._add(("energy", 0, "rise"), (change, 0, "rise"))
 
-        for one in (PAIR, COUPLING, JOINT):
+        for one in FINISHED:
             self._each_of(one, add)
 
     def _interaction_ends(self) -> None:
@@ -78,7 +78,7 @@ class InteractionAdjoint(InteractionCode):
                 places |= {bar(f): (STATE, entry.number, x) for f, x in names.items()}
             self._bar_of(f"finish {entry.name} bar {entry.function}", entry, places)
 
-        for one in (PAIR, COUPLING, JOINT):
+        for one in FINISHED:
             self._each_of(one, ends)
 
     def _interaction_bars(self) -> None:
@@ -90,7 +90,7 @@ class InteractionAdjoint(InteractionCode):
                 places[bar("right")] = self._solution_of(JOINT, entry.number)
             self._bar_of(f"{entry.name} bar {entry.function}", entry, places)
 
-        for one in (PAIR, COUPLING, JOINT):
+        for one in FINISHED:
             self._each_of(one, bars)
 
     def _pushed_bars(self, entry: Entry) -> Places:

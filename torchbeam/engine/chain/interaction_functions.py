@@ -4,16 +4,45 @@
 
 from __future__ import annotations
 
+from itertools import product
+from typing import Any
+
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ...nodal.between_nodes import BetweenNodes
 from .interaction import LAST, OWN
 from .local_problem import Fields
+
+GAPS = "gap_position", "gap_rotation"
 
 
 def is_block(name: str) -> bool:
     """Whether a field is a block, by its name."""
     return len(name) == 2
+
+
+def pushed(push: Tensor, sides: tuple[str, ...], blocks: Tensor, own: str = "") -> Fields:
+    """Pushes (n, q) on the ends at these sides, and blocks (m, m, q, q) of these and its own
+    unknowns.
+    """
+    outputs = {f"{side}.push": x for side, x in zip(sides, push, strict=True)}
+    pairs = product(enumerate((*sides, *own)), repeat=2)
+    return outputs | {row + column: blocks[i, j] for (i, row), (j, column) in pairs}
+
+
+def of_ends(
+    problem: Any, x: Any, one: BetweenNodes, sides: tuple[str, ...], own: str = ""
+) -> tuple[Fields, Tensor]:
+    """`pushed` of the one that acts in a problem at unknowns x; its gaps (1, w)."""
+    x, w, rows = problem.apply_supports(x), problem.model.space.unknowns, len(sides) + len(own)
+    kinematics, inertia, _ = problem.node_balance(x)
+    motion = problem.node_motion(kinematics, problem.node_tangent(kinematics, inertia)[0])
+    none = x.stress.new_zeros(len(sides), w, w)
+    push, gap = one.balance(none[..., 0], x.stress.new_zeros(0, w), x.stress, motion)
+    blocks = one.matrix(problem.model.topology.diagonal(none), x.stress, motion).tied
+    blocks = none.new_zeros(rows**2, w, w) if blocks is None else blocks
+    return pushed(push, sides, blocks.unflatten(0, (rows, rows)), own), gap
 
 
 def free_blocks(**fields: Tensor) -> Fields:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
 from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
-from .interaction_functions import end_reaction, free_blocks, is_block
+from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
 from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, largest
 from .local_functions import LocalFunctions
-from .node_kinds import Kinds, alike
+from .node_kinds import Kinds, distinct
 from .tracing import Tracing
 
-GAPS = "gap_position", "gap_rotation"
 SUMS = (*GAPS, *FLAGS)  # what of an interaction a sample is judged by
 Derivative = Callable[[Function, list[str]], Function]
 
@@ -30,12 +29,10 @@ def present(kinds: Kinds) -> list[Interaction]:
     return [one for one in INTERACTIONS if all_kinds(kinds, one)]
 
 
-def kinds_of(kinds: Kinds, one: Interaction) -> Iterator[tuple[int, Any]]:
+def kinds_of(kinds: Kinds, one: Interaction) -> list[tuple[int, Any]]:
     """Those whose functions are not those of an earlier one, with their numbers."""
     own = all_kinds(kinds, one)
-    for k, kind in enumerate(own):
-        if one is not TIE or alike(own, k, one.name) == k:
-            yield k, kind
+    return distinct(own, one.name) if one is TIE else [*enumerate(own)]
 
 
 def of_interaction(
@@ -95,7 +92,7 @@ def adjoint_of_interaction(
     functions, fields = {}, getattr(traced, one.constants)
     moves = [f"{side}.{name}" for side in one.sides for name in ("u", "m")]
     for k, kind in kinds_of(kinds, one):
-        blocks = traced(partial(getattr(local, f"transposed_{one.name}"), held, kind), fields)
+        blocks = traced(partial(local.transposed_interaction, one.name, held, kind), fields)
         functions[f"{one.name} blocks {k}"] = blocks
         if held:
             functions |= _free(local, traced, f"free {one.name} {k}", blocks, kind.sides)
@@ -146,8 +143,7 @@ def record_adjoint(
     """Records of the adjoint, but for those of constants."""
     _record(layout, functions, one, f"{one.name} blocks")
     layout.record(f"{one.name} change", ONE, [("rise", 1)])
-    for word in ("bar", "finish bar"):
-        name = f"{one.name} bar" if word == "bar" else f"finish {one.name} bar"
+    for name in (f"{one.name} bar", f"finish {one.name} bar"):
         layout.record(f"of {one.name}", ONE, largest(functions, name).items())
     if one is JOINT:
         read = any("last_force" in function.inputs for function in functions.values())

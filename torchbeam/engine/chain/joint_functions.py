@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
-from .interaction_functions import transposed
+from .interaction import OWN
+from .interaction_functions import GAPS, of_ends
 from .local_problem import Fields, LocalProblems
-from .node_kinds import SIDES, JointKind
+from .node_kinds import JointKind
 
 
 @dataclass(frozen=True)
@@ -26,27 +26,10 @@ class JointFunctions(LocalProblems):
         `interaction`, its own being 1 for forces that it has not; the largest gap and turn.
         """
         problem, x = self.of_joint(fields, kind)
-        x, joints, p = (
-            problem.apply_supports(x),
-            problem.model.joints,
-            self.model.space.dims.position,
-        )
-        kinematics, inertia, _ = problem.node_balance(x)
-        nodes, _ = problem.node_tangent(kinematics, inertia)
-        half, motion = problem.half_turns(nodes), problem.joint_poses(kinematics)
-        none = torch.zeros_like(x.stress[:0])
-        still = x.stress.new_zeros(len(kind.sides), x.stress.shape[-1])
-        push, gap = joints.balance(still, none, x.stress, lambda: motion)
-        blocks = joints.blocks_of(motion, x.stress, None if half is None else half(), problem.RATE)
-        outputs = {"right": -gap[0], "oo": torch.diag_embed(1 - joints.held[0])}
-        for k, side in enumerate(kind.sides):
-            a = SIDES[1].index(side)
-            outputs[f"{side}.push"] = push[k]
-            outputs[f"{side}o"], outputs[f"o{side}"] = blocks.force[0, a], blocks.constraint[0, a]
-            for other in kind.sides:
-                outputs[side + other] = blocks.stiffness[0, a, SIDES[1].index(other)]
-        gap = gap[0].abs()
-        return outputs | {"gap_position": gap[:p].amax(), "gap_rotation": gap[p:].amax()}
+        outputs, (gap,) = of_ends(problem, x, problem.model.joints, kind.sides, OWN)
+        sizes = gap.abs().split(self.model.space.dims[:2])
+        sizes = {name: size.amax() for name, size in zip(GAPS, sizes, strict=True)}
+        return outputs | {"right": -gap} | sizes
 
     def finish_joint(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The joint at the end of the step: its forces (w), what is read of it, the work done by
@@ -65,20 +48,8 @@ class JointFunctions(LocalProblems):
         problem, x = self.of_joint(fields | {"force": force}, kind)
         kinematics, *_ = problem.node_balance(problem.apply_supports(x))
         joints = problem.model.joints
-        return {
-            "force": force
-            + joints.held[0] * joints.driven(problem.joint_poses(kinematics)).effort[0]
-        }
-
-    def transposed_joint(self, held: bool, kind: JointKind, **fields: Tensor) -> Fields:
-        """Blocks in the transposed matrix, and what is asked of its forces (`right`, w):
-        `force_bar`; where supports hold nodes, see `interaction_functions.transposed`.
-        """
-        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        right = fields.pop("force_bar")
-        outputs = transposed(self.joint(kind, **fields), reactions)
-        right = right * right.new_tensor(kind.held)
-        return outputs | {"right": right + outputs.get("right", 0.0)}
+        placed = problem.node_motion(kinematics).placed(joints.pose)
+        return {"force": force + joints.held[0] * joints.driven(placed).effort[0]}
 
     def joint_update(self, force: Tensor, move: Tensor) -> Fields:
         """The forces of a joint (w) after they have changed."""

@@ -18,8 +18,8 @@ from ...equations.steady import Configuration, least_forces
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import most, same_law
 from ...nodal.conditions import conditions
-from ...nodal.joints import stacked
 from ...nodal.model import Model
+from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
@@ -146,7 +146,7 @@ def _climbed(
     instance, joints = structure.instance, model.joints.count > 0
     exact = same_law(trees.element.C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
-    stress, forces = model.joints.split(x.stress)
+    stress, forces = model.multipliers.split(x.stress)
     start = x._asdict() | {"stress": stress} | ({FORCES: forces} if joints else {})
     place = {"stress": ("start_stress", "stress"), **OF_JOINTS, "reaction": ("support", "last")}
     given = [
@@ -230,7 +230,7 @@ def fields_at_rest(
         sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))
         numbers[f"least_{name}"] = torch.stack(sizes).amax(0)
     if model.joints.count:
-        numbers["joint_size"] = model.joints.size
+        numbers["joint_size"] = model.multipliers.size
     fields = [
         *constant_fields(trees),
         *_poses(model, t),

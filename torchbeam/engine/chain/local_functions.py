@@ -25,13 +25,14 @@ from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
 from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_forces, scaled
-from ...nodal.joints import measured
+from ...nodal.multipliers import measured
 from ...solvers.newton import Length, converged, next_secant, step_length
 from ...state.state import State
 from ...topology.framework_unknowns import masked
 from ...topology.midside_nodes import condensed, following
 from ...topology.protocols import Topology
 from .coupling_functions import CouplingFunctions
+from .interaction_functions import transposed
 from .joint_functions import JointFunctions
 from .layout import FLAGS
 from .local_problem import INTERNAL, Fields, by_secants, far_fields, unbatched
@@ -113,7 +114,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
 
     @staticmethod
     def part(x: Tensor, to: Tensor, ratio: Tensor) -> Fields:
-        """The stress of an element, or the force of a joint, so much of the way from x."""
+        """The stress of an element, or multipliers, so much of the way from x."""
         return {"x": torch.lerp(x, to, ratio)}
 
     def cosine(self, m: Tensor) -> Fields:
@@ -528,6 +529,18 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
             right = right * fields["free_here"]
             D, below, above = _masked_row(D, below, above, fields)
         return D, below, above, right
+
+    def transposed_interaction(self, name: str, held: bool, kind: Any, **fields: Tensor) -> Fields:
+        """Of an interaction, see `interaction_functions.transposed`; of what has unknowns of its
+        own with what cotangents ask of these: `force_bar`.
+        """
+        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
+        right = fields.pop("force_bar", None)
+        outputs = transposed(getattr(self, name)(kind, **fields), reactions)
+        if right is None:
+            return outputs
+        right = right * right.new_tensor(kind.held)
+        return outputs | {"right": right + outputs.get("right", 0.0)}
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
         """What the cotangent of a reaction is to the balance of its node (w)."""

@@ -129,15 +129,20 @@ def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
     return own.index(own[k])
 
 
+def distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, StretchKind]]:
+    """Those whose functions of this word are not those of an earlier one, with their numbers."""
+    return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
+
+
 class PairKind(NamedTuple):
     """What code of a pair that may touch depends on, see `TouchingPairs`: what holds its six nodes;
-    its law.
+    its law, see `PairLaw`.
     """
 
     ends: tuple[EndKind, ...]
     rubs: bool
     damps: bool
-    surface: bool
+    surface: type | None
     tapers: bool
 
     sides = property(lambda self: PAIR_SIDES)

@@ -10,8 +10,8 @@ from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
+from ...nodal.between_nodes import BetweenNodes
 from ...nodal.model import Model
-from ...nodal.tendon_motion import NoTendons
 from ...topology.cut import Cut, Joints, Run
 from ...topology.framework import Framework
 from .layout import INTERFACE
@@ -99,7 +99,7 @@ def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
     return tuple(sorted(manners | {name for name, own in more.items() if own}))
 
 
-def stretches_of(tendons: NoTendons) -> tuple[Stretch, ...]:
+def stretches_of(tendons: BetweenNodes) -> tuple[Stretch, ...]:
     """Of all tendons, one after the other."""
     stretches, pairs = [], tendons.stretches
     for s, (k, e) in enumerate(pairs):

@@ -13,8 +13,7 @@ from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
-from .interaction import PAIR
-from .interaction_functions import transposed
+from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems, by_secants, far_fields
 from .node_kinds import PAIR_SIDES, PairKind
 
@@ -27,7 +26,8 @@ class PairFunctions(LocalProblems):
         """1 where it is too far to touch over the step; `near`: where it is not."""
         problem, kinematics = self.of_pair(fields, kind)
         (near,) = problem.model.touching.near(None)
-        motion = of_nodes(near.nodes, problem.touching_way(kinematics))
+        way = problem.model.touching.way_of(problem.node_motion(kinematics))
+        motion = of_nodes(near.nodes, way)
         return far_fields(near.pairs.far(motion)[0].to(problem.t))
 
     def pair(self, kind: PairKind, **fields: Tensor) -> Fields:
@@ -39,17 +39,13 @@ class PairFunctions(LocalProblems):
         problem = by_secants(problem, fields)
         touching, w = problem.model.touching, self.model.space.unknowns
         nodes = problem.TANGENT(problem.motion, kinematics)
-        motion = problem.touching_motion(kinematics, nodes)
-        (near,) = touching.near(motion)
-        push = touching.loaded(problem.t.new_zeros(len(PAIR_SIDES), w), lambda: motion)
-        blocks, q = touching.by_moves(near, motion)[0], self.coupled(kind)
-        passed = touching.passed(lambda: problem.touching_way(kinematics))
-        outputs = {"passed": passed.to(push)}
-        outputs |= {f"{side}.push": x for side, x in zip(PAIR_SIDES, push[:, :q], strict=True)}
-        for name in PAIR.blocks:
-            row, column = map(PAIR_SIDES.index, name)
-            outputs[name] = blocks[row, column, :q, :q]
-        return outputs
+        motion = problem.node_motion(kinematics, nodes)
+        (near,) = touching.near(None)
+        push = touching.loaded(problem.t.new_zeros(len(PAIR_SIDES), w), motion)
+        blocks = touching.by_moves(near, motion, touching.moves_of(motion))[0]
+        passed, q = touching.passed(motion), self.coupled(kind)
+        outputs = pushed(push[:, :q], PAIR_SIDES, blocks[..., :q, :q])
+        return {"passed": passed.to(push)} | outputs
 
     def coupled(self, kind: PairKind) -> int:
         """So many of a node's unknowns a pair pushes, and is moved by: without friction places
@@ -61,19 +57,14 @@ class PairFunctions(LocalProblems):
     def finish_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
         """Its work over the step."""
         problem, kinematics = self.of_pair(fields, kind)
-        return {"work": problem.model.touching.work(lambda: problem.touching_way(kinematics))}
-
-    def transposed_pair(self, held: bool, kind: PairKind, **fields: Tensor) -> Fields:
-        """See `interaction_functions.transposed`."""
-        reactions = {side: fields.pop(f"{side}.reaction") for side in PAIR_SIDES if held}
-        return transposed(self.pair(kind, **fields), reactions)
+        return {"work": problem.model.touching.work(problem.node_motion(kinematics))}
 
     def of_pair(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
         """The problem of one pair, whose nodes have no loads, and how they move."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(PAIR_SIDES)))
         pairs = filled(self.pairs, lambda k: fields[f"pair.{k}"][None])
-        if not kind.surface and isinstance(pairs, SurfacePairs):
-            pairs = pairs.curves
+        if isinstance(pairs, SurfacePairs):
+            pairs = pairs.of(kind.surface)
         if not kind.rubs:
             pairs = replace(pairs, friction=None, slip_speed=None)
         if not kind.tapers:

@@ -16,7 +16,7 @@ from ...core.surroundings import Surroundings
 from ...equations.steady import Configuration, SteadyProblem
 from ...math.block_tridiagonal import in_unit
 from ...nodal.balance import same_law
-from ...nodal.joints import stacked
+from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
 from ...state.state import rest
 from ...topology.places import take
@@ -117,7 +117,7 @@ class NativeBalance:
     ) -> NativePoint:
         """At position, rotation (..., N+1, *) and stress (..., N, k), under a factor (...)."""
         batch, order, x = factor.shape, self.instance.program.order, (position, rotation, stress)
-        stress, forces = self.model.joints.split(stress)
+        stress, forces = self.model.multipliers.split(stress)
         share = factor if self.load is None else torch.ones_like(factor)
         given = [
             Field(record, name, value.expand(*batch, *value.shape[-axes:]).contiguous(), axes)

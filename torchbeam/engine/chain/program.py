@@ -17,7 +17,7 @@ from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk, structure
 from .driver import SQUARES, SUMS
-from .interaction import COUPLING, INTERACTIONS, JOINT, PAIR, TIE, Interaction
+from .interaction import FINISHED, INTERACTIONS, JOINT, TIE, Interaction
 from .layout import (
     ELEMENTS,
     FLAGS,
@@ -270,7 +270,7 @@ class StepProgram(NewtonProgram):
 
     def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         functions = super()._interactions(traced, local)
-        for one in (JOINT, PAIR, COUPLING):
+        for one in FINISHED:
             for k, kind in interactions.kinds_of(self.kinds, one):
                 finish = partial(getattr(local, f"finish_{one.name}"), kind)
                 functions[f"finish {one.name} {k}"] = traced(finish, getattr(traced, one.constants))

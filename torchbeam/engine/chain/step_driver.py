@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .driver import Driver
-from .interaction import COUPLING, JOINT, PAIR
+from .interaction import FINISHED
 
 
 class StepDriver(Driver):
@@ -41,7 +41,7 @@ class StepDriver(Driver):
         with code.loop(0, self.args["elements"]) as e:
             self._finish_element(e, good)
         self._finish_tendons(good)
-        for one in (PAIR, COUPLING, JOINT):
+        for one in FINISHED:
             self._each_of(one, lambda entry: self._finish_interaction(entry, good), look=True)
         with code.loop(0, self.args["nodes"]) as j:
             self._at_node("finish", j, ("change", 0))

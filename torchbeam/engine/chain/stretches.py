@@ -8,7 +8,7 @@ from functools import partial
 from ..compiler.function import Function
 from .layout import ONE, STRETCHES, TENDONS, Layout
 from .local_functions import LocalFunctions
-from .node_kinds import SIDES, StretchKind, alike
+from .node_kinds import SIDES, StretchKind, distinct
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 
@@ -30,15 +30,10 @@ def of_tensions(
     """
     shapes, functions = traced.stretch | (varying or {}), {}
     for name in ("stretch", "tension_first", "tension_next"):
-        for k, kind in _distinct(kinds, name.partition("_")[0]):
+        for k, kind in distinct(kinds, name.partition("_")[0]):
             function = partial(getattr(local, name), kind)
             functions[f"{name.replace('_', ' ')} {k}"] = traced(function, shapes)
     return functions
-
-
-def _distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, StretchKind]]:
-    """Those whose functions of this word are not those of an earlier one."""
-    return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
 
 
 def adjoint_of_stretches(
@@ -60,7 +55,7 @@ def adjoint_of_stretches(
     }
     for name, own in bars.items():
         word = name.partition(" ")[0]
-        for k, _ in _distinct(kinds, word):
+        for k, _ in distinct(kinds, word):
             whole = functions[f"{name} {k}"]
             wanted = whole.outputs if word == "stretch" else ["tension"]
             functions[f"{name} {k} bar"] = derivative(whole.only(wanted), own)

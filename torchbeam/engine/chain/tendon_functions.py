@@ -21,13 +21,14 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
+from ...nodal.between_nodes import Placed
 from ...nodal.joint_motion import end_moves
 from ...nodal.rope import Rope, Stretches, along_stretch
-from ...nodal.tendon_motion import TendonMotion
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
-from .interaction_functions import transposed
+from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems
 from .node_kinds import SIDES, EndKind, StretchKind
 
@@ -46,9 +47,10 @@ class TendonFunctions(LocalProblems):
         become longer; its direction (3) after; with friction the rate at which it did before.
         """
         problem, x = self.of_stretch(fields, kind)
-        motion = problem.tendon_motion(problem.node_balance(problem.apply_supports(x))[0])
+        motion = problem.node_motion(problem.node_balance(problem.apply_supports(x))[0])
         tendons = problem.model.tendons
-        (step,) = tendons.steps(motion)
+        motion = motion.placed(tendons.eyelets)
+        (step,) = tendons.steps(motion, motion.of.now.tendons)
         stretches = Stretches.of(step)
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
@@ -109,24 +111,18 @@ class TendonFunctions(LocalProblems):
         problem, x = self.of_stretch(fields, kind)
         kinematics, inertia, _ = problem.node_balance(problem.apply_supports(x))
         nodes, _ = problem.node_tangent(kinematics, inertia)
-        half, motion = problem.half_turns(nodes), problem.tendon_motion(kinematics)
-        motion = motion._replace(drive=motion.drive._replace(share=None))  # its tension has it
-        half = None if half is None else half()
+        motion = problem.node_motion(kinematics, nodes)._replace(share=None)  # its tension has it
         tendons, T = problem.model.tendons, fields["tension"]
-        w, n = self.model.space.unknowns, len(kind.sides)
-        unit = tendons.loaded(T.new_zeros(n, w), lambda: motion._replace(given=T.new_ones(1)))
-        pulled = motion._replace(given=T[None])
-        blocks = tendons.blocks(pulled, half, problem.RATE).unflatten(0, (n, n))
-        outputs = {}
+        placed, w, n = motion.placed(tendons.eyelets), self.model.space.unknowns, len(kind.sides)
+        unit = tendons.loaded(T.new_zeros(n, w), placed, T.new_ones(1))
+        blocks = tendons.blocks(placed, T[None]).unflatten(0, (n, n))
+        outputs = pushed(T * unit, kind.sides, blocks)
         if kind.coupled:
-            outputs = self._own_blocks(fields)
-            own = self._own_rows(tendons, motion, half, problem.RATE, fields)
+            outputs |= self._own_blocks(fields)
+            own = self._own_rows(tendons, placed, fields)
             outputs |= {f"o{side}": own[side] for side in kind.sides}
-        for k, side in enumerate(kind.sides):
-            outputs[f"{side}.push"] = T * unit[k]
-            if kind.coupled:
-                outputs[f"{side}o"] = torch.nn.functional.pad(unit[k][:, None], (0, w - 1))
-            outputs |= {side + other: blocks[k, m] for m, other in enumerate(kind.sides)}
+            columns = zip(kind.sides, unit, strict=True)
+            outputs |= {f"{side}o": pad(x[:, None], (0, w - 1)) for side, x in columns}
         return outputs
 
     def _own_blocks(self, fields: Fields) -> Fields:
@@ -144,35 +140,24 @@ class TendonFunctions(LocalProblems):
         blocks["oo"] = blocks["oo"] + torch.eye(w, dtype=T.dtype)
         return blocks
 
-    def _own_rows(
-        self,
-        tendons: Tendons,
-        motion: TendonMotion,
-        half: Tensor | None,
-        rate: float,
-        fields: Fields,
-    ) -> Fields:
+    def _own_rows(self, tendons: Tendons, motion: Placed, fields: Fields) -> Fields:
         """Of dT, dS, dA by the moves of the ends (w, w), by side."""
         by = torch.stack(
             (fields["tension"] * fields["by_q"], fields["direction"], fields["turned"])
         )
-        by_side, nodes = {}, [node for node in tendons.nodes if node is not None]
+        half, by_side = motion.of.half_turns(), {}
+        nodes = [node for node in tendons.nodes if node is not None]
         for end, sign in ((0, 1.0), (1, -1.0)):
             if tendons.nodes[end] is None:
                 continue
             lever = motion.end.lever[end].expand(3, 3)
-            rows = sign * rate * tendons.wrench(lever, by)
+            rows = sign * motion.of.rate * tendons.wrench(lever, by)
             if half is not None:
                 k = nodes.index(tendons.nodes[end])
                 rows = rows @ end_moves(half[k], self.model.space.dims.position)
             w = rows.shape[-1]
             by_side[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
         return by_side
-
-    def transposed_tie(self, held: bool, kind: StretchKind, **fields: Tensor) -> Fields:
-        """See `interaction_functions.transposed`."""
-        reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        return transposed(self.tie(kind, **fields), reactions)
 
     def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""

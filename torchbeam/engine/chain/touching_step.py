@@ -28,7 +28,7 @@ from ...core.status import SUCCESS
 from ...nodal.fixed_touching import fixed
 from ...nodal.model import Model
 from ...nodal.touching import Nearby, spread
-from ...nodal.touching_motion import TouchingMotion
+from ...nodal.touching_pairs import PairMotion
 from ...scene.effects import Inputs
 from ...state.state import State
 from .clearance import Clearance
@@ -187,7 +187,7 @@ class TouchingStep:
         """The pairs for steps, of which the next one moves two nodes by so much (m) towards each
         other.
         """
-        motion = TouchingMotion(position, None, None, None, None, dict)
+        motion = PairMotion(position)
         least, near, chosen = max(SKIN * self.element, ROOM * move), [], []
         most = max(MOST * self.element, least)
         ahead = AHEAD * dt.detach().abs().amax()

@@ -21,7 +21,7 @@ from .tendon_functions import SUMMED
 Shapes = dict[str, tuple[int, ...]]
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 # functions that ask loads, and so what users wrote
-OF_LOADS = ("node", "finish", "coupling", "transposed_coupling", "finish_coupling")
+OF_LOADS = ("node", "finish", "coupling", "transposed_interaction", "finish_coupling")
 
 
 class Tracing:

@@ -50,7 +50,7 @@ def check_batch(model: Model, batch: tuple[int, ...]) -> None:
         still = Constants(model).still
         nodes, t, inputs = _moving(model, still, torch.zeros_like(still.position))
         now = conditions(model, t, inputs, loads=tuple(loads))
-        several = interactions.points(model, nodes, now)
+        several = interactions.points(model.space, nodes, now)
         for acting, point in (*load_points(model, nodes, now, now.loads), *several):
             check_samples(acting.load, point, t, inputs, batch)
 

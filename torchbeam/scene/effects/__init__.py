@@ -31,12 +31,13 @@ from .load_point import (
     LoadEffect,
     LoadPoint,
     Pose,
-    together,
 )
 from .loads import LineLoad, PointLoad, TipLoad
-from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, Sphere
+from .obstacle import Obstacle
+from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
 from .self_contact import SelfContact
+from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
 from .tendon import Eyelet, Tendon
 from .values import (
@@ -53,53 +54,14 @@ from .values import (
     value_at,
 )
 
+# fmt: off
 __all__ = [
-    "ACCELERATION",
-    "ANGULAR_ACCELERATION",
-    "INERTIAL",
-    "POSITION",
-    "ROTATION",
-    "SPIN",
-    "VELOCITY",
-    "Accelerogram",
-    "Actuation",
-    "Along",
-    "Box",
-    "Capsule",
-    "Contact",
-    "Cylinder",
-    "Damping",
-    "Drag",
-    "Effect",
-    "Eyelet",
-    "Gravity",
-    "History",
-    "Input",
-    "Inputs",
-    "LineLoad",
-    "Load",
-    "LoadEffect",
-    "LoadPoint",
-    "MassDamping",
-    "Obstacle",
-    "PerElement",
-    "PerInterval",
-    "Plane",
-    "PointLoad",
-    "PointMass",
-    "Pose",
-    "RootSpring",
-    "SelfContact",
-    "Sphere",
-    "Spring",
-    "Tendon",
-    "TipLoad",
-    "changing",
-    "first_of",
-    "inputs_at",
-    "inputs_of",
-    "inputs_over",
-    "rayleigh",
-    "together",
-    "value_at",
+    "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
+    "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
+    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
+    "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
+    "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
+    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing",
+    "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
+# fmt: on

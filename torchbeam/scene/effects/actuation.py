@@ -92,11 +92,8 @@ class Actuation(Effect):
         both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
         if self.elements is None:
             return both
-        at = (
-            torch.arange(count)[self.elements]
-            if isinstance(self.elements, slice)
-            else torch.tensor(self.elements)
-        )
+        part = isinstance(self.elements, slice)
+        at = torch.arange(count)[self.elements] if part else torch.tensor(self.elements)
         if at.numel() == 0 or (at < -count).any() or (at >= count).any():
             raise ValueError(
                 f"elements = {self.elements!r} was given for a beam of {count}; numbers from 0 to "

@@ -17,8 +17,8 @@ from .contact_law import damped, pressure, rubbing
 from .contact_path import leads_through
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant, cross
-from .obstacles import Box, Capsule, Cylinder, Obstacle, Plane, each
-from .rounded_box import RoundedBox
+from .obstacle import Obstacle, each
+from .obstacles import Plane
 from .values import Inputs
 
 
@@ -104,11 +104,10 @@ class Contact(ContactTerms):
     corners = None  # of a body, see `BodyContact`
 
     def __post_init__(self) -> None:
-        other, set_ = self.other, object.__setattr__
+        other = self.other
         if isinstance(self.obstacle, str):  # then on, and obstacle or other, say it all
-            set_(self, "on", self.obstacle)
-            set_(self, "obstacle", None if isinstance(other, str) else other)
-            set_(self, "other", other if isinstance(other, str) else None)
+            both = (None, other) if isinstance(other, str) else (other, None)
+            vars(self).update(on=self.obstacle, obstacle=both[0], other=both[1])
         elif other is not None and not (self.obstacle is None and isinstance(self.on, str)):
             raise ValueError(
                 f"{shown(self.obstacle)} was given as the first of two; the name of a beam is "
@@ -139,7 +138,7 @@ class Contact(ContactTerms):
                     "given; a smaller one is wanted"
                 )
         if self.points is None and self.partner is None:
-            set_(self, "points", 2)
+            vars(self).update(points=2)
 
     @property
     def partner(self) -> str | None:
@@ -182,9 +181,8 @@ class Contact(ContactTerms):
                 f"Contact of {names[0]!r} and {names[1]!r}, both with surfaces, was given; a beam, "
                 "or a body without one, is wanted as one of both"
             )
-        if self.partner is None and (
-            not isinstance(self.obstacle, Plane) or isinstance(shape, Cylinder)
-        ):
+        solid = shape.in_body
+        if self.partner is None and (not isinstance(self.obstacle, Plane) or solid.corners is None):
             raise ValueError(
                 f"Contact of {name!r}, whose surface is a {shape.called}, with a "
                 f"{self.obstacle.called} was given; a Sphere, Capsule or Box, and a Plane, are "
@@ -198,11 +196,7 @@ class Contact(ContactTerms):
             )
         if self.partner is not None:
             return self
-        box = RoundedBox.of(shape)
-        corners = box.corners
-        if not isinstance(shape, Box):  # two ends of a bar, or one centre
-            corners = corners[..., :: 4 if isinstance(shape, Capsule) else 8, :]
-        return BodyContact.of(self, radius=box.rounding, corners=corners)
+        return BodyContact.of(self, radius=solid.radius, corners=solid.corners)
 
     @property
     def moves(self) -> bool:
@@ -292,9 +286,7 @@ class Contact(ContactTerms):
         return v if moves is None else v - moves
 
     def slip(self, point: LoadPoint, normal: Tensor) -> Tensor:
-        """(..., points, 3) m/s of the beam's surface along the obstacle's, both where the beam's
-        is.
-        """
+        """(..., points, 3) m/s of the beam's surface along the obstacle's, at the former."""
         x, v = point.position, _in_frame(point)
         if self.radius is not None:
             spin, omega, arm = point.spin, point.frame[1], -self.radii * normal

@@ -21,9 +21,7 @@ BENT = 16  # EI/L^3 a length bends a beam as far as it is long
 
 
 def with_defaults(effects: tuple[Any, ...], beam: Any) -> tuple[Any, ...]:
-    """A scene's effects, whose contacts have all of their numbers. Raises ValueError where nothing
-    says them.
-    """
+    """Effects whose contacts have all numbers. Raises ValueError where nothing says them."""
     return tuple(
         _whole(effect, beam, effects) if isinstance(effect, ContactTerms) else effect
         for effect in effects

@@ -7,15 +7,11 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+AtPoints = Callable[[Tensor], Tensor]  # what is asked of points
 MEETINGS = 4  # of tangents
 
 
-def leads_through(
-    gap: Callable[[Tensor], Tensor],
-    directions: Callable[[Tensor], Tensor],
-    start: Tensor,
-    end: Tensor,
-) -> Tensor:
+def leads_through(gap: AtPoints, directions: AtPoints, start: Tensor, end: Tensor) -> Tensor:
     """(..., n) bool: whether straight ways from points to points (..., n, 3) lead through what has
     the gap (..., n, 1) m and its gradient `directions`: inside in between, and outside at both
     ends, or out on another side than in.
@@ -26,12 +22,7 @@ def leads_through(
     return (inside & (out | turned))[..., 0]
 
 
-def least_along(
-    gap: Callable[[Tensor], Tensor],
-    directions: Callable[[Tensor], Tensor],
-    start: Tensor,
-    way: Tensor,
-) -> Tensor:
+def least_along(gap: AtPoints, directions: AtPoints, start: Tensor, way: Tensor) -> Tensor:
     """(..., n, 1) m: about the smallest gap on straight ways (..., n, 3) from points on, with its
     gradient `directions`. It is convex along a line, as what can be passed through is: least near
     where the tangents at both ends meet, nearer yet between there and the end towards which it

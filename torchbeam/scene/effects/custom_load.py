@@ -44,11 +44,8 @@ UNSAID = (
 
 
 def _inputs(name: str, value: Any) -> tuple[Input, ...]:
-    inputs = (
-        tuple(Input(n, size) for n, size in value.items())
-        if isinstance(value, dict)
-        else tuple(listed(value))
-    )
+    named = isinstance(value, dict)
+    inputs = tuple(Input(*item) for item in value.items()) if named else tuple(listed(value))
     if not all(isinstance(i, Input) for i in inputs):
         raise ValueError(
             f"{shown(value)} was given as {name}; Inputs, or names with sizes, are wanted"
@@ -154,11 +151,8 @@ class Load(LoadEffect):
         if self.node is not None:
             check_node("node", self.node)
         if bool(self.internal) != (self.rate is not None):
-            given = (
-                "internal states without a rate"
-                if self.internal
-                else "a rate without internal states"
-            )
+            given = "a rate without internal states"
+            given = "internal states without a rate" if self.internal else given
             raise ValueError(f"{given} was given to Load; both or neither are wanted")
         if PLACE in self.of and self.node is not None:
             raise ValueError(
@@ -174,9 +168,7 @@ class Load(LoadEffect):
         self._check_functions()
 
     def _check_functions(self) -> None:
-        """ValueError where the functions do not take what is handed over, each by a name of its
-        own.
-        """
+        """ValueError where functions do not take what is handed over, each by its own name."""
         names = [
             *(i.name for i in self.inputs),
             *self.values,
@@ -211,25 +203,15 @@ class Load(LoadEffect):
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         z = None
         if self.internal:
-            z = (
-                point.internal
-                if point.dt is None
-                else self.advance(point, point.internal, t, inputs, point.dt)
-            )
+            z = point.internal
+            z = z if point.dt is None else self.advance(point, z, t, inputs, point.dt)
         motion, named, lead = self._arguments(point, t, inputs, z)
 
         def wrench(now: Tensor) -> Wrench:
             returned = self.function(*motion, now, **named)
-            if (
-                not isinstance(returned, (tuple, list))
-                or len(returned) != 2
-                or all(w is None for w in returned)
-            ):
-                given = (
-                    f"{len(returned)} values"
-                    if isinstance(returned, (tuple, list)) and len(returned) != 2
-                    else shown(returned)
-                )
+            count = len(returned) if isinstance(returned, (tuple, list)) else None
+            if count != 2 or all(w is None for w in returned):
+                given = shown(returned) if count in (None, 2) else f"{count} values"
                 raise ValueError(
                     f"a Load's function that returns {given} was given; (force, moment) is wanted, "
                     "one of them None where it is absent"
@@ -272,15 +254,10 @@ class Load(LoadEffect):
         return at_time(rate, t, own=1 if self.node is not None else 2)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Derivative (..., internal, 3 or internal) of z' by each name that the load depends on, as
-        in `tangent`, and by z.
-        """
+        """Derivative (..., internal, 3 or internal) of z' by names, as in `tangent`, and by z."""
         with _differentiated("rate"):
-            return derivatives(
-                lambda at: self.rates(at, at.internal, t, inputs),
-                point,
-                (*sorted(self.depends), INTERNAL),
-            )
+            names = (*sorted(self.depends), INTERNAL)
+            return derivatives(lambda at: self.rates(at, at.internal, t, inputs), point, names)
 
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
@@ -310,37 +287,20 @@ class Load(LoadEffect):
             numbers |= {PLACE: point.s} if PLACE in self.of else {}
         for name in INERTIAL:
             if name in self.of:
-                named[name] = (
-                    torch.zeros_like(point.R[..., 0])
-                    if getattr(point, name) is None
-                    else getattr(point, name)
-                )
+                x = getattr(point, name)
+                named[name] = torch.zeros_like(point.R[..., 0]) if x is None else x
         if z is not None:
             named["z"] = z
         own = (1, 2, 1, 1)
-        axes = max(
-            [
-                point.R.ndim - 2,
-                *(x.ndim - k for x, k in zip(motion, own, strict=True) if x is not None),
-                *(x.ndim - 1 for x in named.values()),
-                *(x.ndim for x in numbers.values()),
-            ]
-        )
-        lead = broadcast_shapes(
-            point.R.shape[:-2],
-            *(x.shape[:-1] for x in named.values()),
-            *(x.shape for x in numbers.values()),
-        )
+        shapes = [x.shape[:-1] for x in named.values()] + [x.shape for x in numbers.values()]
+        lead = broadcast_shapes(point.R.shape[:-2], *shapes)
+        given = [(x, k) for x, k in zip(motion, own, strict=True) if x is not None]
+        axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in given), *map(len, shapes)])
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
-        return (
-            tuple(
-                None if x is None else _with_axes(x, axes + k)
-                for x, k in zip(motion, own, strict=True)
-            ),
-            named | numbers,
-            lead,
-        )
+        both = zip(motion, own, strict=True)
+        motion = tuple(None if x is None else _with_axes(x, axes + k) for x, k in both)
+        return motion, named | numbers, lead
 
 
 def _wants(function: Callable[..., Any], behind: int) -> set[str]:
@@ -372,9 +332,7 @@ def _differentiated(what: str) -> Iterator[None]:
 
 
 def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:
-    """Value that a function of the motion returned, (..., size), if its axes fit the arguments';
-    ValueError otherwise.
-    """
+    """What a function returned, (..., size), if its axes fit the arguments'; else ValueError."""
     if not isinstance(value, (Tensor, tuple, list)):
         raise ValueError(
             f"{whose} that returns {shown(value)} was given; tensors (..., {size}) are wanted"

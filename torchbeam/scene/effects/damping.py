@@ -1,6 +1,4 @@
-"""Damping proportional to stiffness (stress by strain rate) and to mass
-(force against velocity).
-"""
+"""Damping proportional to stiffness (stress by strain rate) and to mass (force by velocity)."""
 
 from __future__ import annotations
 
@@ -88,9 +86,8 @@ class MassDamping(LoadEffect):
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         # rows R^T v and R^T w
         motion = torch.stack(torch.broadcast_tensors(point.velocity, point.spin), -2) @ point.R
-        momenta = (point.mass @ motion.flatten(-2)[..., None]).unflatten(-2, (2, 3))[
-            ..., 0
-        ] @ point.R.mT
+        momenta = (point.mass @ motion.flatten(-2)[..., None])[..., 0]
+        momenta = momenta.unflatten(-1, (2, 3)) @ point.R.mT
         return tuple((-self.alpha[..., None, None, None] * momenta).unbind(-2))
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
@@ -163,9 +160,7 @@ def rayleigh(
 
 
 def geometric_means(tau: Tensor) -> Tensor:
-    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau itself, so that a zero has a derivative
-    there (none beside it).
-    """
+    """(tau_i tau_j)^1/2 (..., 6, 6); the diagonal is tau, so that a zero has a derivative."""
     some = tau > 0
     root = torch.where(
         some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau)

@@ -154,9 +154,8 @@ class Drag(LoadEffect):
             derivatives[ACCELERATION] = -added * (eye - P)
             if a is not None:
                 along_a = (a * axis).sum(-1, keepdim=True)[..., None]
-                derivatives[ROTATION] = turn + added * (outer(axis, a) + along_a * eye) @ -skew(
-                    axis
-                )
+                by_axis = added * (outer(axis, a) + along_a * eye)
+                derivatives[ROTATION] = turn + by_axis @ -skew(axis)
         if callable(self.flow):
             at = point.position.expand(*broadcast_shapes(point.position.shape, axis.shape))
             (slope,) = jacobians(lambda x: torch.broadcast_tensors(self._flow(x, t), x)[0], at)
@@ -165,19 +164,14 @@ class Drag(LoadEffect):
 
     def _flow(self, position: Tensor, t: Tensor) -> Tensor:
         """(..., sites, 3) m/s, frame a, of a flow that is a function."""
-        return at_time(
-            lambda now: taken("a flow function's value", self.flow(position, now), position, 3),
-            t,
-            own=2,
-        )
+        what = "a flow function's value"
+        return at_time(lambda now: taken(what, self.flow(position, now), position, 3), t, own=2)
 
     def _factors(self) -> tuple[Tensor, Tensor]:
         """-1/2 rho d C_n and -1/2 rho d pi C_t, (..., 1, 1)."""
         pressure = -self.density * self.diameter
-        return tuple(
-            v[..., None, None]
-            for v in (pressure * self.normal / 2, pressure * self.tangential * (math.pi / 2))
-        )
+        both = pressure * self.normal / 2, pressure * self.tangential * (math.pi / 2)
+        return tuple(v[..., None, None] for v in both)
 
     def _parts(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
         """The axis (..., 3), the relative velocity along it (..., 1) and across it (..., 3)."""
@@ -195,9 +189,8 @@ def norm(v: Tensor) -> Tensor:
     """|v| (..., 1), with derivative 0 at v = 0."""
     square = v.square().sum(-1, keepdim=True)
     some = square > 0
-    return torch.where(
-        some, torch.where(some, square, torch.ones_like(square)).sqrt(), torch.zeros_like(square)
-    )
+    root = torch.where(some, square, torch.ones_like(square)).sqrt()
+    return torch.where(some, root, torch.zeros_like(square))
 
 
 def outer(x: Tensor, y: Tensor) -> Tensor:

@@ -39,8 +39,7 @@ class History(FunctionOfTime):
 
     def __post_init__(self) -> None:
         t, values = _sampled("a History's", self.t, self.values)
-        object.__setattr__(self, "t", t)
-        object.__setattr__(self, "values", values)
+        vars(self).update(t=t, values=values)
 
     def __call__(self, t: Tensor) -> Tensor:
         """(..., 3) at the instant t (0-dim)."""
@@ -86,8 +85,7 @@ class Accelerogram(FunctionOfTime):
         before, after = a[..., :-1, :], a[..., 1:, :]
         v = pad((dt * (before + after) / 2).cumsum(-2), (0, 0, 1, 0))
         u = pad((dt * v[..., :-1, :] + dt**2 * (2 * before + after) / 6).cumsum(-2), (0, 0, 1, 0))
-        for name, value in (("t", t), ("acceleration", a), ("_velocity", v), ("_displacement", u)):
-            object.__setattr__(self, name, value)
+        vars(self).update(t=t, acceleration=a, _velocity=v, _displacement=u)
 
     def __call__(self, t: Tensor) -> Tensor:
         """(..., 3) m at the instant t (0-dim)."""
@@ -116,9 +114,7 @@ def _sampled(whose: str, t: Value, values: Value) -> tuple[Tensor, Tensor]:
 
 
 def _interval(samples: Tensor, t: Tensor) -> Tensor:
-    """Number (1,) of the interval that t lies in, the first or last outside; a tensor all along: no
-    number leaves torch.
-    """
+    """Number (1,), a tensor, of the interval that t lies in, the first or last outside."""
     k = (torch.searchsorted(samples.detach(), t.detach().to(samples), right=True) - 1).clamp(
         0, len(samples) - 2
     )

@@ -89,9 +89,7 @@ class Interaction(LoadEffect):
         return with_values(self, nodes=rows)
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Derivative (..., n, 6, n, 3) of the wrenches on the nodes by each name that they depend
-        on, see `LoadEffect.tangent`.
-        """
+        """Derivative (..., n, 6, n, 3) of the nodes' wrenches by name, see `LoadEffect.tangent`."""
         names, n = [name for name in MOTION if name in self.depends], point.R.shape[-3]
         nothing = point.R.new_zeros(*point.R.shape[:-1])  # of a turn
         at = [nothing if name == ROTATION else getattr(point, name) for name in names]

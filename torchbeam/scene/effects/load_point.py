@@ -1,6 +1,4 @@
-"""Load points, where and how a load acts at one instant, and loads in general: force, moment,
-tangent.
-"""
+"""Load points, where and how a load acts at one instant, and the base of loads."""
 
 from __future__ import annotations
 
@@ -171,11 +169,8 @@ class LoadEffect(Effect):
         displacement, by the spin s that turns R into (1 + ~s) R, by velocity, by angular velocity
         and by the accelerations, all in frame a.
         """
-        return derivatives(
-            lambda at: together(self.wrench(at, t, inputs), at.R),
-            point,
-            [name for name in MOTION if name in self.depends],
-        )
+        names = [name for name in MOTION if name in self.depends]
+        return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), point, names)
 
     def internal_states(self, beam: Beam) -> int:
         """How many numbers it remembers."""
@@ -260,11 +255,8 @@ def jacobians(function: Callable[..., Tensor], *xs: Tensor) -> tuple[Tensor, ...
     lead, m = out.shape[:-1], out.shape[-1]
     if any(x.shape[:-1] != lead for x in xs):
         out, pull = torch.func.vjp(function, *(x.expand(*lead, x.shape[-1]) for x in xs))
-    one_hot = (
-        torch.eye(m, dtype=out.dtype, device=out.device)
-        .reshape(m, *(1,) * len(lead), m)
-        .expand(m, *lead, m)
-    )
+    one_hot = torch.eye(m, dtype=out.dtype, device=out.device)
+    one_hot = one_hot.reshape(m, *(1,) * len(lead), m).expand(m, *lead, m)
     return tuple(g.movedim(0, -2) for g in torch.func.vmap(pull)(one_hot))
 
 
@@ -273,8 +265,7 @@ def _by_forward_mode(function: Callable[..., Tensor], xs: tuple[Tensor, ...]) ->
     columns = torch.eye(sum(sizes), dtype=xs[0].dtype, device=xs[0].device).split(sizes, -1)
 
     def along(*tangents: Tensor) -> Tensor:
-        return torch.func.jvp(
-            function, xs, tuple(v + torch.zeros_like(x) for v, x in zip(tangents, xs, strict=True))
-        )[1]
+        along = zip(tangents, xs, strict=True)
+        return torch.func.jvp(function, xs, tuple(v + torch.zeros_like(x) for v, x in along))[1]
 
     return torch.func.vmap(along, out_dims=-1)(*columns).split(sizes, -1)

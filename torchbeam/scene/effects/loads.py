@@ -54,9 +54,7 @@ class GivenLoad(LoadEffect):
 
     @property
     def conservative(self) -> bool:
-        """Whether its work is independent of the path: that of a dead force is, that of a dead
-        moment is not.
-        """
+        """Whether its work is independent of the path: of a dead force it is, of a moment not."""
         return self.moment is None and not self.follower
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
@@ -70,11 +68,8 @@ class GivenLoad(LoadEffect):
         """d(R f) = spin x R f."""
         if not self.follower:
             return {}
-        return {
-            ROTATION: -torch.cat(
-                [skew(w) for w in together(self.wrench(point, t, inputs), point.R).split(3, -1)], -2
-            )
-        }
+        both = together(self.wrench(point, t, inputs), point.R).split(3, -1)
+        return {ROTATION: -torch.cat([skew(w) for w in both], -2)}
 
     def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_at(value, t, inputs, point.R)
@@ -184,18 +179,13 @@ class LineLoad(GivenLoad):
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LineLoad | None:
         if not self.by_place:
             return None
-        given = {
-            name: value
-            for name in ("force", "moment")
-            if (value := getattr(self, name)) is not None
+        given = dict(force=self.force, moment=self.moment)
+        sites = {
+            name: AtSites(value_along(value, s, t, inputs, s, elements))
+            for name, value in given.items()
+            if value is not None
         }
-        return with_values(
-            self,
-            **{
-                name: AtSites(value_along(value, s, t, inputs, s, elements))
-                for name, value in given.items()
-            },
-        )
+        return with_values(self, **sites)
 
     def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         return value_along(value, point.s, t, inputs, point.R, point.elements)
@@ -212,5 +202,4 @@ def at_offset(effect: Any) -> None:
             f"{effect.called} with an offset and a point of {node!r} was given; one of them is "
             "wanted"
         )
-    object.__setattr__(effect, "node", node)
-    object.__setattr__(effect, "offset", effect.offset if point is None else point)
+    vars(effect).update(node=node, offset=effect.offset if point is None else point)

@@ -1,191 +1,25 @@
-"""Obstacles: rigid bodies that a beam may touch, each by its signed distance, positive outside of
-what is solid. A contact asks for that `distance`, its `gradient`, and the velocity of its points.
-Places and directions (..., 3) are in frame a, or functions of t, written in torch, that give them:
-what moves so carries its surface along.
+"""Obstacles by their shapes: each the one signed distance of itself, whether it is fixed, moves by
+itself, or is the surface of a body.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
 from ...core.declared import real_numbers
-from ...core.functions_of_time import taken, with_user_rate
-from ...core.leaves import FunctionOfTime, Tree, bound, leaf, option, own_leaves
+from ...core.leaves import leaf, option
 from ...core.validation import Value, concrete
 from ...math import quaternions as quat
 from .drag import norm
-from .load_point import cross
-from .values import Input, load_value
+from .obstacle import Obstacle, Turning, direction, each, place, unit
 
-
-@dataclass(frozen=True)
-class Drift(FunctionOfTime):
-    """Velocity (..., 3) m/s of a place (..., 3) m that is a function of t."""
-
-    place: Callable[[Tensor], Tensor] = leaf(1)
-
-    def __call__(self, t: Tensor) -> Tensor:
-        return _with_rate(self.place, t)[1]
-
-
-@dataclass(frozen=True)
-class Unit(FunctionOfTime):
-    """A direction of length 1, by a function of t that gives one of any."""
-
-    direction: Callable[[Tensor], Tensor] = leaf(1)
-
-    def __call__(self, t: Tensor) -> Tensor:
-        return _unit(taken("an obstacle's direction", self.direction(t), t, 3))
-
-
-@dataclass(frozen=True)
-class Turning(FunctionOfTime):
-    """Angular velocity (..., 3) rad/s, across it, of the direction (..., 3) from one place to
-    another, of which one at least is a function of t; origin: None = the end is the direction.
-    """
-
-    end: Value | Callable[[Tensor], Tensor] = leaf(1)
-    origin: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None)
-
-    def __call__(self, t: Tensor) -> Tensor:
-        d, rate = _with_rate(self.end, t)
-        if self.origin is not None:
-            origin, moves = _with_rate(self.origin, t)
-            d, rate = d - origin, rate - moves
-        return cross(d, rate) / d.square().sum(-1, keepdim=True)
-
-
-def _with_rate(value: Any, t: Tensor) -> tuple[Tensor, Tensor]:
-    """A place and its rate at t."""
-    if not callable(value):
-        return value, torch.zeros_like(value)
-    what = "an obstacle's place"
-    return with_user_rate(what, lambda now: taken(what, value(now), now, 3), t)
-
-
-def place(name: str, value: Any) -> Any:
-    """A place (..., 3), or a function of t; ValueError otherwise."""
-    if isinstance(value, Input):
-        raise ValueError(f"{name} as an Input was given; a value, or a function of t, is wanted")
-    return load_value(name, value)
-
-
-def direction(name: str, value: Any) -> Any:
-    """A direction likewise, of any length but 0; kept of length 1."""
-    value = place(name, value)
-    if callable(value):
-        return value if isinstance(value, Unit) else Unit(value)
-    if not (torch.as_tensor(value) != 0).any(-1).all():
-        raise ValueError(f"{name} of length 0 was given; a direction is wanted")
-    return value / (value * value).sum(-1)[..., None] ** 0.5
-
-
-def _of_points(method: Callable[[Any, Tensor], Any]) -> Callable[[Any, Tensor], Any]:
-    """A method of an obstacle and points whose numbers are tensors like the points, as in a scene;
-    ValueError where one is a function of t.
-    """
-
-    @wraps(method)
-    def of_points(self: Obstacle, x: Tensor) -> Any:
-        for one in own_leaves(self):
-            if callable(one.value):
-                raise ValueError(
-                    f"{self.called}'s {one.name} as a function of t was given; at an instant a "
-                    "value is wanted"
-                )
-        return method(bound(self, x.dtype, x.device), x)
-
-    return of_points
-
-
-@dataclass(frozen=True)
-class Obstacle(Tree):
-    """Base of all obstacles. drift m/s of its `place` and turning rad/s (..., 3): None = it stands.
-
-    Attributes:
-        PLACE: name of the field about which it turns
-        passes: whether a beam could be on its other side, beyond what is solid
-
-    Examples:
-        >>> @dataclass(frozen=True)
-        ... class Ball(extend.Obstacle):  # of 0.1 m
-        ...     centre: extend.Value = extend.leaf(1)
-        ...     PLACE = "centre"
-        ...
-        ...     def distance(self, x):
-        ...         return (x - self.centre).norm(dim=-1, keepdim=True) - 0.1
-        >>> Ball((0, 0, 0)).distance(torch.tensor([[0.5, 0, 0]]))
-        tensor([[0.4000]])
-    """
-
-    drift: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, init=False)
-    turning: Value | Callable[[Tensor], Tensor] | None = leaf(1, default=None, init=False)
-
-    PLACE: ClassVar[str]
-    passes: ClassVar[bool] = True
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        for name in ("distance", "gradient"):
-            if name in vars(cls):
-                setattr(cls, name, _of_points(vars(cls)[name]))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        at = getattr(self, getattr(self, "PLACE", ""), None)
-        object.__setattr__(self, "drift", Drift(at) if callable(at) else None)
-        object.__setattr__(self, "turning", self._turned())
-
-    def _turned(self) -> Turning | None:
-        """How it turns, where a direction of it is a function of t."""
-        return None
-
-    def distance(self, x: Tensor) -> Tensor:
-        """(..., points, 1) m of points (..., points, 3), frame a."""
-        raise NotImplementedError
-
-    def gradient(self, x: Tensor) -> Tensor:
-        """Of the distance (..., points, 3): of length 1, out of what is solid."""
-        raise NotImplementedError
-
-    @property
-    def room(self) -> Tensor | None:
-        """(...) m, the largest radius that has room in a hollow; None = it is none."""
-        return None
-
-    @property
-    def spinning(self) -> Tensor | None:
-        """(..., 3) rad/s by which its surface turns in itself; None = it does not."""
-        return None
-
-    @_of_points
-    def velocity(self, x: Tensor) -> Tensor | None:
-        """(..., points, 3) m/s in frame a of its points as it moves; None = it stands."""
-        return self._carried(x, self.turning)
-
-    @_of_points
-    def surface_velocity(self, x: Tensor) -> Tensor | None:
-        """The same of its surface."""
-        parts = [spin for spin in (self.turning, self.spinning) if spin is not None]
-        return self._carried(x, sum(parts[1:], parts[0]) if parts else None)
-
-    def _carried(self, x: Tensor, spin: Tensor | None) -> Tensor | None:
-        moves = None if self.drift is None else self.drift[..., None, :]
-        if spin is None:
-            return moves
-        turns = cross(spin[..., None, :], self._from(x))
-        return turns if moves is None else turns + moves
-
-    def _from(self, x: Tensor, field: str | None = None) -> Tensor:
-        """Points from a place of it, its own unless another is named."""
-        return x - getattr(self, field or self.PLACE)[..., None, :]
+SIGNS = tuple((x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -222,8 +56,36 @@ class Plane(Obstacle):
         return self.normal[..., None, :] + torch.zeros_like(self._from(x))
 
 
+class Rounded(Obstacle):
+    """All that is nearer than its `radius` (...) m to a point or a line."""
+
+    of_bodies = True
+    radius: Any
+
+    def away(self, x: Tensor) -> Tensor:
+        """(..., points, 3) m from the nearest place of the point or line to points."""
+        raise NotImplementedError
+
+    def distance(self, x: Tensor) -> Tensor:
+        return norm(self.away(x)) - each(self.radius)
+
+    def gradient(self, x: Tensor) -> Tensor:
+        return unit(self.away(x))
+
+    def mean_gradient(self, x: Tensor, y: Tensor) -> Tensor:
+        return mean_direction(self.away(x), self.away(y))[0]
+
+
+def mean_direction(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """(x + y)/(|x| + |y|) (..., 3), whose product with y - x is |y| - |x|; and |x| + |y| (..., 1):
+    where that is 0, there is no direction.
+    """
+    size = norm(x) + norm(y)
+    return (x + y) / torch.where(size > 0, size, torch.ones_like(size)), size
+
+
 @dataclass(frozen=True)
-class Sphere(Obstacle):
+class Sphere(Rounded):
     """A ball.
 
     Args:
@@ -250,15 +112,20 @@ class Sphere(Obstacle):
     def spinning(self) -> Tensor | None:
         return self.spin
 
-    def distance(self, x: Tensor) -> Tensor:
-        return norm(self._from(x)) - each(self.radius)
+    @property
+    def reach(self) -> Tensor:
+        return torch.linalg.vector_norm(self.centre, dim=-1) + self.radius
 
-    def gradient(self, x: Tensor) -> Tensor:
-        return _unit(self._from(x))
+    @property
+    def corners(self) -> Tensor:
+        return self.centre[..., None, :]
+
+    def away(self, x: Tensor) -> Tensor:
+        return self._from(x)
 
 
 @dataclass(frozen=True)
-class Cylinder(Obstacle):
+class Cylinder(Rounded):
     """A round bar without end, or with `inside` all that is outside of a tube.
 
     Args:
@@ -301,22 +168,23 @@ class Cylinder(Obstacle):
     def spinning(self) -> Tensor | None:
         return None if self.spin is None else self.spin[..., None] * self.axis
 
+    @property
+    def reach(self) -> Tensor:
+        return self.radius / torch.finfo(self.radius.dtype).eps  # it has no end
+
     def distance(self, x: Tensor) -> Tensor:
-        out = norm(self._across(x)) - each(self.radius)
-        return -out if self.inside else out
+        return -super().distance(x) if self.inside else super().distance(x)
 
     def gradient(self, x: Tensor) -> Tensor:
-        out = _unit(self._across(x))
-        return -out if self.inside else out
+        return -super().gradient(x) if self.inside else super().gradient(x)
 
-    def _across(self, x: Tensor) -> Tensor:
-        """(..., points, 3) from the axis."""
+    def away(self, x: Tensor) -> Tensor:
         axis, d = self.axis[..., None, :], self._from(x)
         return d - (d * axis).sum(-1, keepdim=True) * axis
 
 
 @dataclass(frozen=True)
-class Capsule(Obstacle):
+class Capsule(Rounded):
     """A round bar with round ends: all that is nearer than `radius` (...) m to the line from a to b
     (..., 3) m, each a function of t, or not. Where the bar goes over to its ends the distance has a
     jump in its curvature, and none in its direction.
@@ -345,14 +213,15 @@ class Capsule(Obstacle):
     def _turned(self) -> Turning | None:
         return Turning(self.b, self.a) if callable(self.a) or callable(self.b) else None
 
-    def distance(self, x: Tensor) -> Tensor:
-        return norm(self._away(x)) - each(self.radius)
+    @property
+    def reach(self) -> Tensor:
+        return torch.linalg.vector_norm(self.corners, dim=-1).amax(-1) + self.radius
 
-    def gradient(self, x: Tensor) -> Tensor:
-        return _unit(self._away(x))
+    @property
+    def corners(self) -> Tensor:
+        return torch.stack(torch.broadcast_tensors(self.a, self.b), -2)
 
-    def _away(self, x: Tensor) -> Tensor:
-        """(..., points, 3) from the nearest place between a and b."""
+    def away(self, x: Tensor) -> Tensor:
         along, d = (self.b - self.a)[..., None, :], self._from(x)
         share = (d * along).sum(-1, keepdim=True) / along.square().sum(-1, keepdim=True)
         return d - share.clamp(0, 1) * along
@@ -400,63 +269,77 @@ class Box(Obstacle):
                 "Box's rounding of half its smallest size or more was given; less is wanted"
             )
 
+    of_bodies = True
+
     def distance(self, x: Tensor) -> Tensor:
-        return self._beyond(x).gap
+        return self._rounded(None).distance(x)
 
     def gradient(self, x: Tensor) -> Tensor:
-        n = self._beyond(x).direction
-        return n if self.rotation is None else (self._axes @ n[..., None])[..., 0]
+        return self._rounded(None).gradient(x)
 
     @property
-    def _axes(self) -> Tensor:
-        """(..., 1, 3, 3) its axes -> frame a."""
-        return quat.matrix(quat.exponential(self.rotation))[..., None, :, :]
+    def in_body(self) -> RoundedBox:
+        return self._rounded(torch.eye(3, dtype=self.size.dtype, device=self.size.device))
 
-    def _beyond(self, x: Tensor) -> Beyond:
-        d = self._from(x)
-        d = d if self.rotation is None else (self._axes.mT @ d[..., None])[..., 0]
-        rounding = each(self.rounding)
-        return beyond(d, self.size[..., None, :] / 2 - rounding, rounding)
+    def _rounded(self, axes: Tensor | None) -> RoundedBox:
+        """With these axes where they are those of frame a."""
+        half, turn = self.size / 2 - self.rounding[..., None], self.rotation
+        axes = axes if turn is None else quat.matrix(quat.exponential(turn))
+        return RoundedBox(self.centre, axes, half, self.rounding)
 
 
-class Beyond(NamedTuple):
-    """Of places: q (..., 3) m by which they are beyond a box smaller by its rounding (..., 1) m,
-    along its axes, negative within, on the side (..., 3), 1 or -1.
+@dataclass(frozen=True)
+class RoundedBox(Obstacle):
+    """All that is nearer than `radius` (...) m to a box with sharp edges: its centre (..., 3) m,
+    its axes (..., 3, 3) as columns, None = those of frame a, half of its size (..., 3) m.
     """
 
-    q: Tensor
-    side: Tensor
-    rounding: Tensor
+    centre: Tensor = leaf(1)
+    axes: Tensor | None = leaf(2)
+    half: Tensor = leaf(1)
+    radius: Tensor = leaf(0)
+
+    PLACE = "centre"
 
     @property
-    def gap(self) -> Tensor:
-        """(..., 1) m to the rounded surface."""
-        inside = self.q.amax(-1, keepdim=True).clamp(max=0)
-        return norm(self.q.clamp(min=0)) + inside - self.rounding
+    def reach(self) -> Tensor:
+        off, half = (torch.linalg.vector_norm(x, dim=-1) for x in (self.centre, self.half))
+        return off + half + self.radius
 
     @property
-    def direction(self) -> Tensor:
-        """Its gradient (..., 3) by the places, in the box's axes."""
-        out = self.q.clamp(min=0)
-        nearest = (self.q >= self.q.amax(-1, keepdim=True)).to(self.q)
+    def corners(self) -> Tensor:
+        local = self.half.new_tensor(SIGNS) * self.half[..., None, :]
+        return self.centre[..., None, :] + local @ self.axes.mT
+
+    def distance(self, x: Tensor) -> Tensor:
+        q, _ = self._beyond(x)
+        inside = q.amax(-1, keepdim=True).clamp(max=0)
+        return norm(q.clamp(min=0)) + inside - each(self.radius)
+
+    def gradient(self, x: Tensor) -> Tensor:
+        return self._in_frame(self._outward(x))
+
+    def mean_gradient(self, x: Tensor, y: Tensor) -> Tensor:
+        away = (side * q.clamp(min=0) for q, side in (self._beyond(x), self._beyond(y)))
+        mean, size = mean_direction(*away)
+        return self._in_frame(torch.where(size > 0, mean, self._outward((x + y) / 2)))
+
+    def _outward(self, x: Tensor) -> Tensor:
+        """The gradient in its own axes."""
+        q, side = self._beyond(x)
+        out = q.clamp(min=0)
+        nearest = (q >= q.amax(-1, keepdim=True)).to(q)
         away = (out > 0).any(-1, keepdim=True)
-        return self.side * torch.where(away, _unit(out), _unit(nearest))
+        return side * torch.where(away, unit(out), unit(nearest))
 
+    def _beyond(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., points, 3) m by which points are beyond the sharp box, along its axes, negative
+        within, and on which side, 1 or -1.
+        """
+        d = self._from(x)
+        d = d if self.axes is None else (self.axes[..., None, :, :].mT @ d[..., None])[..., 0]
+        side = torch.where(d < 0, -1.0, 1.0).to(d)
+        return side * d - self.half[..., None, :], side
 
-def beyond(y: Tensor, half: Tensor, rounding: Tensor) -> Beyond:
-    """Of places y (..., 3) m from the centre of a box, in its axes, that has half the size (..., 3)
-    m without its rounding (..., 1) m.
-    """
-    side = torch.where(y < 0, -1.0, 1.0).to(y)
-    return Beyond(side * y - half, side, rounding)
-
-
-def each(value: Tensor) -> Tensor:
-    """(...) as (..., 1, 1) of points."""
-    return value[..., None, None]
-
-
-def _unit(v: Tensor) -> Tensor:
-    """v/|v| (..., 3); at v = 0 none."""
-    size = norm(v)
-    return v / torch.where(size > 0, size, torch.ones_like(size))
+    def _in_frame(self, n: Tensor) -> Tensor:
+        return n if self.axes is None else (self.axes[..., None, :, :] @ n[..., None])[..., 0]

@@ -69,21 +69,17 @@ class PointMass(Effect):
         positive("PointMass's mass", torch.as_tensor(mass), zero=True)
         if inertia is not None:
             axis_last("PointMass's inertia", inertia, 3)
-            flat = isinstance(self.inertia, (list, tuple)) and not isinstance(
-                self.inertia[0], (list, tuple)
-            )
+            several = isinstance(self.inertia, (list, tuple))
+            flat = several and not isinstance(self.inertia[0], (list, tuple))
             if flat or inertia.ndim < 2 or inertia.shape[-2] != 3:
-                inertia = (
-                    torch.diag_embed(inertia)
-                    if isinstance(inertia, Tensor)
-                    else inertia[..., None] * np.eye(3)
-                )
+                tensor = isinstance(inertia, Tensor)
+                inertia = torch.diag_embed(inertia) if tensor else inertia[..., None] * np.eye(3)
             J, m = torch.as_tensor(inertia), torch.as_tensor(mass)
             arm = torch.zeros(()) if offset is None else torch.as_tensor(offset).square().sum(-1)
             _check_inertia(J, m.detach() * arm.detach())
         # its own: a model's inertia is of these
-        for name, value in (("mass", mass), ("inertia", inertia), ("offset", offset)):
-            object.__setattr__(self, name, None if value is None else own(value))
+        held = dict(mass=mass, inertia=inertia, offset=offset)
+        vars(self).update({k: None if value is None else own(value) for k, value in held.items()})
 
     @property
     def about_node(self) -> Tensor:
@@ -131,6 +127,5 @@ def _rigid_body(matrix: Tensor | np.ndarray) -> tuple:
             "a PointMass's 6x6 mass that no rigid body has was given; [[m I, -m ~c], [m ~c, J]] "
             "is wanted"
         )
-    return (
-        (m, J, c) if isinstance(matrix, Tensor) else tuple(numbers(x.tolist()) for x in (m, J, c))
-    )
+    body = m, J, c
+    return body if isinstance(matrix, Tensor) else tuple(numbers(x.tolist()) for x in body)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch
@@ -11,8 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.declared import optional, parameter, plain
-from ...core.functions_of_time import taken, with_user_rate
-from ...core.leaves import FunctionOfTime, leaf, with_values
+from ...core.leaves import leaf, with_values
 from ...core.validation import Value, as_tensor, axis_last, common_dtype
 from ...math import quaternions as quat
 from ...math.quaternions import skew
@@ -31,19 +30,7 @@ from .load_point import (
     cross,
 )
 from .loads import at_offset
-from .values import Inputs, load_value, value_at
-
-
-@dataclass(frozen=True)
-class Rate(FunctionOfTime):
-    """Rate (..., 3) of a function of t, exact, see `functions_of_time.with_rate`."""
-
-    function: Callable[[Tensor], Tensor] = leaf(1)
-
-    def __call__(self, t: Tensor) -> Tensor:
-        return with_user_rate(
-            "a Spring's point", lambda now: taken("a Spring's point", self.function(now), now, 3), t
-        )[1]
+from .values import Inputs, Rate, load_value, value_at
 
 
 @dataclass(frozen=True)
@@ -90,7 +77,7 @@ class Spring(LoadEffect):
     def __post_init__(self) -> None:
         at_offset(self)
         super().__post_init__()
-        moving = Rate(self.to) if self.damped and callable(self.to) else None
+        moving = Rate(self.to, "a Spring's point") if self.damped and callable(self.to) else None
         object.__setattr__(self, "moving", moving)
 
     def drawn_at(self, position: Tensor, rotation: Tensor) -> Spring:
@@ -163,19 +150,9 @@ class Spring(LoadEffect):
         return rate if self.moving is None else rate - value_at(self.moving, t, inputs, point.R)
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Undamped: -k (I - length/|d| (I - n n^T)); at the end of an arm a, which a spin s moves
-        by s x a, with the moment a x force.
-        """
-        if self.damped and not (self.linear and self.offset is None):
+        """Undamped, at the node: -k (I - length/|d| (I - n n^T))."""
+        if self.offset is not None or (self.damped and not self.linear):
             return super().tangent(point, t, inputs)
-        if self.offset is not None:
-            arm, site = skew(point.rotate(self.offset)), point.at(self.offset)
-            by_r = replace(self, offset=None).tangent(site, t, inputs)[POSITION][..., :3, :]
-            by_s = skew(self._pull(site, t, inputs)) - arm @ by_r
-            both = {POSITION: (by_r, arm @ by_r), ROTATION: (-by_r @ arm, by_s @ arm)}
-            return {
-                name: torch.cat(torch.broadcast_tensors(*parts), -2) for name, parts in both.items()
-            }
         k, length, c = (
             None if v is None else v[..., None, None]
             for v in (self.stiffness, self.length, self.damping)
@@ -199,9 +176,7 @@ def _direction(d: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _six(name: str, value: Value) -> Value:
-    """Six values (..., 6), not negative, from six, or from a pair of numbers, of (..., 1) or of
-    triples (..., 3).
-    """
+    """Six values (..., 6), not negative, from six, or a pair of numbers, (..., 1) or (..., 3)."""
     if isinstance(value, (list, tuple)) and len(value) == 2:
         parts = [as_tensor(p, *common_dtype(value)) for p in value]
         for p in parts:
@@ -263,9 +238,7 @@ class RootSpring(LoadEffect):
         )
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        """force -k d; moment -T^-T k phi, where T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi
-        ~phi.
-        """
+        """force -k d; moment -T^-T k phi, T^-1 spin = d(phi)/dt: T^-T = I + ~phi/2 + c ~phi^2."""
         support = _spread(point)
         back = support.R.mT
         k = self.stiffness
@@ -303,21 +276,17 @@ class RootSpring(LoadEffect):
         }
         if self.damping is not None:
             c = torch.diag_embed(self.damping.unflatten(-1, (2, 3)))
-            derivatives[VELOCITY], derivatives[SPIN] = (
-                _turned(support.R, part) for part in c.unbind(-3)
-            )
+            both = (_turned(support.R, part) for part in c.unbind(-3))
+            derivatives[VELOCITY], derivatives[SPIN] = both
             if support.spin is not None:
-                derivatives[POSITION] = derivatives[POSITION] - derivatives[VELOCITY] @ skew(
-                    support.spin
-                )
+                turning = derivatives[VELOCITY] @ skew(support.spin)
+                derivatives[POSITION] = derivatives[POSITION] - turning
         pads = {POSITION: (0, 3), VELOCITY: (0, 3), ROTATION: (3, 0), SPIN: (3, 0)}
         return {name: -pad(part, (0, 0, *pads[name])) for name, part in derivatives.items()}
 
 
 def _spread(point: LoadPoint) -> Pose:
-    """The support with the site's batch axes: one matrix times a batch rounds otherwise than a
-    batch times a batch.
-    """
+    """The support with the site's batch axes: one matrix times a batch would round otherwise."""
     shape = broadcast_shapes(point.support.R.shape, point.R.shape)
     return point.support._replace(R=point.support.R.expand(shape))
 

@@ -21,10 +21,8 @@ from .effect import Effect
 from .values import Input, OfTime, scalar_value
 
 WORDS = "an eyelet's node", "an eyelet at"
-APART = {
-    torch.float64: 1e-9,
-    torch.float32: 1e-5,
-}  # of the whole: eyelets that are one after another
+# of the whole: eyelets that are one after another
+APART = {torch.float64: 1e-9, torch.float32: 1e-5}
 
 
 @dataclass(frozen=True)
@@ -157,9 +155,7 @@ class Tendon(Effect):
         return tuple(int(eyelet.node) for eyelet in self.eyelets if eyelet.node is not None)
 
     def at(self, position: Tensor, rotation: Tensor) -> Tensor:
-        """Its eyelets (..., m, 3) m, frame a, where nodes (..., N+1, 3) have the axes
-        (..., N+1, 4).
-        """
+        """Its eyelets (..., m, 3) m, frame a, of nodes (..., N+1, 3) with axes (..., N+1, 4)."""
         points = torch.broadcast_tensors(*(x.at(position, rotation) for x in self.eyelets))
         return torch.stack(points, -2)
 
@@ -185,9 +181,7 @@ class Tendon(Effect):
         return with_values(self, eyelets=eyelets)
 
     def check(self, scene: Any) -> None:
-        """ValueError in a scene of small motions, and where eyelets that follow each other are one,
-        as drawn.
-        """
+        """ValueError in a scene of small motions, and where successive eyelets are one as drawn."""
         large_rotations(scene, "a Tendon")
         beam = scene.beam
         points = self.at(beam.nodes, beam.frames).detach()

@@ -15,8 +15,8 @@ from torch import Tensor
 from ...core.arguments import count, function_of
 from ...core.arguments import function as check_function
 from ...core.declared import plain, real_numbers
-from ...core.functions_of_time import at_time, taken
-from ...core.leaves import Placeholder, Tree, leaf, leaves
+from ...core.functions_of_time import at_time, taken, with_user_rate
+from ...core.leaves import FunctionOfTime, Placeholder, Tree, leaf, leaves
 from ...core.validation import Value, as_tensor, axis_last, real, shown
 from .effect import Effect
 
@@ -42,6 +42,24 @@ class Input(Placeholder):
 
 
 torch.serialization.add_safe_globals([Input])
+
+
+@dataclass(frozen=True)
+class Rate(FunctionOfTime):
+    """Rate (..., 3) of a function of t, exact; what: its value, in sentences."""
+
+    function: Callable[[Tensor], Tensor] = leaf(1)
+    what: str
+
+    def __call__(self, t: Tensor) -> Tensor:
+        return with_rate(self.function, t, self.what)[1]
+
+
+def with_rate(value: Any, t: Tensor, what: str) -> tuple[Tensor, Tensor]:
+    """A value (..., 3), or that of a function at t, and its rate."""
+    if not callable(value):
+        return value, torch.zeros_like(value)
+    return with_user_rate(what, lambda now: taken(what, value(now), now, 3), t)
 
 
 class ByPlace(Tree):
@@ -122,9 +140,7 @@ class PerElement(ByPlace):
     value: Value | Callable[[Tensor], Tensor] = leaf(2, check=_rows)
 
     def checked(self, value: Any, elements: int) -> Any:
-        """`value` if it has a row for each of the elements, or is an Input of as many numbers;
-        ValueError otherwise.
-        """
+        """`value` if it has a row, or an Input three numbers, for each element; else ValueError."""
         if isinstance(value, Input):
             if value.size != 3 * elements:
                 raise ValueError(
@@ -140,23 +156,16 @@ class PerElement(ByPlace):
         return value
 
     def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
-        """(..., sites, 3) at sites with the arclengths s (..., sites), of a beam of so many
-        elements: its elements or nodes.
-        """
+        """(..., sites, 3) at arclengths s (..., sites), of the elements or nodes of a beam."""
 
         def rows(now: Tensor) -> Tensor:
-            return self.checked(
-                taken("a PerElement function's value", self.value(now), s), elements
-            )
+            value = taken("a PerElement function's value", self.value(now), s)
+            return self.checked(value, elements)
 
-        value = (
-            at_time(rows, t, own=2) if callable(self.value) else self.checked(self.value, elements)
-        )
-        value = (
-            input_at(value, inputs).unflatten(-1, (elements, 3))
-            if isinstance(value, Input)
-            else value
-        )
+        function = callable(self.value)
+        value = at_time(rows, t, own=2) if function else self.checked(self.value, elements)
+        if isinstance(value, Input):
+            value = input_at(value, inputs).unflatten(-1, (elements, 3))
         return value if s.shape[-1] == elements else _mean_of_elements(value, s)
 
 
@@ -231,9 +240,7 @@ def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tenso
 
 
 def input_at(value: Input, inputs: Inputs) -> Tensor:
-    """An input's value (..., size) among those given by name. Raises ValueError where it is missing
-    or of another size.
-    """
+    """An input's value (..., size). Raises ValueError where it is missing or of another size."""
     if value.name not in inputs:
         given = ", ".join(sorted(inputs)) or "none"
         raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {given}")
@@ -268,16 +275,13 @@ class PerInterval(Tree):
 
 
 def inputs_at(inputs: dict[str, Any], t: Tensor, like: Tensor, interval: int = 0) -> dict[str, Any]:
-    """Inputs by name at the time t: functions of it evaluated, values of the interval taken, the
-    others as they are.
-    """
+    """Inputs by name at the time t: functions evaluated, values of the interval taken."""
 
     def value(name: str, v: Any) -> Any:
         if isinstance(v, PerInterval):
             return v.value[..., interval, :]
-        return (
-            at_time(lambda now: taken(f"the input {name!r}", v(now), like), t) if callable(v) else v
-        )
+        what = f"the input {name!r}"
+        return at_time(lambda now: taken(what, v(now), like), t) if callable(v) else v
 
     return {name: value(name, v) for name, v in inputs.items()}
 
@@ -319,9 +323,7 @@ def first_of(inputs: dict[str, Any]) -> dict[str, Any]:
 
 
 def changing(inputs: dict[str, Any], intervals: int) -> bool:
-    """Whether inputs by name change over so many intervals. Raises ValueError where one has values
-    for another number.
-    """
+    """Whether inputs change over so many intervals; ValueError for values of another number."""
     for name, v in inputs.items():
         if isinstance(v, PerInterval) and v.value.shape[-2] != intervals:
             raise ValueError(
@@ -339,9 +341,7 @@ def value_along(
     like: Tensor,
     elements: int,
 ) -> Tensor:
-    """The same (..., sites or 1, 3) at sites along the beam of so many elements, at the arclengths
-    s (..., sites).
-    """
+    """The same (..., sites or 1, 3) at sites along the beam, at the arclengths s (..., sites)."""
     if isinstance(value, ByPlace):
         return value(s, t, inputs, elements)
     return value_at(value, t, inputs, like)[..., None, :]

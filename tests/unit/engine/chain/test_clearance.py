@@ -11,7 +11,7 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.engine.chain.clearance import Clearance
 from torchbeam.nodal.discretise import discretise
-from torchbeam.nodal.touching_motion import TouchingMotion
+from torchbeam.nodal.touching_pairs import PairMotion
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e6, nu=0.35, rho=1200.0)
@@ -113,7 +113,7 @@ def slack_of(touching, position):
     """The least (m) of all pairs, by themselves, see `Touching.slack`; of each of the positions."""
     slacks = []
     for x in position:
-        motion = TouchingMotion(x, None, None, None, None, dict)
+        motion = PairMotion(x)
         slacks.append(min(float(one.slack(motion).min()) for one in touching.each))
     return torch.tensor(slacks)
 
@@ -130,7 +130,7 @@ def test_pairs_that_are_cleared_are_apart(scene, dtype):
     touching, nodes = model.touching, model.node_count
     clearance, seen = Clearance(touching, nothing(touching), nodes), set()
     for x in tangled(scene, 60, 0).to(dtype):
-        motion = TouchingMotion(x, None, None, None, None, dict)
+        motion = PairMotion(x)
         least = min(
             float(torch.where(one.may_touch, one.ball_slack(motion), torch.inf).min())
             for one in touching.each
@@ -154,7 +154,7 @@ def test_what_is_near_is_left_out():
     scene = rod(5.6)
     model, x = discretise(scene), tb.rest(scene).position
     (one,) = model.touching.each
-    motion = TouchingMotion(0.97 * x, None, None, None, None, dict)
+    motion = PairMotion(0.97 * x)
     near = one.ball_slack(motion) <= 0
     assert (near & one.may_touch).any()
     assert Clearance(model.touching, nothing(model.touching), 13).within(0.97 * x) == -1
