@@ -15,7 +15,7 @@ from . import interactions, midsides, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .interaction import INTERACTIONS, TIE
-from .layout import BETWEEN, ELEMENTS, INNER, MOVES, NODE_PLACES, NODES, ONE, OWN, SUPPORTS, Layout
+from .layout import ELEMENTS, MOVES, NODE_PLACES, NODES, ONE, OWN, SUPPORTS, Layout
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import Kinds, without_side
@@ -45,112 +45,114 @@ class AdjointProgram(NativeProgram):
         super().__init__(local, kinds, held, key, known)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        wanted, w, shapes, node = sorted(self.wanted), self.w, self.shapes, traced.node
-        start = (*self.state, *wanted)
+        w, shapes, kinds, own = self.w, self.shapes, self.kinds, partial(self._of_kinds, traced)
+        start = (*self.state, *sorted(self.wanted))
         states = {name: shapes[name] for name in self.state}
-        ends = {f"after_{name}": shape for name, shape in states.items()}
-        own = states | ends | traced.constants["common"]
-        functions = {"solution": traced(local.solution, own)}
-        nodes, elements, loads, finishes = [], [], [], []
-        for k, kind in enumerate(self.kinds.nodes):
-            nodes.append(whole := traced(partial(local.node, kind), node))
-            functions[f"node bar {k}"] = _derivative(whole.only(["balance"]), start)
-            finishes.append(finish := traced(partial(local.finish, kind), node))
-            functions[f"finish bar {k}"] = _derivative(
-                finish, (*start, "u", "m", "found", "last"), keep=("u", "m")
-            )
-            update = traced(partial(local.update, kind), {**node, "move": (w,)})
+        after = {f"after_{name}": shape for name, shape in states.items()}
+        free = {"move": (w,), "push": (w,), "free": (w,)}
+        functions = {
+            "solution": traced(local.solution, states | after | traced.constants["common"]),
+            "balance_bar": traced(local.balance_bar, free),
+        }
+        if self.held:
+            functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
+        nodes, finishes = (
+            own(function, kinds.nodes, traced.node) for function in (local.node, local.finish)
+        )
+        functions |= _bars(nodes, start, ["balance"])
+        functions |= _bars(finishes, (*start, "u", "m", "found", "last"), keep=("u", "m"))
+        for name, update in own(local.update, kinds.nodes, traced.node | {"move": (w,)}).items():
             if "move" in update.inputs:  # a clamp that moves goes its own way
-                functions[f"update bar {k}"] = vjp(update, ["move"]).with_constants(
-                    {"move": [0.0] * w}
-                )
-        if "kinetic" in local.element_ends:
-            project = traced(local.project, dict.fromkeys(("defect", "kinetic", "rise"), ()))
-            scaled = traced(local.scaled, {**{name: shapes[name] for name in ENDED}, "scale": ()})
-            functions |= {
-                "project": project.only(["scale"]),
-                "project bar": vjp(project, ["defect", "kinetic", "rise"]),
-                "scaled bar": vjp(scaled, [*ENDED, "scale"]),
-            }
-            functions |= {
-                f"ended {k}": finish.only([*ENDED, *ENERGIES]) for k, finish in enumerate(finishes)
-            }
-        ends = [
-            f"{side}.{name}"
-            for side in self.sides
-            for name in start
-            if not name.startswith(("element", "common"))
-        ]
-        ended = [f"{side}.{name}" for side in self.sides for name in ("u", "m")]
-        ends += [
-            *local.element_state,
-            *(name for name in wanted if name.startswith(("element", "common"))),
-        ]
-        for k, kind in enumerate(self.kinds.elements):
-            elements.append(whole := traced(partial(local.element, kind), traced.element))
-            functions[f"element bar {k}"] = _derivative(
-                whole.only([*(f"{side}.balance" for side in self.sides), "gap"]), ends
+                bars = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
+                functions[_bar_of(name)] = bars
+        elements, loads = self._of_elements(functions, traced, local, start, finishes)
+        functions |= self._eliminating(traced, local, [*nodes.values()], elements, loads)
+        for one in INTERACTIONS:
+            by = [f"{side}.{name}" for side in one.sides for name in start]
+            by += [*self.wanted, "joints", "last_force", "tension"]
+            functions |= interactions.adjoint_of_interaction(
+                local, traced, one, self.kinds, self.held, by, _derivative
             )
-            if local.element_ends:
-                finish = traced(partial(local.finish_element, kind), traced.element)
-                if "kinetic" in finish.outputs:
-                    functions[f"ended element {k}"] = finish
-                functions[f"finish element bar {k}"] = _derivative(finish, [*ends, *ended])
-            if kind.loads:
-                far = traced(partial(local.far, kind), traced.element)
-                functions[f"far {k}"] = far.only(["far"])
-                loads.append(load := traced(partial(local.element_load, kind), traced.element))
-                functions[f"element load bar {k}"] = _derivative(
-                    load.only(f"{side}.balance" for side in self.sides), ends
-                )
-                finish = traced(partial(local.finish_element_load, kind), traced.element)
-                functions[f"finish element load bar {k}"] = _derivative(finish, [*ends, *ended])
-                if "rise" in finish.outputs:
-                    functions[f"ended element load {k}"] = finish.only(["rise"])
+            if one is TIE:
+                ties = kinds.stretches
+                functions |= stretches.adjoint_of_stretches(local, traced, ties, by, _derivative)
+        return {name: function.only(function.outputs) for name, function in functions.items()}
+
+    def _of_elements(
+        self,
+        functions: dict[str, Function],
+        traced: Tracing,
+        local: LocalFunctions,
+        start: tuple[str, ...],
+        finishes: dict[str, Function],
+    ) -> tuple[list[Function], list[Function]]:
+        """Adds what the cotangents of elements, and of the energies at the end, are found by. What
+        elements give their nodes, and the loads between these.
+        """
+        kinds, own = self.kinds.elements, partial(self._of_kinds, traced)
+        elements = own(local.element, kinds, traced.element)
+        loads = own(local.element_load, self.loaded, traced.element)
+        ended = own(local.finish_element, kinds, traced.element) if local.element_ends else {}
+        ended |= own(local.finish_element_load, self.loaded, traced.element)
+        for name, far in own(local.far, self.loaded, traced.element).items():
+            functions[name] = far.only(["far"])
+        whole = [name for name in start if name.startswith(("element", "common"))]
+        ends = [f"{side}.{name}" for side in self.sides for name in start if name not in whole]
+        ends += [*local.element_state, *whole]
+        moves = [f"{side}.{name}" for side in self.sides for name in ("u", "m")]
+        balances = [f"{side}.balance" for side in self.sides]
+        functions |= _bars(elements, ends, [*balances, "gap"]) | _bars(loads, ends, balances)
+        functions |= _bars(ended, [*ends, *moves])
+        for name, finish in (finishes | ended).items():
+            if "rise" in finish.outputs:
+                there = [field for field in (*ENDED, *ENERGIES) if field in finish.outputs]
+                functions[name.replace("finish", "ended")] = finish.only(there)
+        if "kinetic" in local.element_ends:
+            project = self._of_numbers(traced, local.project)
+            shapes = {name: self.shapes[name] for name in ENDED}
+            scaled = traced(local.scaled, shapes | {"scale": ()})
+            functions["project"] = project.only(["scale"])
+            functions["project bar"] = vjp(project, ["defect", "kinetic", "rise"])
+            functions["scaled bar"] = vjp(scaled, [*ENDED, "scale"])
+        return [*elements.values()], [*loads.values()]
+
+    def _eliminating(
+        self,
+        traced: Tracing,
+        local: LocalFunctions,
+        nodes: list[Function],
+        elements: list[Function],
+        loads: list[Function],
+    ) -> dict[str, Function]:
+        """Functions of the transposed matrix, and of stresses."""
+        w, outputs, functions = self.w, elements[-1].outputs, {}
         own = Packing(OWN, nodes, ["D"])
         blocks = [
             *(f"{side}.D" for side in self.sides),
-            *(name for name in midsides.BLOCKS if name in whole.outputs),
+            *(name for name in midsides.BLOCKS if name in outputs),
         ]
-        shapes = {name: whole.outputs[name].shape for name in blocks}
+        shapes = {name: outputs[name].shape for name in blocks}
         loads = [load.with_zeros(shapes) for load in loads]
-        between = Packing(BETWEEN if self.order == 1 else INNER, [*elements, *loads], blocks)
+        between = Packing(self.given_by_elements, [*elements, *loads], blocks)
         nodes, made = [one.only([OWN]) for one in own.made()], between.made()
-        functions |= {
-            f"load blocks {k}": one.only([between.name])
-            for k, one in zip(self.touching, made[len(elements) :], strict=True)
-        }
+        for k, one in zip(self.touching, made[len(elements) :], strict=True):
+            functions[f"load blocks {k}"] = one.only([between.name])
         elements = [one.only([between.name, "E", "hB"]) for one in made[: len(elements)]]
         nodes, elements = self.with_ends(
             nodes, elements, (*self.state, "u", "m"), traced.constants["common"]
         )
         functions |= {f"block {k}": one for k, one in enumerate(nodes)}
         functions |= {f"blocks {k}": element for k, element in enumerate(elements)}
-        law = {name: whole.outputs[name].shape for name in ("gap", "E", "hB")}
+        law = {name: outputs[name].shape for name in ("gap", "E", "hB")}
         moves = {f"{side}.move": (w,) for side in self.sides}
         functions["stress bar"] = vjp(
             traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves]
         )
         functions["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
         shapes |= {"own.D": (w, w)}
-        functions |= rows.of_rows(
+        return functions | rows.of_rows(
             local, traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
         )
-        if self.held:
-            functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        for one in INTERACTIONS:
-            by = [f"{side}.{name}" for side in one.sides for name in start]
-            by += [*wanted, "joints", "last_force", "tension"]
-            functions |= interactions.adjoint_of_interaction(
-                local, traced, one, self.kinds, self.held, by, _derivative
-            )
-            if one is TIE:
-                own = self.kinds.stretches
-                functions |= stretches.adjoint_of_stretches(local, traced, own, by, _derivative)
-        functions["balance_bar"] = traced(
-            local.balance_bar, {"move": (w,), "push": (w,), "free": (w,)}
-        )
-        return {name: function.only(function.outputs) for name, function in functions.items()}
 
     def _layout(self) -> Layout:
         w, k, layout = self.w, self.k, Layout()
@@ -222,6 +224,24 @@ class AdjointProgram(NativeProgram):
         if self.kinds.stretches:
             stretches.record_adjoint(layout, self.functions)
         return layout
+
+
+def _bar_of(name: str) -> str:
+    """What the derivative of a function of a kind is called: "node bar 0" of "node 0"."""
+    return " bar ".join(name.rsplit(" ", 1))
+
+
+def _bars(
+    functions: dict[str, Function],
+    by: tuple[str, ...] | list[str],
+    of: list[str] | None = None,
+    keep: tuple[str, ...] = (),
+) -> dict[str, Function]:
+    """See `_derivative`; of: of these outputs alone."""
+    return {
+        _bar_of(name): _derivative(function.only(of or function.outputs), by, keep)
+        for name, function in functions.items()
+    }
 
 
 def _derivative(

@@ -15,9 +15,8 @@ from functools import partial
 from ..compiler.derivative import bar
 from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
-from .driver_code import ALL, Places
+from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .layout import BETWEEN, INNER, MIDDLE, OWN
 from .node_kinds import SIDES, without_side
 from .tendon_adjoint import TendonAdjoint
 
@@ -171,7 +170,7 @@ class AdjointDriver(TendonAdjoint, Elimination):
 
     def _element_bars(self, word: str, e: str, places: Places) -> None:
         """Derivatives of element e, and of the loads between its nodes, see `_spread`."""
-        to, spread = ("of_element", 0), partial(self._spread, j=e)
+        to, spread = ("of_element", 0), partial(self._spread, j=e, source="of_element")
         self._at_element(f"{word} bar", e, to, places, then=spread)
         for k in self._loaded(e):
             self._call(name := f"{word} load bar {k}", partial(self._of_element, e=e), to, places)
@@ -227,42 +226,28 @@ class AdjointDriver(TendonAdjoint, Elimination):
         places[f"> {bar('move')}"] = ("asked", self._move_of(j))
         self._at_node("update bar", j, None, places)
 
-    def _element(self, e: str) -> None:
-        """Of an element: what it and its midside node add to the matrix, and what its stress's
-        cotangent asks of its nodes' moves.
-        """
-        if self.order == 2:
-            self._node(self._node_of(e, "m"), self._turn(e, "m"))
-        to = ("between", self._between(e)) if self.order == 1 else ("inner", 0)
-        places: Places = {f"> {BETWEEN}": to, f"> {INNER}": to}
-        self._at_element("blocks", e, ("law", e), places)
+    def _give(self, e: str, to: Place) -> None:
+        """With it, what its stress's cotangent asks of its nodes' moves."""
+        self._at_element("blocks", e, ("law", e), {f"> {to[0]}": to})
         for k in self._loaded(e):
             self._add_load(f"load blocks {k}", e, to)
-        places = {f"> {bar('gap')}": ("law", e, "gap_bar"), bar("stress"): ("stress_bar", e)}
+        places: Places = {
+            f"> {bar('gap')}": ("law", e, "gap_bar"),
+            bar("stress"): ("stress_bar", e),
+        }
         self._call("stress bar", lambda f: self._of_element(f, e), ("change", 0), places)
         for side in SIDES[self.order]:
             self._ask(self._node_of(e, side), bar(f"{side}.move"), "change")
-        if self.order == 2:
-            self._condense(e)
 
     def _ask(self, node: str, field: str, record: str) -> None:
         """Add a field to what is asked of a node's move."""
         self._add(("asked", self._move_of(node)), (record, 0, field))
 
-    def _condense(self, e: str) -> None:
-        """What element e gives its ends, and asks of them, once its midside node is eliminated."""
-        node = self._node_of(e, "m")
+    def _at_midside(self, node: str) -> Places:
         move = self._move_of(node)
-        places = {
-            "element.inner": ("inner", 0),
-            f"own.{OWN}": ("at_node", self._turn(e, "m")),
-            "right": ("asked", move),
-            "free": ("free", node),
-            "push": ("push", move),
-            f"> {BETWEEN}": ("between", self._between(e)),
-            f"> {MIDDLE}": ("middle", e),
-        }
-        self._call_held("condense", node, str, ("at_middle", 0), places)
+        return {"right": ("asked", move), "push": ("push", move)}
+
+    def _condensed(self, e: str) -> None:
         for side in SIDES[1]:
             self._ask(self._node_of(e, side), f"right_{side}", "at_middle")
 
@@ -285,29 +270,16 @@ class AdjointDriver(TendonAdjoint, Elimination):
         places[bar("gap")] = ("law", e, "gap_bar")
         self._element_bars("element", e, places)
 
-    def _spread(self, name: str, j: str) -> None:
+    def _spread(self, name: str, j: str, source: str = "change") -> None:
         """Add the cotangents that a function gives to those of the start, of the constants and of
-        the step's reaction; u's and m's stay.
+        the step's reaction; a node's u and m stay.
         """
-        records = self.layout.records
-        source = "of_element" if name.startswith(("element", "finish element")) else "change"
         for out in self.functions[name].outputs:
             field, at = out.removesuffix("_bar"), j
+            if field in ("u", "m"):
+                continue
             if field != without_side(field):
                 at, field = self._node_of(j, field[0]), without_side(field)
-            record = field.partition(".")[0] + "_bar" if "." in field else "start_bar"
-            if field in ("found", "last"):
-                record, field = "reaction_bar" if field == "found" else "last_bar", "reaction"
-            if field in self.layout.fields("element_state"):
-                record = "element_state_start_bar"
-            elif source == "of_element" and field in ("u", "m"):
-                record, field = "unknown_bar", f"{field}_bar"
-            if field in records[record].fields:
-                on_support = record in ("support_bar", "reaction_bar", "last_bar")
-                row = 0 if record == "common_bar" else self._support_of(at) if on_support else at
-                self._sum(
-                    self.at(record, row, field),
-                    self.at(source, 0, out),
-                    self.at("sample", 0, "good"),
-                    records[record].fields[field][1],
-                )
+            to = self._bar_place(field, at)
+            if to is not None:
+                self._sum(to, (source, 0, out), self.at("sample", 0, "good"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 from torch import Tensor
 
@@ -150,16 +150,18 @@ class StretchConstants(Tree):
     slip_speed: Tensor | None = leaf(1)
 
 
-# where they come from; the last four None where there is nothing of the kind
-Trees = tuple[
-    NodeConstants,
-    ElementConstants,
-    Common,
-    SupportConstants | None,
-    JointConstants | None,
-    StretchConstants | None,
-    TouchingPairs | None,
-]
+class Trees(NamedTuple):
+    """Of all constants, by the names of their records; the last four None where there is nothing of
+    the kind.
+    """
+
+    node: NodeConstants
+    element: ElementConstants
+    common: Common
+    support: SupportConstants | None = None
+    joint: JointConstants | None = None
+    stretch: StretchConstants | None = None
+    pair: TouchingPairs | None = None
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

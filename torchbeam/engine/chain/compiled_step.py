@@ -199,7 +199,7 @@ class CompiledStep:
         self.none = model.length.new_zeros(())
         trees = self.constants.trees(values)
         self.function = any(
-            leaf.axes is None for leaf in functions((trees[0].now.loads, trees[2].now.loads))
+            leaf.axes is None for leaf in functions((trees.node.now.loads, trees.common.now.loads))
         )
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around

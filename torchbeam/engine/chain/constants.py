@@ -367,7 +367,7 @@ class Constants:
             if f"held {HELD[0]}" in values
             else None
         )
-        return (
+        return Trees(
             NodeConstants(self.nodes, now[0], before[0]),
             ElementConstants(self.elements, values["C"], values.get("eigenstrain")),
             Common(
@@ -440,7 +440,8 @@ class Constants:
         """Loads (..., N+1, w) by functions of the motion, of the beam undeformed and at rest, and
         their internal states, whose gradient is that of what these functions close over.
         """
-        nodes, _, common, *_ = map(detached, self.trees(values))
+        trees = self.trees(values)
+        nodes, common = detached(trees.node), detached(trees.common)
         loads = (row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True))
         model = detached(self.model)
         model = with_values(

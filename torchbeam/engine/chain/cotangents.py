@@ -14,10 +14,9 @@ from torch._C import _functorch as functorch
 from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
 from .call import Call, Field, ProgramInstance, empty_like, fixed_fields, like
-from .chain_constants import flattened
+from .chain_constants import Trees, flattened
 from .native import NativeProgram
 
-RECORDS = "node", "element", "common", "support", "joint", "stretch", "pair"  # of the trees
 # what a joint's forces are called beside the stress of elements, whose rows they follow in a state
 FORCES = "joint_force"
 OF_JOINTS = {FORCES: ("joint_state", "last_force"), "joints": ("joint_state", "joints")}
@@ -38,11 +37,9 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
     }
 
 
-def constant_fields(trees: tuple[Any, ...]) -> Iterator[Field]:
-    """The tensors of the trees of nodes, elements, what they have in common, supports, joints,
-    stretches and pairs.
-    """
-    for record, tree in zip(RECORDS, trees, strict=True):
+def constant_fields(trees: Trees) -> Iterator[Field]:
+    """The tensors of the trees."""
+    for record, tree in trees._asdict().items():
         for k, (x, axes) in enumerate(flattened(tree)):
             yield Field(record, f"{record}.{k}", x, axes)
 

@@ -12,16 +12,77 @@ import platform
 import time
 from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import torch
+from torch import Tensor
 
+from ...core.derivatives import cache_of
+from ...core.leaves import Tree, map_leaves
+from ...nodal.coordinates.planar import Planar
 from ..compiler.object_cache import ObjectCache, key_of
 from .layout import Layout
+from .local_functions import LocalFunctions
+from .node_kinds import Kinds
 
 PACKAGE = Path(__file__).parents[2]
 PLAIN = (str, int, float, bool, type(None), torch.dtype)
 IMPORTED = time.time()
+
+
+def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
+    """What the program of a step depends on; never the values of tensors, nor how many elements
+    there are.
+    """
+    model = local.model
+    space = model.space
+    plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
+    return (
+        type(local),
+        local.options,
+        type(space),
+        space.order,
+        plane,
+        model.length.dtype,
+        model.scene.beam.offset,
+        bool(model.scene.loads),
+        model.touching.present,
+        model.rubs,
+        local.searches,
+        kinds,
+        held,
+        *(_static(_shapes(tree, kind != "common")) for kind, tree in local.trees._asdict().items()),
+    )
+
+
+def _shapes(tree: Any, rows: int) -> Any:
+    return map_leaves(
+        lambda x, axes: x.shape[x.ndim - axes + rows :] if isinstance(x, Tensor) else x, tree
+    )
+
+
+def _static(x: Any, known: dict[int, int] | None = None) -> Any:
+    """What a tree holds, as something that can be a key; known: trees by id, by their numbers: what
+    of it is one object is part of it, whose tensors `flattened` gives once.
+    """
+    known = {} if known is None else known
+    if isinstance(x, Tree):
+        if id(x) in known:
+            return "again", known[id(x)]
+        known[id(x)] = len(known)
+        return type(x), tuple(
+            (name, value is None if name == "node" else _static(value, known))
+            for name, value in vars(x).items()
+            if not cache_of(x, name)
+        )
+    if isinstance(x, dict):
+        return tuple((name, _static(value, known)) for name, value in x.items())
+    if isinstance(x, FunctionType):
+        return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
+    if callable(x) and not isinstance(x, type):
+        return type(x)
+    return tuple([_static(part, known) for part in x]) if isinstance(x, (tuple, list)) else x
 
 
 def key_on_disk(structure: tuple) -> str | None:

@@ -1,4 +1,11 @@
-"""Native driver of a step: for each group of samples, a lane each, Newton's method, step by step.
+"""Native drivers of Newton's method, for each group of samples, a lane each, at one point after
+another: a step, a share of the load, a point of a path. These differ in what their slots do.
+
+| | `_points` | `_begin` | `_iterate` | `_finish` |
+|---|---|---|---|---|
+| step | instants | predict the move | Newton's method | state, reactions, work |
+| load step | shares of the load | go to the last shape | the same | keep the shape |
+| path | the shape, its slope by the load | go to the shape | one balance | moves that are asked |
 
 An iteration is one pass: the balance of what joints, tendons and pairs connect, and of the nodes
 and elements at them; then the elimination, which finds that of the others as it comes to them, so
@@ -9,12 +16,15 @@ order, and where their fields lie.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
-from .driver_code import ALL, Places
+from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .interaction import FINISHED, JOINT
-from .layout import BETWEEN, FLAGS, INNER, LAW, MIDDLE, OWN
+from .interaction import JOINT
+from .layout import FLAGS, LAW
 from .node_kinds import SIDES
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
@@ -22,32 +32,38 @@ SQUARES = ("square_force", "square_moment")
 
 
 class Driver(Elimination):
-    """Steps of Newton's method."""
+    """Newton's method at each of the points."""
 
     ARGS = (*ALL, "limit")
 
     def _group(self, first: str) -> None:
+        with self._points(first):
+            self._begin()
+            self._iterate()
+            self._finish()
+
+    @contextmanager
+    def _points(self, first: str) -> Iterator[None]:
+        """One after the other, with its own inputs and outputs."""
         with self.code.loop(0, self.args["steps"]) as step:
             self._transfer("gather", "input", first, step)
-            self._step()
+            yield
             self._transfer("scatter", "output", first, step)
 
-    # A step
+    def _begin(self) -> None:
+        """Unknowns to start from, and which samples do not move."""
+        raise NotImplementedError
 
-    def _step(self) -> None:
-        code = self.code
-        with code.loop(0, self.args["nodes"]) as j:
-            self._at_node("predictor", j, ("unknown", j))
-        self._hoisted()
-        with code.loop(0, self.args["elements"]) as e:
+    def _finish(self) -> None:
+        """What is kept of the unknowns, by samples that have gone well."""
+        raise NotImplementedError
+
+    def _start(self) -> None:
+        """Stresses and forces to start from."""
+        with self.code.loop(0, self.args["elements"]) as e:
             self._copy_to(("stress", e), ("start_stress", e))
         self._start_joints()
         self._start_tendons()
-        for name in ("over", "done"):
-            code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
-        self._border()
-        self._newton()
-        self._finish()
 
     def _hoisted(self) -> None:
         """What does not depend on the unknowns."""
@@ -63,7 +79,7 @@ class Driver(Elimination):
         self._fill(("move", self._move_of(self.args["nodes"], self.order - 1)))
         self._fill(("nothing", 0))
 
-    def _newton(self) -> None:
+    def _iterate(self) -> None:
         """Iterations, until all samples are over."""
         code = self.code
         for name in ("before", "iterations"):
@@ -113,26 +129,11 @@ class Driver(Elimination):
         size = self.code.mul(count, self._size(("push", first)))
         self._over_cells("sum", self.at("push", first), size)
 
-    def _element(self, e: str) -> None:
-        """Balance of element e, and of its midside node."""
-        if self.order == 2:
-            self._node(self._node_of(e, "m"), self._turn(e, "m"))
-        places = {
-            HOISTED: ("before element", e),
-            f"> {BETWEEN}": ("between", self._between(e)),
-            f"> {INNER}": ("inner", 0),
-            f"> {LAW}": ("strain_law", e),
-        }
+    def _give(self, e: str, to: Place) -> None:
+        places = {HOISTED: ("before element", e), f"> {to[0]}": to, f"> {LAW}": ("strain_law", e)}
         self._at_element("element", e, ("at_element", 0), places)
         for name in ("force", "moment", "strain", "left_strain"):
             self._largest(name, "at_element")
-        self._element_load(e)
-        if self.order == 2:
-            self._condense(e)
-
-    def _element_load(self, e: str) -> None:
-        """What loads between the nodes of element e add to what it gives them."""
-        to = ("between", self._between(e)) if self.order == 1 else ("inner", 0)
         for k in self._loaded(e):
             self._add_load(f"element load {k}", e, to)
             for name in ("force", "moment", *FLAGS):
@@ -143,22 +144,11 @@ class Driver(Elimination):
         places = {f"> {END}": ("at_end", turn), HOISTED: ("before node", j)}
         self._at_node("node", j, ("at_node", turn), places)
 
-    def _condense(self, e: str) -> None:
-        """What element e gives its ends, once its midside node is eliminated."""
-        node = self._node_of(e, "m")
-        places = {
-            "element.inner": ("inner", 0),
-            f"own.{OWN}": ("at_node", self._turn(e, "m")),
-            "free": ("free", node),
-            f"> {BETWEEN}": ("between", self._between(e)),
-            f"> {MIDDLE}": ("middle", e),
-        }
-        call = str, ("at_middle", 0), places
-        self._call_held("condense", node, *call, after=lambda: self._keep_rows("at_middle", node))
+    def _condensed(self, e: str) -> None:
         for name in self.layout.records["sums"].fields:
             self._largest(name, "at_middle")
 
-    def _keep_rows(self, record: str, node: str) -> None:
+    def _row_kept(self, node: str, record: str) -> None:
         """Where a support holds a node: the node's rows, for the reaction."""
         support = self._support_of(node)
         with self.code.when(self.code.compare("sge", support, 0)):
@@ -167,9 +157,6 @@ class Driver(Elimination):
 
     def _around(self, node: str) -> Places:
         return (self._near(node) if self.held else {}) | {"push": ("push", node)}
-
-    def _row_kept(self, node: str) -> None:
-        self._keep_rows("at_row", node)
 
     def _row_judged(self, name: str) -> None:
         for size in self.layout.fields("sums"):
@@ -285,60 +272,6 @@ class Driver(Elimination):
             self._copy_to(cosine, own, 1)
         self.code.call("least", cosine, own)
 
-    def _finish(self) -> None:
-        code, records = self.code, self.layout.records
-        with code.loop(0, self.args["nodes"]) as j:
-            self._call("cosine", lambda f: self.at("unknown", j, f), ("change", 0))
-            self._least_cosine(j)
-        self._over_cells("least", self.at("sample", 0, "cosine"))
-        places = {
-            "before": ("sample", 0, "last_status"),
-            "> status": ("sample", 0, "found_status"),
-            "> moving": ("sample", 0, "good"),
-        }
-        own = "common", "sums", "sample"
-        self._call("outcome", lambda f: self._first_of(own, f), places=places)
-        for name, source in (("last_status", "found_status"), ("moving", "good")):
-            self._copy_to(("sample", 0, name), ("sample", 0, source))
-        good, work = self.at("sample", 0, "good"), self.at("sample", 0, "work")
-        self._begin_work()
-        if "energy" in records:
-            self._fill(("energy", 0))
-        with code.loop(0, self.args["elements"]) as e:
-            self._finish_element(e, good)
-        self._finish_tendons(good)
-        for one in FINISHED:
-            self._each_of(one, lambda entry: self._finish_interaction(entry, good), look=True)
-        with code.loop(0, self.args["nodes"]) as j:
-            self._at_node("finish", j, ("change", 0))
-            for name in self.layout.fields("state"):
-                self._take(("state", j, name), ("change", 0, name), good)
-            counted = self._counted(good, j, "own_nodes")
-            self._sum(work, self.at("change", 0, "work"), counted, 1)
-            self._add_energies()
-        self._over_cells("sum", work)
-        if "energy" in records:
-            self._project(good)
-        self._keep_forces(good)
-
-    def _finish_element(self, e: str, good: str) -> None:
-        """Its state at the end, and the work of the loads between its nodes."""
-        if "finish element 0" in self.functions:
-            self._at_element("finish element", e, ("change", 0))
-            for name in self.layout.fields("element_state"):
-                self._take(("element_state", e, name), ("change", 0, name), good)
-            self._add_energies()
-        for k in self._loaded(e):
-            self._add_rise(f"finish element load {k}", e)
-            self._sum(("sample", 0, "work"), ("change", 0, "work"), good)
-
-    def _begin_work(self) -> None:
-        """What there is of it, and what cells share, counts in the lane of the first."""
-        if self.cells > 1:
-            work, good = self.at("sample", 0, "work"), self.at("sample", 0, "good")
-            self.code.call("first cell", work, work)
-            self.code.call("first cell", self.at("sample", 0, "counted"), good)
-
     def _counted(self, good: str, row: str, own: str) -> str:
         """What has gone well, in whose lanes a row counts: what cells share counts in the first of
         them alone. own: how many rows are a cell's.
@@ -355,14 +288,3 @@ class Driver(Elimination):
         if self.held:
             with self.code.loop(0, self.args["supports"]) as k:
                 self._take(("support", k, "last"), ("support", k, "found"), good)
-
-    def _project(self, good: str) -> None:
-        """Scale the velocities of the step's end."""
-        places = {"> scale": ("energy", 0, "scale"), "> defect": ("change", 0, "defect")}
-        self._call("project", lambda f: self._first_of(("energy", "sample"), f), places=places)
-        self._take(("sample", 0, "defect"), ("change", 0, "defect"), good)
-        with self.code.loop(0, self.args["nodes"]) as j:
-            places = {"scale": ("energy", 0, "scale")}
-            self._call("scaled", lambda f: self.at("state", j, f), ("change", 0), places)
-            for name in ("velocity", "spin"):
-                self._take(("state", j, name), ("change", 0, name), good)

@@ -17,7 +17,7 @@ from ..compiler.loop_text import Code
 from ..compiler.shared_ends import END
 from .cell_sums import CellSums
 from .conserving_functions import ENERGIES
-from .layout import BETWEEN, INNER, INTERFACE, MIDDLE, Layout
+from .layout import INTERFACE, MIDDLE, Layout
 from .node_kinds import SIDES, Kinds
 from .tables import COUNTS, LISTS, WIDTH
 from .transfers import Transfers
@@ -29,6 +29,12 @@ ALL = (
     *("inputs", "input_count", "outputs", "output_count", "samples", "steps", "elements"),
     *("supports", "memory", "first_group", "end_group", *LISTS, *COUNTS),
 )
+# cotangents that are added up elsewhere than those of the state at the start: records and fields
+BARS = {
+    **{name: ("unknown_bar", f"{name}_bar") for name in ("u", "m")},
+    "found": ("reaction_bar", "reaction"),
+    "last": ("last_bar", "reaction"),
+}
 
 
 class DriverCode:
@@ -89,6 +95,11 @@ class DriverCode:
     def has_interface(self) -> bool:
         """Whether joints, tendons or pairs hold nodes, or there are bodies."""
         return INTERFACE in self.kinds.runs
+
+    @property
+    def has_midsides(self) -> bool:
+        """Whether elements have a node between their ends."""
+        return MIDDLE in self.layout.records
 
     @property
     def signed(self) -> bool:
@@ -169,20 +180,18 @@ class DriverCode:
                     self._call(name, lambda field: of(field, row), *call)
                     then(name)
 
-    def _node_bar(self, field: str, node: str) -> Place | None:
-        """Where the cotangent of a field of a node is added up; None = nobody asks for it."""
+    def _bar_place(self, field: str, row: str) -> Place | None:
+        """Where the cotangent of a field is added up, of this row of its record, or, where it is
+        one of a support's, of its node; None = nobody asks for it.
+        """
         record = f"{field.partition('.')[0]}_bar" if "." in field else "start_bar"
-        if field in ("u", "m"):
-            record, field = "unknown_bar", f"{field}_bar"
+        if field in self.layout.fields("element_state"):
+            record = "element_state_start_bar"
+        record, field = BARS.get(field, (record, field))
         if field not in self.layout.fields(record):
             return None
-        return record, self._support_of(node) if record == "support_bar" else node, field
-
-    def _own_bar(self, field: str, row: str) -> Place | None:
-        """The same of a constant: of a row of its record, or of all."""
-        record = f"{field.partition('.')[0]}_bar"
-        if field not in self.layout.fields(record):
-            return None
+        if record in ("support_bar", "reaction_bar", "last_bar"):
+            return record, self._support_of(row), field
         return record, 0 if record == "common_bar" else row, field
 
     def _pointer(self, place: str | Place) -> str:
@@ -247,7 +256,7 @@ class DriverCode:
         """How far it is to the nodes that a node's row has blocks of: of a midside node its
         element's ends.
         """
-        if self.order == 1:
+        if not self.has_midsides:
             return 1
         code = self.code
         sides = (
@@ -371,7 +380,7 @@ class DriverCode:
         """Moves of midside nodes, if there are any, from what a record has for their elements'
         ends; `then`: what is to be done with each.
         """
-        if self.order == 1:
+        if not self.has_midsides:
             return
         with self.code.loop(0, self.args["elements"]) as e:
             node = self._node_of(e, "m")
@@ -418,7 +427,7 @@ class DriverCode:
         element itself gives them.
         """
         self._call(name, lambda f: self._of_element(f, e), ("at_load", 0))
-        self._add(to, ("at_load", 0, BETWEEN if self.order == 1 else INNER))
+        self._add(to, ("at_load", 0, to[0]))
 
     def _add_rise(self, name: str, e: str) -> None:
         """Add the energy that a function of such loads gives."""

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from .driver_code import Place, Places
 from .interaction import COUPLING, JOINT, PAIR, TIE
+from .layout import BETWEEN, INNER, MIDDLE, OWN
 from .tendon_driver import TendonCode
 
 
@@ -92,14 +93,41 @@ class Elimination(TendonCode):
         raise NotImplementedError
 
     def _element(self, e: str) -> None:
-        """What element e gives the rows of its ends, and its midside node."""
+        """What element e gives the rows of its ends, once its midside node is eliminated."""
+        if not self.has_midsides:
+            self._give(e, (BETWEEN, self._between(e)))
+            return
+        self._node(self._node_of(e, "m"), self._turn(e, "m"))
+        self._give(e, (INNER, 0))
+        node = self._node_of(e, "m")
+        places = {
+            "element.inner": (INNER, 0),
+            f"own.{OWN}": ("at_node", self._turn(e, "m")),
+            "free": ("free", node),
+            f"> {BETWEEN}": (BETWEEN, self._between(e)),
+            f"> {MIDDLE}": (MIDDLE, e),
+            **self._at_midside(node),
+        }
+        call = str, ("at_middle", 0), places
+        self._call_held("condense", node, *call, after=lambda: self._row_kept(node, "at_middle"))
+        self._condensed(e)
+
+    def _give(self, e: str, to: Place) -> None:
+        """What element e itself gives its nodes."""
         raise NotImplementedError
+
+    def _at_midside(self, node: str) -> Places:
+        """What eliminating a midside node takes beside what it and its element give."""
+        return {}
+
+    def _condensed(self, e: str) -> None:
+        """What else follows from having eliminated the midside node of element e."""
 
     def _around(self, node: str) -> Places:
         """What a row of a node takes beside what nodes and elements give."""
         raise NotImplementedError
 
-    def _row_kept(self, node: str) -> None:
+    def _row_kept(self, node: str, record: str) -> None:
         """Where a support holds a node: what its reaction takes."""
 
     def _row_judged(self, name: str) -> None:
@@ -126,7 +154,7 @@ class Elimination(TendonCode):
         sides, places = self._sides_of(node), self._around(node) | before
         places |= {f"> {field}": (*to, field) for field in self.layout.fields(to[0])}
         call = (lambda f: sides[f.partition(".")[0]]), ("at_row", 0), places
-        self._call_held(name, node, *call, after=lambda: self._row_kept(node))
+        self._call_held(name, node, *call, after=lambda: self._row_kept(node, "at_row"))
         self._row_judged(name)
 
     def _groups(self, name: str, count: str, first: str | int = 0) -> None:

@@ -120,8 +120,8 @@ class InteractionAdjoint(InteractionCode):
         """
         side, _, own = field.partition(".")
         if side in entry.of.sides:
-            return self._node_bar(own, entry.nodes[side])
+            return self._bar_place(own, entry.nodes[side])
         if field in OF_JOINT:
             record, field = OF_JOINT[field]
             return record, entry.number, field
-        return self._own_bar(field, entry.number)
+        return self._bar_place(field, entry.number)

@@ -25,6 +25,7 @@ SIGNS = "signs"  # numbers of the largest group of unknowns, of whose pivots sig
 OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by
 INNER, MIDDLE = "inner", "middle"
+GIVEN = {1: BETWEEN, 2: INNER}  # what elements of an order give
 FLAGS = "passed", "near"  # of what may touch, see `StepProblem`
 
 

@@ -147,7 +147,7 @@ def _climbed(
         model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )
     instance, joints = structure.instance, model.joints.count > 0
-    exact = same_law(trees[1].C, model.law.C)
+    exact = same_law(trees.element.C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
     stress, forces = model.multipliers.split(x.stress)
     start = x._asdict() | {"stress": stress} | ({FORCES: forces} if joints else {})
@@ -227,7 +227,7 @@ def fields_at_rest(
 ) -> list[Field]:
     """The fields that are the same throughout."""
     length, p = model.spans, model.space.dims.position
-    least = least_forces(model, trees[1].C, lambda: conditions(model, t, inputs))
+    least = least_forces(model, trees.element.C, lambda: conditions(model, t, inputs))
     numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2))}
     for name, columns in (("force", slice(p)), ("moment", slice(p, None))):
         sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))

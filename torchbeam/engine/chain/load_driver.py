@@ -1,26 +1,59 @@
-"""Native driver of load stepping: for each group of samples, a lane each, Newton's method
-under more and more load.
-
-What is computed is in `SteadyFunctions`; here is only in which order, and where the fields lie.
+"""Native drivers of what is at rest, see `driver`: equilibria under more and more load, and the
+points of a path. What is computed is in `SteadyFunctions` and `PathFunctions`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from .driver import Driver
+from .interaction import JOINT
+
+PIVOT = "pivot"
 
 
-class LoadDriver(Driver):
-    """Equilibria, each sample at its own pace."""
+class RestDriver(Driver):
+    """A shape that is kept, and supports that have a place."""
 
     AT_NODE = "node", "unknown", "pose"
 
-    def _group(self, first: str) -> None:
+    def _begin(self) -> None:
+        """From the last shape that was in balance, supports where they have to be."""
+        self._return()
+        if not self.held:
+            return
+        code = self.code
+        with code.loop(0, self.args["supports"]) as k:
+            node = code.load(code.at(self.args["support_nodes"], k))
+            self._at_node("place", node, ("change", 0))
+            for name in self.layout.fields("unknown"):
+                self._copy_to(("unknown", node, name), ("change", 0, name))
+
+    def _return(self) -> None:
+        """To the last shape that was in balance."""
+        with self.code.loop(0, self.args["nodes"]) as j:
+            self._copy_to(("unknown", j), ("kept", j))
+        self._start()
+
+
+class LoadDriver(RestDriver):
+    """Equilibria, each sample at its own pace."""
+
+    @contextmanager
+    def _points(self, first: str) -> Iterator[None]:
+        """Shares of the load, until all samples have all of it, or failed."""
+        code = self.code
         # whether the balance and elimination at hand are of the shape and load at hand
-        self.known = self.code.slot()
-        self.code.store(0, self.known)
+        self.known = code.slot()
+        code.store(0, self.known)
         self._transfer("gather", "input", first, 0)
-        self._begin()
-        self._climb()
+        self._first_share()
+        with code.until() as ends:
+            yield
+            self._rule("shares")
+            code.call("all", self.at("sample", 0, "over"), result := code.slot())
+            ends.append(code.compare("ne", code.load(result), 0))
         if "indefinite" in self.layout.records["sums"].fields:
             self._return()
             self._pass()
@@ -41,7 +74,7 @@ class LoadDriver(Driver):
             super()._pass()
         self.code.store(0, self.known)
 
-    def _begin(self) -> None:
+    def _first_share(self) -> None:
         """The first step, by the moves that all of the load would bring about; where that is all of
         the load for all samples, Newton's method has its first balance.
         """
@@ -55,8 +88,7 @@ class LoadDriver(Driver):
             self._fill(("sample", 0, name))
         for name in ("load_factor", "over"):
             code.call("opposite", self._of_sample(name), self.at("sample", 0, "reached"))
-        self._return()
-        self._place()
+        self._begin()
         self._pass()
         self._back()
         with code.loop(0, self.args["nodes"]) as j:
@@ -66,50 +98,41 @@ class LoadDriver(Driver):
         self._rule("shares")
         code.call("all", self.at("sample", 0, "whole"), self.known)
 
-    def _return(self) -> None:
-        """To the last shape that was in balance."""
-        with self.code.loop(0, self.args["nodes"]) as j:
-            self._copy_to(("unknown", j), ("kept", j))
-        with self.code.loop(0, self.args["elements"]) as e:
-            self._copy_to(("stress", e), ("start_stress", e))
-        self._start_joints()
-        self._start_tendons()
-
-    def _place(self) -> None:
-        """Supports where they have to be."""
-        if not self.held:
-            return
-        code = self.code
-        with code.loop(0, self.args["supports"]) as k:
-            node = code.load(code.at(self.args["support_nodes"], k))
-            self._at_node("place", node, ("change", 0))
-            for name in self.layout.fields("unknown"):
-                self._copy_to(("unknown", node, name), ("change", 0, name))
-
-    def _climb(self) -> None:
-        code = self.code
-        with code.until() as ends:
-            self._return()
-            self._place()
-            self._newton()
-            self._turned()
-            self._rule("advanced")
-            self._keep()
-            self._rule("shares")
-            code.call("all", self.at("sample", 0, "over"), result := code.slot())
-            ends.append(code.compare("ne", code.load(result), 0))
-
-    def _turned(self) -> None:
-        """The least cosine of the nodes' turns in a load step."""
+    def _finish(self) -> None:
+        """The least cosine of the nodes' turns in a load step, and what has gone well."""
         with self.code.loop(0, self.args["nodes"]) as j:
             places = {"before": ("kept", j, "rotation")}
             self._call("cosine", lambda f: self.at("unknown", j, f), ("change", 0), places)
             self._least_cosine(j)
-
-    def _keep(self) -> None:
-        """What has gone well."""
+        self._rule("advanced")
         good = self.at("sample", 0, "good")
         with self.code.loop(0, self.args["nodes"]) as j:
             self._take(("kept", j), ("unknown", j), good)
         self._keep_forces(good)
         self._keep_joints(good)
+
+
+class PathDriver(RestDriver):
+    """Points of a path: two of them, in the first of which `slope` is 0, in the second 1."""
+
+    def _begin(self) -> None:
+        self._fill(("sample", 0, "over"))
+        super()._begin()
+        self._hoisted()
+        self._border()
+
+    def _iterate(self) -> None:
+        self._pass()
+        self._judge()
+
+    def _finish(self) -> None:
+        """The changes that are asked for: those of stresses and forces from zero."""
+        with self.code.loop(0, self.args["elements"]) as e:
+            self._fill(("stress", e))
+        self._clear(JOINT, "joint_unknown")
+        self._back()
+
+    def _condensed(self, e: str) -> None:
+        super()._condensed(e)
+        if "middle pivot" in self.layout.records:
+            self._copy_to(("middle pivot", e), ("at_middle", 0, PIVOT))

@@ -1,10 +1,8 @@
-"""Program of load stepping: the functions of Newton's method, and the rules of the
-load's steps.
+"""Programs of what is at rest: of load stepping, the functions of Newton's method, and the rules
+of the load's steps.
 """
 
 from __future__ import annotations
-
-from functools import partial
 
 from ..compiler.function import Function
 from .layout import INTERFACE, NODES, ONE, SIGNS, Layout
@@ -13,66 +11,44 @@ from .program import NewtonProgram
 from .steady_functions import POSE, SteadyFunctions
 from .tracing import Tracing
 
-SAMPLE = (
-    "over",
-    "done",
-    "before",
-    "iterations",
-    "status",
-    "cosine",
-    "turn",
-    "climbing",
-    "reached",
-    "step",
-    "good",
-    "last_status",
-    "whole",
-    "indefinite",
-)
-RULES = {
-    "first_step": ("turn",),
-    "shares": ("reached", "step", "last_status"),
-    "advanced": (
-        "climbing",
-        "load_factor",
-        "reached",
-        "step",
-        "last_status",
-        "done",
-        "status",
-        "cosine",
-        "iterations",
-    ),
-}
+RULES = "first_step", "shares", "advanced"
 
 
-class LoadProgram(NewtonProgram):
+class RestProgram(NewtonProgram):
+    """Of what is at rest: the shape, and where supports have to be."""
+
+    unknown = "position", "rotation"
+    varying: tuple[str, ...] = ("load_factor",)
+
+    def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
+        pose = {"load_factor": ()} | {f"pose.{name}": (size,) for name, size in POSE.items()}
+        placed = [kind if kind.placed else None for kind in self.kinds.nodes]
+        return super()._of_nodes(traced, local) | self._of_kinds(
+            traced, local.place, placed, traced.node | pose
+        )
+
+    def _layout(self) -> Layout:
+        layout = super()._layout()
+        layout.record("pose", NODES, self.constants("pose"))
+        layout.record("kept", NODES, self.outputs("update 0"))
+        return layout
+
+
+class LoadProgram(RestProgram):
     """judged: whether it says of each equilibrium if the tangent is positive definite."""
 
     driver = LoadDriver
-    unknown = "position", "rotation"
-    varying = ("load_factor",)
     numbers = (*NewtonProgram.numbers, "least_force", "least_moment")
     judging = (*NewtonProgram.judging, "whole", "least_force", "least_moment")
     judged = False
 
-    def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
+    def _of_samples(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         w, q = self.w, self.shapes["rotation"]
-        node = {**traced.node, "load_factor": ()}
         functions = {
             "cosine": traced(local.cosine, {"before": q, "rotation": q}),
             "turn": traced(local.turn, {"move": (w,)}),
         }
-        for k, kind in enumerate(self.kinds.nodes):
-            functions[f"node {k}"] = traced(partial(local.node, kind), node)
-            functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
-            if kind.placed is not None:
-                pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
-                functions[f"place {k}"] = traced(partial(local.place, kind), node | pose)
-        return functions | {
-            name: traced(getattr(local, name), dict.fromkeys(fields, ()))
-            for name, fields in RULES.items()
-        }
+        return functions | {name: self._of_numbers(traced, getattr(local, name)) for name in RULES}
 
     def _functions(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         functions = super()._functions(traced, local)
@@ -85,11 +61,11 @@ class LoadProgram(NewtonProgram):
 
     def _layout(self) -> Layout:
         layout = super()._layout()
-        layout.record("pose", NODES, self.constants("pose"))
-        layout.record("kept", NODES, self.outputs("update 0"))
         layout.record("change", ONE, [("cosine", 1), ("turn", 1)])
-        layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("ruled", ONE, [output for name in RULES for output in self.outputs(name)])
+        read = [x for name in RULES for x in self.functions[name].inputs]
+        own = [x for x in (*layout.fields("ruled"), *read, "indefinite") if x not in self.varying]
+        layout.record("sample", ONE, [(name, 1) for name in own])
         if self.judged:
             layout.record("sums", ONE, [("indefinite", 1)])
         if self.judged and INTERFACE in self.kinds.runs:

@@ -112,7 +112,7 @@ class LocalProblems:
     @property
     def trees(self) -> Trees:
         more = self.supports, self.joints, self.stretches, self.pairs
-        return (self.nodes, self.elements, self.common, *more)
+        return Trees(self.nodes, self.elements, self.common, *more)
 
     @property
     def order(self) -> int:

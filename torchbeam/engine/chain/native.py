@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
 from functools import cache, cached_property, partial
+from inspect import signature
 from math import prod
 from typing import Any
 
@@ -21,10 +22,10 @@ from ..compiler.object_cache import ObjectCache
 from ..compiler.shared_ends import share_ends
 from .disk_key import store_layout, stored_layout
 from .driver_code import DriverCode
-from .layout import Layout, largest, sizes
+from .layout import GIVEN, Layout, largest, sizes
 from .local_functions import LocalFunctions
-from .node_kinds import Kinds, without_side
-from .tracing import Traced, Tracing
+from .node_kinds import ElementKind, Kinds, without_side
+from .tracing import Shapes, Traced, Tracing
 
 SMALL = 60  # operations of a function that is rather written into the driver than called
 LOG = logging.getLogger("torchbeam")
@@ -150,9 +151,19 @@ class NativeProgram:
         return module.text()
 
     @property
+    def given_by_elements(self) -> str:
+        """The packed field that elements give: for the rows of their ends, or of three nodes."""
+        return GIVEN[self.order]
+
+    @property
     def touching(self) -> list[int]:
         """Numbers of the kinds of elements between whose nodes loads act."""
-        return [k for k, kind in enumerate(self.kinds.elements) if kind.loads]
+        return [k for k, kind in enumerate(self.loaded) if kind is not None]
+
+    @property
+    def loaded(self) -> list[ElementKind | None]:
+        """Those kinds; None in the place of the others."""
+        return [kind if kind.loads else None for kind in self.kinds.elements]
 
     def outputs(self, name: str, *fields: str) -> list[tuple[str, int]]:
         """(field, components) of a function's outputs, all or those of `fields` that it has."""
@@ -180,6 +191,25 @@ class NativeProgram:
             node.joined(ends[kind.end]) if kind.end in ends else node
             for node, kind in zip(nodes, self.kinds.nodes, strict=True)
         ], rests
+
+    def _of_kinds(
+        self, traced: Tracing, function: Callable, kinds: Iterable[Any], fields: Shapes
+    ) -> dict[str, Function]:
+        """A function of nodes or of elements, of each of these kinds (None = of that there is
+        none): "finish element 0", ...
+        """
+        word = function.__name__.replace("_", " ")
+        return {
+            f"{word} {k}": traced(partial(function, kind), fields)
+            for k, kind in enumerate(kinds)
+            if kind is not None
+        }
+
+    @staticmethod
+    def _of_numbers(traced: Tracing, function: Callable, without: tuple[str, ...] = ()) -> Function:
+        """A function all of whose arguments are numbers of a sample; without some of them."""
+        names = [name for name in signature(function).parameters if name not in without]
+        return traced(function, dict.fromkeys(names, ()))
 
     def constants(self, kind: str) -> list[tuple[str, int]]:
         """(field, components) of the constants of a kind that functions read."""

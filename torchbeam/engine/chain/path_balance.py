@@ -28,7 +28,8 @@ from .constants import Constants
 from .cotangents import FORCES, OF_JOINTS, constant_fields
 from .coverage import meaning, natively
 from .load_climb import fields_at_rest, instance_at_rest, refusal
-from .path_program import PIVOT, RATE, PathFunctions, PathProgram, by_rows
+from .load_driver import PIVOT
+from .path_program import RATE, PathFunctions, PathProgram, by_rows
 from .user_functions import check_batch, written
 
 Answer = tuple[Tensor, Tensor, Tensor]
@@ -146,7 +147,7 @@ class NativeBalance:
             rows["joint_unknown", "force"] = forces.shape[-2:]
         if self.by_rows:
             rows["row", PIVOT] = (self.instance.rows("row"), *size)
-        if self.by_rows and order == 2:
+        if self.by_rows and self.instance.has("middle pivot", PIVOT):
             rows["middle pivot", PIVOT] = (self.model.scene.beam.element_count, *size)
         call = self._calls.get(batch)
         out = [

@@ -16,18 +16,18 @@ from ...nodal.balance import mixed, scaled
 from ...nodal.model import Model
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
-from .driver import SUMS, Driver
-from .interaction import JOINT, Interaction
+from .driver import SUMS
+from .interaction import Interaction
 from .layout import ELEMENTS, NODES, ONE, Layout
-from .load_driver import LoadDriver
+from .load_driver import PIVOT, PathDriver
+from .load_program import RestProgram
 from .local_problem import Fields
 from .node_kinds import SIDES, ElementKind, JointKind, NodeKind, without_side
-from .program import NewtonProgram
 from .rows import given_by_rows
-from .steady_functions import POSE, SteadyFunctions
+from .steady_functions import SteadyFunctions
 from .tracing import Tracing
 
-PIVOT, RATE = "pivot", "node.rate"
+RATE = "node.rate"
 
 
 @dataclass(frozen=True)
@@ -120,39 +120,12 @@ def _or_else(
     return whole.with_constants({dot("load_factor"): (1.0,)}).only(whole.outputs)
 
 
-class PathDriver(LoadDriver):
-    """One pass a step: in the first `slope` is 0, in the second 1."""
-
-    def _group(self, first: str) -> None:
-        code = self.code
-        with code.loop(0, self.args["steps"]) as step:
-            self._transfer("gather", "input", first, step)
-            self._fill(("sample", 0, "over"))
-            self._return()
-            self._place()
-            self._hoisted()
-            self._border()
-            Driver._pass(self)
-            self._judge()
-            with code.loop(0, self.args["elements"]) as e:  # of which the change is wanted
-                self._fill(("stress", e))
-            self._clear(JOINT, "joint_unknown")
-            self._back()
-            self._transfer("scatter", "output", first, step)
-
-    def _condense(self, e: str) -> None:
-        super()._condense(e)
-        if "middle pivot" in self.layout.records:
-            self._copy_to(("middle pivot", e), ("at_middle", 0, PIVOT))
-
-
-class PathProgram(NewtonProgram):
+class PathProgram(RestProgram):
     """Of nodes the balance, of elements what they ask of their nodes and their gap: or the slopes
     of these by the load factor.
     """
 
     driver = PathDriver
-    unknown = "position", "rotation"
     varying = "load_factor", "reached", "slope"
     numbers = "total", "longest", "least_force", "least_moment"
     judging = (*SUMS, *numbers)
@@ -161,20 +134,12 @@ class PathProgram(NewtonProgram):
         """Of such outputs, by all that rises: on the function's graph."""
         return jvp(function, (x for x in function.inputs if without_side(x) in local.rising), of)
 
-    def _of_nodes(self, traced: Tracing, local: PathFunctions) -> dict[str, Function]:
-        w, functions = self.w, {}
-        node = {**traced.node, "load_factor": ()}
+    def _of_node(self, traced: Tracing, local: PathFunctions, kind: NodeKind) -> Function:
         led = {RATE: self.shapes["position"], "reached": ()} if local.led else {}
-        for k, kind in enumerate(self.kinds.nodes):
-            balance = traced(partial(local.node, kind), node | led)
-            slope = self._slopes(balance, local, ["balance"])
-            others = {"balance": slope.outputs[dot("balance")].nodes}
-            functions[f"node {k}"] = _or_else(balance, slope.inputs, others)
-            functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
-            if kind.placed is not None:
-                pose = {f"pose.{name}": (size,) for name, size in POSE.items()}
-                functions[f"place {k}"] = traced(partial(local.place, kind), node | pose)
-        return functions
+        node = traced.node | {"load_factor": ()} | led
+        balance = traced(partial(local.node, kind), node)
+        slope = self._slopes(balance, local, ["balance"])
+        return _or_else(balance, slope.inputs, {"balance": slope.outputs[dot("balance")].nodes})
 
     def _of_element(self, traced: Tracing, local: PathFunctions, kind: ElementKind) -> Function:
         given = {name: () for name in self.varying}
@@ -212,12 +177,9 @@ class PathProgram(NewtonProgram):
 
     def _layout(self) -> Layout:
         layout = super()._layout()
-        layout.record("pose", NODES, self.constants("pose"))
-        layout.record("kept", NODES, self.outputs("update 0"))
-        pivot = PIVOT in given_by_rows(self.functions)
-        if pivot:
+        if PIVOT in given_by_rows(self.functions):
             layout.record("row", NODES, [(PIVOT, self.w**2)])
-        if pivot and self.order == 2:
-            layout.record("middle pivot", ELEMENTS, self.outputs("condense", PIVOT))
-        layout.record("sample", ONE, [("over", 1), ("size", 1)])
+            if "condense" in self.functions:
+                layout.record("middle pivot", ELEMENTS, self.outputs("condense", PIVOT))
+        layout.record("sample", ONE, [("over", 1)])
         return layout

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from types import FunctionType
 from typing import Any, TypeVar
 
-from torch import Tensor
-
-from ...core.derivatives import cache_of
-from ...core.leaves import Tree, map_leaves
 from ...core.remembered import keep
 from ...core.surroundings import Surroundings
-from ...nodal.coordinates.planar import Planar
 from ..compiler.function import Function
 from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
@@ -21,14 +15,12 @@ from ..compiler.shared_ends import END
 from ..compiler.split import split
 from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
-from .disk_key import key_on_disk
-from .driver import SQUARES, SUMS, Driver
+from .disk_key import key_on_disk, structure
+from .driver import SQUARES, SUMS
 from .interaction import FINISHED, INTERACTIONS, JOINT, TIE, Interaction
 from .layout import (
-    BETWEEN,
     ELEMENTS,
     FLAGS,
-    INNER,
     INTERFACE,
     JOINTS,
     LAW,
@@ -42,31 +34,19 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import ElementKind, Kinds
-from .tracing import Traced, Tracing
+from .node_kinds import ElementKind, Kinds, NodeKind
+from .step_driver import StepDriver
+from .tracing import Shapes, Traced, Tracing
 
 T = TypeVar("T")
-SAMPLE = (
-    "over",
-    "done",
-    "before",
-    "iterations",
-    "status",
-    "moving",
-    "cosine",
-    "good",
-    "found_status",
-    "last_status",
-    "work",
-)
+SAMPLE = "moving", "cosine", "good", "found_status", "last_status", "work"
 # of a step's search for its length: what it takes and gives of a sample
 LENGTH = "merit", "share", "last_near"
-LENGTHS = (*LENGTH, "back", "short", "forth", "still", "ratio")
 
 
 class NewtonProgram(NativeProgram):
-    """Newton's method. Subclasses say what nodes do (`_of_nodes`), and add records of
-    their own (`_layout`).
+    """Newton's method. Subclasses say what is of a sample (`_of_samples`), what nodes do beside
+    `node` and `update` (`_of_nodes`), and add records of their own (`_layout`).
 
     unknown  fields that an iteration changes, of a node; varying: others that are not the same
              throughout a call; numbers: those that stay, of a sample; judging: those of a sample by
@@ -78,15 +58,25 @@ class NewtonProgram(NativeProgram):
     numbers = "total", "longest", "exact", "tolerance"
     judging = (*SUMS, *numbers, "before", "over", "done", "status", "iterations")
 
+    def _of_samples(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        """Functions that are not of a kind, beside those of Newton's method."""
+        return {}
+
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        """Functions that differ by what is solved, `node` and `update` of each kind among them."""
-        raise NotImplementedError
+        """Functions by kind of nodes."""
+        kinds, move = self.kinds.nodes, {"move": (self.w,)}
+        return {
+            f"node {k}": self._of_node(traced, local, kind) for k, kind in enumerate(kinds)
+        } | self._of_kinds(traced, local.update, kinds, traced.node | move)
+
+    def _of_node(self, traced: Tracing, local: LocalFunctions, kind: NodeKind) -> Function:
+        """`node` of a kind."""
+        return traced(partial(local.node, kind), traced.node | dict.fromkeys(self.varying, ()))
 
     def _of_element(self, traced: Tracing, local: LocalFunctions, kind: ElementKind) -> Function:
         """`element` of a kind."""
-        return traced(
-            partial(local.element, kind), traced.element | {name: () for name in self.varying}
-        )
+        given = traced.element | dict.fromkeys(self.varying, ())
+        return traced(partial(local.element, kind), given)
 
     def _of_interaction(
         self, traced: Tracing, local: LocalFunctions, one: Interaction, kind: Any
@@ -97,14 +87,14 @@ class NewtonProgram(NativeProgram):
         return traced(partial(getattr(local, one.name), kind), given)
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        w, functions = self.w, self._of_nodes(traced, local)
+        w, functions = self.w, self._of_samples(traced, local) | self._of_nodes(traced, local)
         nodes = [functions[f"node {k}"] for k in range(len(self.kinds.nodes))]
         own = Packing(OWN, nodes, nodes[0].outputs)
         elements = [self._of_element(traced, local, kind) for kind in self.kinds.elements]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
         names = midsides.to_nodes(shapes)
         loads = self._of_loads_between(functions, traced, local, {n: shapes[n] for n in names})
-        between = Packing(BETWEEN if self.order == 1 else INNER, [*elements, *loads], names)
+        between = Packing(self.given_by_elements, [*elements, *loads], names)
         made = between.made()
         for k, one in zip(self.touching, made[len(elements) :], strict=True):
             functions[f"element load {k}"] = one.only(one.outputs)
@@ -171,24 +161,16 @@ class NewtonProgram(NativeProgram):
         return functions
 
     def _of_loads_between(
-        self,
-        functions: dict[str, Function],
-        traced: Tracing,
-        local: LocalFunctions,
-        shapes: dict[str, tuple[int, ...]],
+        self, functions: dict[str, Function], traced: Tracing, local: LocalFunctions, shapes: Shapes
     ) -> list[Function]:
-        """What loads between nodes add to what elements of the kinds `touching` give their nodes,
-        of these fields. `far` of each kind says where they do nothing.
+        """What loads between nodes add to what elements give their nodes, of these fields; `far` of
+        each kind says where they do nothing.
         """
-        loads = []
-        for k in self.touching:
-            kind = self.kinds.elements[k]
-            given = traced.element | {name: () for name in self.varying}
-            far = traced(partial(local.far, kind), given)
-            functions[f"far {k}"] = far if local.searches else far.only(["far"])
-            load = traced(partial(local.element_load, kind), given)
-            loads.append(load.with_zeros(shapes))
-        return loads
+        given = traced.element | dict.fromkeys(self.varying, ())
+        for name, far in self._of_kinds(traced, local.far, self.loaded, given).items():
+            functions[name] = far if local.searches else far.only(["far"])
+        loads = self._of_kinds(traced, local.element_load, self.loaded, given)
+        return [load.with_zeros(shapes) for load in loads.values()]
 
     def _iterated(
         self,
@@ -241,11 +223,12 @@ class NewtonProgram(NativeProgram):
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
         layout.record("change", ONE, [*outputs("update 0"), ("stress", k)])
         layout.record("judged", ONE, outputs("judge"))
+        layout.record("sample", ONE, [x for x in outputs("judge") if x[0] not in self.varying])
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
         if "search" in self.functions:
             layout.record("sums", ONE, [(name, 1) for name in SQUARES])
             layout.record("judged", ONE, outputs("search"))
-            layout.record("sample", ONE, [(name, 1) for name in LENGTHS])
+            layout.record("sample", ONE, outputs("search"))
             for name, sort in (("unknown", NODES), ("stress", ELEMENTS)):
                 _beside(layout, name, sort)
         if self.held:
@@ -273,7 +256,7 @@ class NewtonProgram(NativeProgram):
 class StepProgram(NewtonProgram):
     """Steps forwards; `adjoints` by the constants that want a gradient."""
 
-    driver = Driver
+    driver = StepDriver
     unknown = "u", "m"
 
     def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
@@ -295,36 +278,26 @@ class StepProgram(NewtonProgram):
             functions[stretches.WORK] = stretches.of_work(local, traced)
         return functions
 
-    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        w, node = self.w, traced.node
-        still = {name: shape for name, shape in node.items() if name not in self.unknown}
+    def _of_samples(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         functions = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
-        for k, kind in enumerate(self.kinds.nodes):
-            varying = {name: () for name in self.varying}
-            functions[f"node {k}"] = traced(partial(local.node, kind), node | varying)
-            functions[f"predictor {k}"] = traced(partial(local.predictor, kind), still)
-            functions[f"update {k}"] = traced(partial(local.update, kind), {**node, "move": (w,)})
-            functions[f"finish {k}"] = traced(partial(local.finish, kind), node)
         if "kinetic" in local.element_ends:
-            functions["project"] = traced(
-                local.project, dict.fromkeys(("defect", "kinetic", "rise"), ())
-            )
+            functions["project"] = self._of_numbers(traced, local.project)
             shapes = {name: self.shapes[name] for name in ("velocity", "spin")}
             functions["scaled"] = traced(local.scaled, shapes | {"scale": ()})
-        if local.element_ends:
-            for k, kind in enumerate(self.kinds.elements):
-                functions[f"finish element {k}"] = traced(
-                    partial(local.finish_element, kind), traced.element
-                )
-        for k in self.touching:
-            finish = partial(local.finish_element_load, self.kinds.elements[k])
-            functions[f"finish element load {k}"] = traced(finish, traced.element)
-        asked = ("moving", "done", "status", "before", "cosine", "least")
-        passes = bool(self.touching or self.kinds.pairs or local.model.bodies_touch)
-        functions["outcome"] = traced(
-            local.outcome, dict.fromkeys((*asked, *["passed"] * passes), ())
-        )
+        passes = self.touching or self.kinds.pairs or local.model.bodies_touch
+        without = () if passes else ("passed",)
+        functions["outcome"] = self._of_numbers(traced, local.outcome, without)
         return functions
+
+    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+        kinds, own = self.kinds, partial(self._of_kinds, traced)
+        still = {name: shape for name, shape in traced.node.items() if name not in self.unknown}
+        functions = super()._of_nodes(traced, local)
+        functions |= own(local.predictor, kinds.nodes, still)
+        functions |= own(local.finish, kinds.nodes, traced.node)
+        if local.element_ends:
+            functions |= own(local.finish_element, kinds.elements, traced.element)
+        return functions | own(local.finish_element_load, self.loaded, traced.element)
 
     def _layout(self) -> Layout:
         layout = super()._layout()
@@ -434,59 +407,3 @@ def adjoint_of(
         known = traced_of(local, *own, around) if known is None else known
         program.adjoints[wanted] = AdjointProgram(local, *own, wanted, key, known)
     return program.adjoints[wanted]
-
-
-def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
-    """What the program of a step depends on; never the values of tensors, nor how many elements
-    there are.
-    """
-    model = local.model
-    space = model.space
-    plane = (space.name, space.section_axes) if isinstance(space, Planar) else None
-    trees = (local.nodes, 1), (local.elements, 1), (local.common, 0), (local.supports, 1)
-    trees = (*trees, (local.joints, 1), (local.stretches, 1), (local.pairs, 1))
-    return (
-        type(local),
-        local.options,
-        type(space),
-        space.order,
-        plane,
-        model.length.dtype,
-        model.scene.beam.offset,
-        bool(model.scene.loads),
-        model.touching.present,
-        model.rubs,
-        local.searches,
-        kinds,
-        held,
-        *(_static(_shapes(tree, rows)) for tree, rows in trees),
-    )
-
-
-def _shapes(tree: Any, rows: int) -> Any:
-    return map_leaves(
-        lambda x, axes: x.shape[x.ndim - axes + rows :] if isinstance(x, Tensor) else x, tree
-    )
-
-
-def _static(x: Any, known: dict[int, int] | None = None) -> Any:
-    """What a tree holds, as something that can be a key; known: trees by id, by their numbers: what
-    of it is one object is part of it, whose tensors `flattened` gives once.
-    """
-    known = {} if known is None else known
-    if isinstance(x, Tree):
-        if id(x) in known:
-            return "again", known[id(x)]
-        known[id(x)] = len(known)
-        return type(x), tuple(
-            (name, value is None if name == "node" else _static(value, known))
-            for name, value in vars(x).items()
-            if not cache_of(x, name)
-        )
-    if isinstance(x, dict):
-        return tuple((name, _static(value, known)) for name, value in x.items())
-    if isinstance(x, FunctionType):
-        return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
-    if callable(x) and not isinstance(x, type):
-        return type(x)
-    return tuple([_static(part, known) for part in x]) if isinstance(x, (tuple, list)) else x

@@ -7,7 +7,7 @@ from functools import partial
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from . import midsides
-from .layout import ENTRIES, INTERFACE, NODES, ONE, Layout, sizes
+from .layout import ENTRIES, INNER, INTERFACE, NODES, ONE, Layout, sizes
 from .local_functions import LocalFunctions
 from .tracing import Shapes, Tracing
 
@@ -38,7 +38,7 @@ def of_rows(
     given = {f"own.{name}": shapes[f"own.{name}"] for name in own.fields}
     given |= {"right": (w,)} if transposed else {}
     words = ("free", "push") if transposed else ("free",)
-    if local.order == 2:
+    if between.name == INNER:
         inner = given | {f"element.{name}": shapes[name] for name in between.fields}
         condense = {"condense": traced(partial(of["condense"], False), inner)}
         if held:

@@ -4,7 +4,7 @@ they leave is put into the system of the interface.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import accumulate, pairwise
@@ -80,6 +80,11 @@ class Tables:
         return _tables(w, connectivity_of(model) if cells is None else cells.connectivity)
 
 
+def flat(rows: Iterable[Iterable[int]]) -> list[int]:
+    """One row after the other."""
+    return [x for row in rows for x in row]
+
+
 @lru_cache(maxsize=64)
 def _tables(w: int, connectivity: Connectivity) -> Tables:
     framework, _, held, stretches, pairs, shared, couplings_of = connectivity
@@ -146,6 +151,11 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
         table += [*between(place, unit), *pattern.place(place, unit), pattern.right(place).first]
         return [*table, other, *own(other), pattern.solution(other), pattern.solution(unit)]
 
+    def border(run: Run) -> tuple[int, ...]:
+        pair = run.before, run.after
+        both = (*own(run.before), *own(run.after), *between(*pair), *between(*pair[::-1]))
+        return ends[run.first], run.count, *pair, *both
+
     def touching() -> np.ndarray:
         own = np.array(pairs).reshape(len(pairs), -1)
         rows = np.array([equation[node] for node in range(len(nodes))])[own]
@@ -179,66 +189,32 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
         "element_places": element_places,
         "kept_nodes": kept_nodes,
         "kept_elements": kept_elements,
-        "interface": [
-            x for k, node in enumerate(nodes) for x in (node, *own(k), pattern.solution(k))
-        ],
-        "direct": [x for _, i, j in how.direct for x in (i, j, *between(i, j), *between(j, i))],
-        "forward": [
-            x
-            for run in forward
-            for x in (
-                ends[run.first],
-                run.count,
-                -1 if run.after is None else run.after,
-                *own(run.after),
-            )
-        ],
-        "backward": [
-            x
-            for run in backward
-            for x in (ends[run.first + run.count - 1], run.count, run.before, *own(run.before))
-        ],
-        "bordered": [
-            x
-            for run in order.bordered
-            for x in (
-                ends[run.first],
-                run.count,
-                run.before,
-                run.after,
-                *own(run.before),
-                *own(run.after),
-                *between(run.before, run.after),
-                *between(run.after, run.before),
-            )
-        ],
-        "following": [
-            x
+        "interface": flat((node, *own(k), pattern.solution(k)) for k, node in enumerate(nodes)),
+        "direct": flat((i, j, *between(i, j), *between(j, i)) for _, i, j in how.direct),
+        "forward": flat(
+            (ends[x.first], x.count, -1 if x.after is None else x.after, *own(x.after))
+            for x in forward
+        ),
+        "backward": flat(
+            (ends[x.first + x.count - 1], x.count, x.before, *own(x.before)) for x in backward
+        ),
+        "bordered": flat(map(border, order.bordered)),
+        "following": flat(
+            (*follow(outer[k], run, place), *parts[k + 1], *back[k])
             for k, (run, place) in enumerate(order.following)
-            for x in (*follow(outer[k], run, place), *parts[k + 1], *back[k])
-        ],
-        "joint_table": [x for k in range(J) for x in joint(k)],
-        "stretch_table": [x for s in range(len(stretches)) for x in stretch(s)],
+        ),
+        "joint_table": flat(map(joint, range(J))),
+        "stretch_table": flat(map(stretch, range(len(stretches)))),
         "pair_table": touching() if pairs else [],
-        "coupling_table": [x for own in couplings_of for x in coupling(own)],
+        "coupling_table": flat(map(coupling, couplings_of)),
         "elimination": np.concatenate((np.empty(0, int), *pattern.elimination)),
-        "substitution": [x for group in pattern.substitution for x in group],
+        "substitution": flat(pattern.substitution),
     }
     numbers = {
         "kept_node_count": len(kept_nodes),
         "kept_element_count": len(kept_elements),
-        "interface_count": len(nodes),
-        "direct_count": len(how.direct),
-        "forward_count": len(forward),
-        "backward_count": len(backward),
-        "bordered_count": len(order.bordered),
-        "joint_count": J,
-        "stretch_count": len(stretches),
-        "pair_count": len(pairs),
-        "coupling_count": len(couplings_of),
         "entry_count": pattern.size,
         "group_count": len(pattern.groups),
-        "following_count": len(order.following),
         "first_groups": parts[0][0],
         "last_groups": back[-2][0],
         "last_table": back[-2][1],
@@ -250,6 +226,8 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
         "own_interface": len(nodes) - shared,
         "own_joints": len(own_joints),
     }
+    for table, width in WIDTH.items():
+        numbers[f"{table}_count"] = len(lists.get(f"{table}_table", lists.get(table, ()))) // width
     flags = pattern.size // BYTES + 1  # one a number, in bytes
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}

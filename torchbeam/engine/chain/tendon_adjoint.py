@@ -148,7 +148,7 @@ class TendonAdjoint(TendonCode, InteractionAdjoint):
         if field == "start":
             return "tendon_start_bar", self._integers("stretch", s)[TENDON]
         if side not in SIDES[1]:
-            return self._own_bar(field, s)
+            return self._bar_place(field, s)
         if own in ("u", "m") and not moves:
             return None
-        return self._node_bar(own, self._stretch_node(s, side))
+        return self._bar_place(own, self._stretch_node(s, side))

@@ -50,20 +50,12 @@ class Tracing:
         ends = {f"{OTHER}{name}": shape for name, shape in self.shapes.items()}
         self.shapes |= {name: shape for name, shape in ends.items() if name in local.state}
         self.shapes |= {"acceleration": (2 * (p + s),), "straining": (local.order, 2 * k)}
-        trees = (
-            ("node", local.nodes, 1),
-            ("common", local.common, 0),
-            ("support", local.supports, 1),
-            ("joint", local.joints, 1),
-            ("stretch", local.stretches, 1),
-            ("pair", local.pairs, 1),
-        )
         self.constants = {
             kind: {
-                f"{kind}.{i}": tuple(x.shape[x.ndim - axes + rows :])
+                f"{kind}.{i}": tuple(x.shape[x.ndim - axes + (kind != "common") :])
                 for i, (x, axes) in enumerate(flattened(tree))
             }
-            for kind, tree, rows in trees
+            for kind, tree in local.trees._asdict().items()
         }
         elements = zip(flattened(local.elements), local.element_rows, strict=True)
         self.constants["element"] = {
