@@ -110,7 +110,7 @@ def automatic_climb(
 
 def _eager_weight(model: Model) -> float:
     """Of a sample, in elements of a beam without tendons: of S stretches S (10 + S/8) more
-    (measured: 46 of 4, 225 of 24, 1,000 of 64).
+    (measured: 46 of 4, 225 of 24).
     """
     stretches = len(model.tendons.stretches)
     return (model.station_count or model.node_count) + stretches * (10 + stretches / 8)
