@@ -13,6 +13,7 @@ from tests.cases.nodal_cases import inertia, spd
 from torchbeam.core.leaves import bound, leaves
 from torchbeam.math import quaternions as quat
 from torchbeam.scene import effects as fx
+from torchbeam.scene.effects.load_point import together
 
 B, SITES = 2, 4
 ZERO = torch.tensor(0.3)
@@ -145,7 +146,7 @@ def test_tangent(name):
         for i in range(3):
             by = 1e-5 * torch.eye(3)[i].expand(*lead, 3)
             ends = [
-                fx.together(effect.wrench(moved(site, what, sign * by), ZERO, INPUTS), site.R)
+                together(effect.wrench(moved(site, what, sign * by), ZERO, INPUTS), site.R)
                 for sign in (1, -1)
             ]
             columns.append((ends[0] - ends[1]) / 2e-5)
@@ -333,7 +334,7 @@ def test_moved_root_spring_at_rest():
     spring = fx.RootSpring((torch.tensor([1.0, 2, 3]), torch.tensor([4.0, 5, 6])))
     R, r = rotations(), torch.randn(3)
     site = fx.LoadPoint(R, position=r, support=fx.Pose(r, R))
-    assert_close(fx.together(spring.wrench(site, ZERO, {}), R), torch.zeros(6), rtol=0, atol=1e-14)
+    assert_close(together(spring.wrench(site, ZERO, {}), R), torch.zeros(6), rtol=0, atol=1e-14)
     tangent = spring.tangent(site, ZERO, {})
     assert_close(tangent["position"][:3], -R @ torch.diag(torch.tensor([1.0, 2, 3])) @ R.T)
     assert_close(tangent["rotation"][3:], -R @ torch.diag(torch.tensor([4.0, 5, 6])) @ R.T)
@@ -532,7 +533,7 @@ def test_gradient_by_parameters(name):
 
     def found(p):
         effect = make(p)
-        return fx.together(effect.wrench(site, ZERO, {}), site.R), *effect.tangent(
+        return together(effect.wrench(site, ZERO, {}), site.R), *effect.tangent(
             site, ZERO, {}
         ).values()
 

@@ -14,6 +14,7 @@ from torchbeam.core.leaves import bound
 from torchbeam.engine.compiler.trace import trace
 from torchbeam.math import quaternions as quat
 from torchbeam.scene import effects as fx
+from torchbeam.scene.effects.load_point import together
 
 T, INPUTS = torch.tensor(0.3), {"u": torch.tensor([0.1, -0.2, 0.3])}
 MOTION = ("R", "position", "velocity", "spin", "internal")
@@ -84,7 +85,7 @@ def test_effects_are_traced_as_they_stand(name):
 
     def load(**motion):
         site = replace(one, **motion)
-        return fx.together(effect.wrench(site, T, INPUTS), site.R), effect.tangent(site, T, INPUTS)
+        return together(effect.wrench(site, T, INPUTS), site.R), effect.tangent(site, T, INPUTS)
 
     function = trace(load, {field: getattr(one, field)[0] for field in MOTION})
     found = evaluate(function, {field: getattr(four, field) for field in MOTION})
