@@ -130,17 +130,3 @@ def accelerogram(d):
     )
     a = d.vector("accelerogram acceleration", 2.0, False, 5)
     return lambda x: tb.RootMotion(displacement=tb.Accelerogram(t(x), a(x)))
-
-
-@ingredient("root", "SmoothHistory")
-def smooth_history(d):
-    u = d.vector("smooth history values", 0.05, False, 9)
-    t = torch.linspace(-0.3, 2.0, 9)
-    return lambda x: tb.RootMotion(displacement=tb.SmoothHistory(t, u(x), sigma=1e-3))
-
-
-@ingredient("root", "SmoothRotation")
-def smooth_rotation(d):
-    phi = d.vector("smooth rotation values", 0.2, False, 9)
-    t = torch.linspace(-0.3, 2.0, 9)
-    return lambda x: tb.RootMotion(rotation=tb.SmoothRotation(t, phi(x), sigma=1e-2))
