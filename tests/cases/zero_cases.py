@@ -385,10 +385,6 @@ CASES = {
         Case(lambda x: scene(root=tb.RootMotion(displacement=tb.SmoothHistory(torch.linspace(0, 0.1,
         8), x[..., None, :] * torch.linspace(0, 1, 8)[:, None] ** 2, sigma=1e-3))), 3, MOVING,
         scale=1e-2),
-    "SmoothRotation.values":
-        Case(lambda x: scene(root=tb.RootMotion(rotation=tb.SmoothRotation(torch.linspace(0, 0.1,
-        8), x[..., None, :] * torch.linspace(0, 1, 8)[:, None] ** 2, sigma=1e-3))), 3, MOVING,
-        scale=1e-2),
     "Body.position": Case(lambda x: joined(tb.Weld(*ENDS),
         hub(position=torch.tensor((0.6, 0.0, 0.0)) + x)), 3, ("eager", "equilibrium")),
     **{f"{kind.__name__}.at": Case(lambda x, kind=kind: joined(kind(*ENDS,
@@ -445,6 +441,7 @@ NEVER_ZERO = {  # or not only; why there is no case
     "Beam.arc up": "as Beam.straight", "Beam.arc root": "as Beam.straight",
     "Stations.s": ORDERED, "Table.s": ORDERED, "History.t": ORDERED, "Accelerogram.t": ORDERED,
     "SmoothHistory.t": ORDERED, "SmoothRotation.t": ORDERED,
+    "SmoothRotation.values": "are rotations of one record",
     "Body.mass": POSITIVE, "Body.inertia": "as PointMass.inertia", "Body.rotation": "is a rotation",
     **{f"{kind}.axis": "is a direction" for kind in ("Hinge", "Slider", "Cylindrical",
                                                      "Universal")},
