@@ -60,15 +60,16 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     stored = given.out / "measurements.json"
-    before = json.loads(stored.read_text())["runs"] if stored.exists() else {}
-    lines, heading = {name: before[name] for name in RUNS if name in before}, measured_on()
+    kept = json.loads(stored.read_text()) if stored.exists() else {"runs": {}}
+    lines = {name: kept["runs"][name] for name in RUNS if name in kept["runs"]}
+    heading = measured_on()
     for name, (example, files, held) in RUNS.items():
         if given.only not in name:
             continue
         arguments = ["--data", *(str(given.data / file) for file in files)]
         arguments += ["--held", str(given.data / held)] if held else []
         lines[name] = json.loads(example.main(arguments))
-        stored.write_text(json.dumps(heading | {"runs": lines}, indent=1) + "\n")
+        stored.write_text(json.dumps(kept | heading | {"runs": lines}, indent=1) + "\n")
         (given.out / "measurements.md").write_text(f"{table(lines)}\n{sentence(heading)}\n")
 
 

@@ -151,7 +151,6 @@ def main(arguments: Sequence[str] | None = None) -> str:
     parser.add_argument("--held", type=Path, help="a record of which 0.6 s are fitted")
     parser.add_argument("--noise", default="blocks", choices=("white", "ar1", "repeats", "blocks"))
     given, begun = parser.parse_args(arguments), time.perf_counter()
-    torch.set_default_dtype(torch.float64)
     until = {Record(path, given.noise): FITTED for path in given.data}
     if given.held is not None:
         until[Record(given.held, given.noise)] = SETTLED

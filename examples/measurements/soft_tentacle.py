@@ -136,7 +136,6 @@ def main(arguments: Sequence[str] | None = None) -> str:
     parser.add_argument("--data", type=Path, required=True, help="a CSV of poses")
     parser.add_argument("--held", type=Path, help="another one, to be predicted")
     given, begun = parser.parse_args(arguments), time.perf_counter()
-    torch.set_default_dtype(torch.float64)
     names, tensions, markers = read(given.data)
     fitted = torch.tensor([given.held is not None or name not in HELD for name in names])
     pulls, seen = tensions[~fitted], markers[~fitted]
