@@ -5,7 +5,7 @@ and the inputs.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -30,6 +30,62 @@ class Coordinates(Protocol):
         """
 
 
+class StepSlopes(NamedTuple):
+    """Derivatives of z after a step, and of what is read of its end: by z before it (..., r, n),
+    and by each of what was given, in order (..., r, m).
+    """
+
+    by_coordinates: Tensor
+    by_given: list[Tensor]
+
+
+def step_slopes(
+    step: Callable[[State, dict[str, Tensor]], tuple[State, Tensor | None]],
+    space: Spatial,
+    coordinates: Coordinates,
+    start: State,
+    given: dict[str, Tensor],
+    readings: int = 0,
+) -> tuple[State, Tensor | None, StepSlopes]:
+    """The state after step(public state, given), in the space's coordinates as `start` is, what it
+    reads of that (..., readings), and the derivatives of z and of these, in rows.
+
+    By reverse mode, all rows as one batch of as many equal steps. Constants: no derivatives go
+    through them.
+    """
+    n, lead = coordinates.reads.shape[-2], start.batch_shape
+    rows = n + readings
+    with torch.enable_grad():
+        move = start.position.new_zeros(
+            rows, *lead, coordinates.reads.shape[-1], requires_grad=True
+        )
+        held = {
+            name: x.detach().expand(rows, *lead, -1).clone().requires_grad_()
+            for name, x in given.items()
+        }
+        now, read = step(space.to_public(moved(space, start, move)), held)
+        ends = space.to_reduced(now)
+        end = ends.broadcast((rows, *lead))[0].detach()
+        with torch.no_grad():
+            (_, by_moves), (moves, _) = (
+                slope.unbind(0) for slope in coordinates.slopes(State.stack([start, end]))
+            )
+        total = (by_moves.movedim(-2, 0) * move_between(space, end, ends)[:n]).sum()
+        if read is not None:
+            total = total + diagonal(read[n:]).sum()
+            read = read.detach()[0].expand(*lead, readings)
+        slopes = torch.autograd.grad(
+            total, (move, *held.values()), allow_unused=True, materialize_grads=True
+        )
+    by_move, *by_given = (slope.movedim(0, -2) for slope in slopes)
+    return end, read, StepSlopes(by_move @ moves, by_given)
+
+
+def diagonal(rows: Tensor) -> Tensor:
+    """(r, ...): of rows (r, ..., r) the i-th number of the i-th."""
+    return torch.stack([row[..., i] for i, row in enumerate(rows)])
+
+
 def step_jacobian(
     step: Callable[[State, Inputs], State],
     space: Spatial,
@@ -40,35 +96,25 @@ def step_jacobian(
     """A (..., n, n) and B (..., n, m) of one step(state, inputs) of public states: dz after = A dz
     before + B d(inputs, side by side).
 
-    By reverse mode, all n rows as one batch of as many equal steps. Constants: no derivatives go
-    through them.
+    Constants: no derivatives go through them.
     """
     if not hasattr(coordinates, "reads"):
         raise ValueError(
             f"model = {shown(coordinates)} was given; what `linearize` returns is wanted"
         )
-    n, start = coordinates.reads.shape[-2], space.to_reduced(state.detach())
+    start = space.to_reduced(state.detach())
     lead = broadcast(
         "a state, a model and inputs",
         state.batch_shape,
         coordinates.reads.shape[:-2],
         *(u.shape[:-1] for u in inputs.values()),
     )
-    with torch.enable_grad():
-        move = start.position.new_zeros(n, *lead, coordinates.reads.shape[-1], requires_grad=True)
-        held = {
-            name: u.detach().expand(n, *lead, -1).clone().requires_grad_()
-            for name, u in inputs.items()
-        }
-        ends = space.to_reduced(step(space.to_public(moved(space, start, move)), held))
-        end = ends.broadcast((n, *lead))[0].detach()
-        with torch.no_grad():
-            (_, by_moves), (moves, _) = (
-                slope.unbind(0) for slope in coordinates.slopes(State.stack([start, end]))
-            )
-        rows = by_moves.movedim(-2, 0) * move_between(space, end, ends)
-        slopes = torch.autograd.grad(
-            rows.sum(), (move, *held.values()), allow_unused=True, materialize_grads=True
-        )
-    A, *B = (slope.movedim(0, -2) for slope in slopes)
-    return A @ moves, torch.cat(B, -1) if B else A[..., :0]
+    _, _, slopes = step_slopes(
+        lambda before, held: (step(before, held), None),
+        space,
+        coordinates,
+        start.broadcast(lead),
+        inputs,
+    )
+    A, B = slopes
+    return A, torch.cat(B, -1) if B else A[..., :0]

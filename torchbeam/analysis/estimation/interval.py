@@ -14,10 +14,11 @@ from torch import Tensor
 
 from ...core.arguments import instance
 from ...core.status import DIVERGED
+from ...dynamics.step_jacobian import diagonal, step_slopes
 from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
 from ...math.shapes import broadcast_shapes
-from ...nodal.moves import move_between, moved
+from ...nodal.moves import moved
 from ...scene.scene import Scene
 from ...state.state import State
 from .instruments import Instruments
@@ -55,51 +56,35 @@ class Interval:
         return self.scene.inputs
 
     def move(self, state: State, unknowns: Unknowns, coordinates: Tensor, inputs: Tensor) -> Moved:
-        """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held.
-
-        By reverse mode: all n + m rows as one batch of as many equal intervals.
-        """
-        n, m, model = self.model.reads.shape[-2], self.instruments.count, self.model
-        r = n + m
+        """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held."""
+        model, m = self.model, self.instruments.count
+        n, space = model.reads.shape[-2], self.stepper.model.space
         lead = broadcast_shapes(state.batch_shape, coordinates.shape[:-1], inputs.shape[:-1])
-        with torch.enable_grad():
-            by, held = (
-                x.detach().expand(r, *lead, -1).clone().requires_grad_()
-                for x in (coordinates, inputs)
-            )
-            scene, stepper = self.scene, copy(self.stepper)
+
+        def step(begin: State, given: dict[str, Tensor]) -> tuple[State, Tensor]:
+            scene, stepper, now = self.scene, copy(self.stepper), begin
             if unknowns.of_model:
-                scene = instance("what scene gives", self.scene_of(unknowns.given(by)), Scene)
+                made = self.scene_of(unknowns.given(given["coordinates"]))
+                scene = instance("what scene gives", made, Scene)
                 stepper = Stepper(scene, self.stepper.dt, self.method)
-            space = stepper.model.space
-            start = space.to_reduced(state.detach().broadcast(lead))
-            move = start.position.new_zeros(r, *lead, model.reads.shape[-1], requires_grad=True)
-            begin = now = space.to_public(moved(space, start, move))
-            sizes = self.inputs
-            given = dict(zip(sizes, held.split(tuple(sizes.values()), -1), strict=True))
+            parts = given["inputs"].split(tuple(self.inputs.values()), -1)
+            held = dict(zip(self.inputs, parts, strict=True))
             for _ in range(self.steps):
-                now = stepper.advance(now, given)
-            ends = space.to_reduced(now)
-            end = ends.broadcast((r, *lead))[0].detach()
-            readings = self.instruments.after(scene, begin, now, given, self.steps * stepper.dt)
-            with torch.no_grad():
-                (_, reads), (moves, _) = (
-                    slope.unbind(0) for slope in model.slopes(State.stack([start, end]))
-                )
-            change = move_between(space, end, ends)[:n]
-            slopes = torch.autograd.grad(
-                (reads.movedim(-2, 0) * change).sum() + _diagonal(readings[n:]).sum(),
-                (move, by, held),
-                allow_unused=True,
-                materialize_grads=True,
-            )
-        motion, *others = (slope.movedim(0, -2) for slope in slopes)
-        all_rows = Slopes(motion @ moves, *others)
+                now = stepper.advance(now, held)
+            duration = self.steps * stepper.dt
+            return now, self.instruments.after(scene, begin, now, held, duration)
+
+        end, readings, (by_z, others) = step_slopes(
+            step,
+            space,
+            model,
+            space.to_reduced(state.detach().broadcast(lead)),
+            {"coordinates": coordinates, "inputs": inputs},
+            m,
+        )
+        rows = Slopes(by_z, *others)
         return Moved(
-            space.to_public(end),
-            readings.detach()[0].expand(*lead, m),
-            all_rows.rows(slice(n)),
-            all_rows.rows(slice(n, r)),
+            space.to_public(end), readings, rows.rows(slice(n)), rows.rows(slice(n, n + m))
         )
 
     def slope_of(self, read: Callable[[State], Tensor], state: State) -> tuple[Tensor, Tensor]:
@@ -112,7 +97,7 @@ class Interval:
             )
             y = read(space.to_public(moved(space, start, move)))
             (slope,) = torch.autograd.grad(
-                _diagonal(y).sum(), move, allow_unused=True, materialize_grads=True
+                diagonal(y).sum(), move, allow_unused=True, materialize_grads=True
             )
         return y.detach()[0], slope.movedim(0, -2) @ self.model.slopes(start)[1]
 
@@ -128,8 +113,3 @@ class Interval:
             if z.ndim == 1:
                 return replace(state, status=torch.full_like(state.status, DIVERGED))
         return State.stack([self.changed(state[k], z[k]) for k in range(len(z))])
-
-
-def _diagonal(rows: Tensor) -> Tensor:
-    """(r, ...): of rows (r, ..., r) the i-th number of the i-th."""
-    return torch.stack([row[..., i] for i, row in enumerate(rows)])
