@@ -11,6 +11,7 @@ import torchbeam as tb
 DT = 0.01
 TIP = tb.sensors.TipPosition()["z"]
 NAN = math.nan
+STILL = 1e-6  # m, rad: of coordinates that nothing moves, which are zero but for rounding
 
 
 def strip(E=1.0, **options):
@@ -77,7 +78,7 @@ def test_estimates_of_a_linear_structure_are_those_of_a_normal_law(linear, missi
     found = f.run(start, readings)
     known, smoothed = normal_law(A, G, C, start.factor, readings)
     smooth = f.smooth(start, found)[1:]
-    scale = known[-1][1].diagonal().sqrt().clamp(min=1e-9)
+    scale = known[-1][1].diagonal().sqrt().clamp(min=STILL)
     for own, (z, P) in zip([*found, *smooth], [*known, *smoothed], strict=True):
         assert ((own.x - z) / scale).abs().max() < 1e-9
         assert ((own.covariance - P) / torch.outer(scale, scale)).abs().max() < 1e-9
@@ -96,7 +97,7 @@ def test_late_readings_say_the_same_later(linear):
     for y in readings:
         in_time, delayed = f(in_time, y), late(delayed, y)
     ahead = f(f(in_time))
-    n, scale = f.moves, ahead.factor.norm(dim=0).clamp(min=1e-9)
+    n, scale = f.moves, ahead.factor.norm(dim=0).clamp(min=STILL)
     assert ((delayed.x[:n] - ahead.x) / scale).abs().max() < 1e-9
     error = delayed.covariance[:n, :n] - ahead.covariance
     assert (error / torch.outer(scale, scale)).abs().max() < 1e-9
