@@ -7,7 +7,7 @@ from __future__ import annotations
 from functools import partial
 from math import prod
 
-from ..compiler.derivative import bar, vjp
+from ..compiler.derivative import vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
@@ -15,15 +15,24 @@ from . import interactions, midsides, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
 from .interaction import INTERACTIONS, TIE
-from .layout import ELEMENTS, MOVES, NODE_PLACES, NODES, ONE, OWN, SUPPORTS, Layout
+from .layout import (
+    ELEMENTS,
+    MOVES,
+    NODE_PLACES,
+    NODES,
+    ONE,
+    OWN,
+    SUPPORTS,
+    Layout,
+    cotangents,
+    most,
+)
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import Kinds, without_side
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
-# functions of which what they give is kept together
-OF_NODES = "node bar", "finish bar", "stress bar", "ended", "scaled bar", "project bar"
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 
 
@@ -60,7 +69,7 @@ class AdjointProgram(NativeProgram):
             own(function, kinds.nodes, traced.node) for function in (local.node, local.finish)
         )
         functions |= _bars(nodes, start, ["balance"])
-        functions |= _bars(finishes, (*start, "u", "m", "found", "last"), keep=("u", "m"))
+        functions |= _bars(finishes, (*start, "u", "m", "found", "last"))
         for name, update in own(local.update, kinds.nodes, traced.node | {"move": (w,)}).items():
             if "move" in update.inputs:  # a clamp that moves goes its own way
                 bars = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
@@ -173,21 +182,19 @@ class AdjointProgram(NativeProgram):
             }
             layout.record(kind, sort, self.constants(kind))
             layout.record(f"{kind}_bar", sort, sorted(fields.items()))
-        for name in ("state", "state_bar", "state_grad", "start_bar"):
-            layout.record(name, NODES, state)
+        layout.record("state", NODES, state)
+        cotangents(layout, "state", NODES, state)
         read = self.functions["solution"].inputs
         ends = [(f"after_{name}", size) for name, size in state]
         layout.record("after", NODES, [end for end in ends if end[0] in read])
-        layout.record("unknown", NODES, [("u", state[0][1]), ("m", state[1][1])])
-        for name in ("stress", "stress_bar", "stress_grad"):
-            layout.record(name, ELEMENTS, [("stress", k)])
+        for name in ("unknown", "unknown_bar"):
+            layout.record(name, NODES, [("u", state[0][1]), ("m", state[1][1])])
+        layout.record("stress", ELEMENTS, [("stress", k)])
+        cotangents(layout, "stress", ELEMENTS, [("stress", k)])
         if self.element_state:
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
-            for name in ("", "_bar", "_grad", "_start_bar"):
-                layout.record(f"element_state{name}", ELEMENTS, own)
-        ends = self.touching, interactions.present(self.kinds)
-        if "finish element bar 0" in self.functions or any(ends):
-            layout.record("unknown_bar", NODES, [("u_bar", state[0][1]), ("m_bar", state[1][1])])
+            layout.record("element_state", ELEMENTS, own)
+            cotangents(layout, "element_state", ELEMENTS, own)
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
             bars = [*ENERGIES, "scale", *(f"{name}_bar" for name in (*ENERGIES, "scale"))]
@@ -205,24 +212,18 @@ class AdjointProgram(NativeProgram):
             layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
         rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
-        layout.record("change", ONE, [("gap_bar", k)])
-        for name in self.functions:
-            if name.startswith(OF_NODES):
-                layout.record("change", ONE, self.outputs(name))
-        for word in ("element", "finish element", "element load", "finish element load"):
-            layout.record("of_element", ONE, self.largest(f"{word} bar"))
+        layout.record("change", ONE, most(self.functions).items())
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         layout.record("free", NODES, [("free", w)])
         if self.held:
             for name in ("found", "last"):
                 read = any(name in function.inputs for function in self.functions.values())
                 layout.record("support", SUPPORTS, [(name, w)] * read)
-            for name in ("reaction_bar", "reaction_grad", "last_bar"):
-                layout.record(name, SUPPORTS, [("reaction", w)])
+            cotangents(layout, "reaction", SUPPORTS, [("reaction", w)])
         for one in interactions.present(self.kinds):
             interactions.record_adjoint(layout, self.functions, one, w)
         if self.kinds.stretches:
-            stretches.record_adjoint(layout, self.functions)
+            stretches.record_adjoint(layout)
         return layout
 
 
@@ -232,28 +233,19 @@ def _bar_of(name: str) -> str:
 
 
 def _bars(
-    functions: dict[str, Function],
-    by: tuple[str, ...] | list[str],
-    of: list[str] | None = None,
-    keep: tuple[str, ...] = (),
+    functions: dict[str, Function], by: tuple[str, ...] | list[str], of: list[str] | None = None
 ) -> dict[str, Function]:
     """See `_derivative`; of: of these outputs alone."""
     return {
-        _bar_of(name): _derivative(function.only(of or function.outputs), by, keep)
+        _bar_of(name): _derivative(function.only(of or function.outputs), by)
         for name, function in functions.items()
     }
 
 
-def _derivative(
-    function: Function, by: tuple[str, ...] | list[str], keep: tuple[str, ...] = ()
-) -> Function:
-    """Cotangents of the inputs `by` that the function has; without those that are zero, but for
-    `keep`.
-    """
+def _derivative(function: Function, by: tuple[str, ...] | list[str]) -> Function:
+    """Cotangents of the inputs `by` that the function has, without those that are zero."""
     derivative = vjp(function, [name for name in by if name in function.inputs])
     zero = derivative.graph.zero
     return derivative.only(
-        name
-        for name, out in derivative.outputs.items()
-        if name in map(bar, keep) or any(node != zero for node in out.nodes)
+        name for name, out in derivative.outputs.items() if any(node != zero for node in out.nodes)
     )

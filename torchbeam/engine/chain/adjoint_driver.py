@@ -10,6 +10,7 @@ another takes what its solution asks of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from ..compiler.derivative import bar
@@ -17,7 +18,8 @@ from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .node_kinds import SIDES, without_side
+from .layout import STATES, cotangent
+from .node_kinds import SIDES
 from .tendon_adjoint import TendonAdjoint
 
 
@@ -27,52 +29,58 @@ class AdjointDriver(TendonAdjoint, Elimination):
     ARGS = (*ALL, "stepwises", "stepwise_count")
 
     def _group(self, first: str) -> None:
-        code, args = self.code, self.args
-        last = code.sub(args["steps"], 1)
-        counts = {"node_bar": args["nodes"], "element_bar": args["elements"], "common_bar": 1}
-        supports = {"support_bar": args["supports"]} if self.held else {}
-        for record, count in (self._state_counts("_bar") | supports | counts).items():
-            with code.loop(0, count) as k:
-                self._fill((record, k))
+        code = self.code
+        last = code.sub(self.args["steps"], 1)
+        self._zeros_in(*(name for name in self.layout.records if name.endswith("_bar")))
         for name in self._of_samples("_bar"):
             self._fill(("sample", 0, name))
-        self._clear_tendons()
-        self._clear_interactions()
         with code.loop(last, -1, -1) as step:
             self._transfer("gather", "input", first, step, last)
             self._step()
             self._transfer("drain", "stepwise", first, step, last)
         self._transfer("scatter", "output", first, 0)
 
-    def _state_counts(self, what: str) -> dict[str, str]:
-        """Records of the "_bar" or "_grad" of a state, and how many rows they have."""
-        args = self.args
-        counts = {"state": args["nodes"], "stress": args["elements"]}
-        counts |= {"element_state": args["elements"]} if self._has_rates else {}
-        counts |= {"reaction": args["supports"]} if self.held else {}
-        return {f"{name}{what}": count for name, count in counts.items()}
+    def _zeros_in(self, *records: str) -> None:
+        """Zeros in what there is of them."""
+        for record in records:
+            if record in self.layout.records:
+                with self._rows_of(record) as k:
+                    self._fill((record, k))
 
-    @property
-    def _has_rates(self) -> bool:
-        """Whether elements have a state beside their stress."""
-        return "element_state" in self.layout.records
+    def _backward(self, name: str, of: Callable[[str], Place], ends: Places) -> None:
+        """The derivative of a function whose fields lie at `of`, from the cotangents of what it
+        gives, at `ends`; what that asks of the fields is added to their cotangents.
+        """
+        self._call(name, of, ("change", 0), {bar(field): place for field, place in ends.items()})
+        for out, value in self.functions[name].outputs.items():
+            record, row, field = of(out.removesuffix("_bar"))
+            record, field = cotangent(record, field)
+            if field in self.layout.fields(record):
+                to, source = (record, row, field), ("change", 0, out)
+                self._sum(to, source, self.at("sample", 0, "good"), len(value.nodes))
+
+    def _made(self, record: str, row: str) -> Places:
+        """Cotangents of what a step has made: of a part of the state, work, and energies."""
+        bars = f"{record}_bar"
+        ends: Places = {field: (bars, row, field) for field in self.layout.fields(bars)}
+        ends |= {name: ("energy", 0, bar(name)) for name in ENERGIES}
+        return ends | {"work": ("sample", 0, bar("work"))}
 
     def _step(self) -> None:
         code, N, nodes = self.code, self.args["elements"], self.args["nodes"]
-        for to, count in self._state_counts("_bar").items():
-            with code.loop(0, count) as k:
-                self._add((to, k), (to.replace("_bar", "_grad"), k))
+        states = [name for name in STATES if f"{name}_bar" in self.layout.records]
+        for name in states:
+            with self._rows_of(f"{name}_bar") as k:
+                self._add((f"{name}_bar", k), (f"{name}_grad", k))
         for to, source in zip(self._of_samples("_bar"), self._of_samples("_grad"), strict=True):
             self._add(("sample", 0, to), ("sample", 0, source))
-        self._add_tendons()
-        self._add_joints()
+        self._zeros_in(
+            *(f"{name}_start_bar" for name in states), "unknown_bar", "joint_unknown_bar"
+        )
         self._fill(("nothing", 0))
         with code.loop(0, self._move_of(nodes, self.order)) as j:
             for record in ("asked", "push", "move", "found"):
                 self._fill((record, j))
-        if self.held:
-            with code.loop(0, self.args["supports"]) as k:
-                self._fill(("last_bar", k))
         with code.loop(0, nodes) as j:
             self._solution(j)
         self._tensions()
@@ -80,11 +88,16 @@ class AdjointDriver(TendonAdjoint, Elimination):
         if "energy" in self.layout.records:
             self._energies()
         with code.loop(0, N) as e:
-            self._element_ends(e)
+            self._back_to_element("finish element", e, self._made("element_state", e))
         self._tendon_ends()
         self._interaction_ends()
         with code.loop(0, nodes) as j:
-            self._ends(j)
+            self._at_node("finish bar", j, self._made("state", j), call=self._backward)
+            places: Places = {
+                bar(name): ("unknown_bar", j, name) for name in self.layout.fields("unknown")
+            }
+            places[f"> {bar('move')}"] = ("asked", self._move_of(j))
+            self._at_node("update bar", j, None, places)
         if self.held:
             with code.loop(0, self.args["supports"]) as k:
                 node = code.load(code.at(self.args["support_nodes"], k))
@@ -95,26 +108,14 @@ class AdjointDriver(TendonAdjoint, Elimination):
         with code.loop(0, N) as e:
             self._element_bar(e)
         with code.loop(0, nodes) as j:
-            places = {bar("balance"): ("found", self._move_of(j))}
-            spread = partial(self._spread, j=j)
-            self._at_node("node bar", j, ("change", 0), places, then=spread)
+            ends: Places = {"balance": ("found", self._move_of(j))}
+            self._at_node("node bar", j, ends, call=self._backward)
         self._tie_bars()
         self._interaction_bars()
-        self._take_start(self.at("sample", 0, "good"))
-
-    def _take_start(self, good: str) -> None:
-        """Cotangents of the state at the start, of what has gone well."""
-        starts = {
-            "state_bar": "start_bar",
-            "element_state_bar": "element_state_start_bar",
-            "reaction_bar": "last_bar",
-        }
-        for to, count in self._state_counts("_bar").items():
-            with self.code.loop(0, count) as k:
-                source = (starts[to], k) if to in starts else ("nothing", 0)
-                self._take((to, k), source, good)
-        self._take_tendons(good)
-        self._take_joints(good)
+        good = self.at("sample", 0, "good")
+        for name in states:  # of what has gone well, those of the state at the start
+            with self._rows_of(f"{name}_bar") as k:
+                self._take((f"{name}_bar", k), (f"{name}_start_bar", k), good)
 
     def _transposed(self) -> None:
         """The transposed system, and the cotangents of the balances."""
@@ -146,35 +147,16 @@ class AdjointDriver(TendonAdjoint, Elimination):
     def _solution(self, j: str) -> None:
         """Of a node: the solution between its states."""
 
-        def of(f: str) -> str:
-            return self.at("after", j, f) if f.startswith("after") else self._of_node(f, j)
+        def of(f: str) -> Place:
+            return ("after", j, f) if f.startswith("after") else self._of_node(f, j)
 
         self._call("solution", of, ("unknown", j))
-        for name in ("start_bar", "unknown_bar"):
-            if name in self.layout.records:
-                self._fill((name, j))
 
-    def _element_ends(self, e: str) -> None:
-        """What the cotangents of an element's state at the end ask of its start and of its
-        nodes.
-        """
-        if self._has_rates:
-            self._fill(("element_state_start_bar", e))
-        places: Places = {
-            bar(name): ("element_state_bar", e, name)
-            for name in self.layout.fields("element_state_bar")
-        }
-        places |= {bar("work"): ("sample", 0, bar("work"))}
-        places |= {bar(name): ("energy", 0, bar(name)) for name in ENERGIES}
-        self._element_bars("finish element", e, places)
-
-    def _element_bars(self, word: str, e: str, places: Places) -> None:
-        """Derivatives of element e, and of the loads between its nodes, see `_spread`."""
-        to, spread = ("of_element", 0), partial(self._spread, j=e, source="of_element")
-        self._at_element(f"{word} bar", e, to, places, then=spread)
+    def _back_to_element(self, word: str, e: str, ends: Places) -> None:
+        """Derivatives of element e, and of the loads between its nodes."""
+        self._at_element(f"{word} bar", e, ends, call=self._backward)
         for k in self._loaded(e):
-            self._call(name := f"{word} load bar {k}", partial(self._of_element, e=e), to, places)
-            spread(name)
+            self._backward(f"{word} load bar {k}", partial(self._of_element, e=e), ends)
 
     def _of_samples(self, what: str) -> list[str]:
         """Cotangents of a sample's fields."""
@@ -214,18 +196,6 @@ class AdjointDriver(TendonAdjoint, Elimination):
         self._call("project bar", of, places={"> defect_bar": ("change", 0, "defect_bar")})
         self._take(("sample", 0, "defect_bar"), ("change", 0, "defect_bar"), good)
 
-    def _ends(self, j: str) -> None:
-        """Of a node: what its end's cotangents ask of the start and of the move."""
-        places: Places = {bar(f): ("state_bar", j, f) for f in self.layout.fields("state_bar")}
-        places |= {bar("work"): ("sample", 0, bar("work"))}
-        places |= {bar(name): ("energy", 0, bar(name)) for name in ENERGIES}
-        self._at_node("finish bar", j, ("change", 0), places, then=partial(self._spread, j=j))
-        for field in self.layout.fields("unknown_bar"):
-            self._add(("change", 0, field), ("unknown_bar", j, field))
-        places = {bar(name): ("change", 0, bar(name)) for name in self.layout.fields("unknown")}
-        places[f"> {bar('move')}"] = ("asked", self._move_of(j))
-        self._at_node("update bar", j, None, places)
-
     def _give(self, e: str, to: Place) -> None:
         """With it, what its stress's cotangent asks of its nodes' moves."""
         self._at_element("blocks", e, ("law", e), {f"> {to[0]}": to})
@@ -261,25 +231,10 @@ class AdjointDriver(TendonAdjoint, Elimination):
         """What the solution asks of an element: of its gap through the balance, then of its start
         and its constants.
         """
-        places: Places = {}
-        for side in SIDES[self.order]:
-            at = "found", self._move_of(self._node_of(e, side))
-            places |= {bar(side): at, bar(f"{side}.balance"): at}
+        sides = SIDES[self.order]
+        found = {side: ("found", self._move_of(self._node_of(e, side))) for side in sides}
+        places: Places = {bar(side): at for side, at in found.items()}
         self._call("pushed bar", lambda f: self._of_element(f, e), ("change", 0), places)
         self._add(("law", e, "gap_bar"), ("change", 0, "gap_bar"))
-        places[bar("gap")] = ("law", e, "gap_bar")
-        self._element_bars("element", e, places)
-
-    def _spread(self, name: str, j: str, source: str = "change") -> None:
-        """Add the cotangents that a function gives to those of the start, of the constants and of
-        the step's reaction; a node's u and m stay.
-        """
-        for out in self.functions[name].outputs:
-            field, at = out.removesuffix("_bar"), j
-            if field in ("u", "m"):
-                continue
-            if field != without_side(field):
-                at, field = self._node_of(j, field[0]), without_side(field)
-            to = self._bar_place(field, at)
-            if to is not None:
-                self._sum(to, (source, 0, out), self.at("sample", 0, "good"))
+        ends: Places = {f"{side}.balance": at for side, at in found.items()}
+        self._back_to_element("element", e, ends | {"gap": ("law", e, "gap_bar")})

@@ -220,12 +220,10 @@ class Adjoint:
 
     def _place(self, name: str, what: str) -> tuple[str, str]:
         """Record and field of the "_bar" or "_grad" of a part of the state."""
-        record = self.state[name][0]
-        return (
-            (record, f"{name}{what}")
-            if record == "sample"
-            else (f"{name if name in WHOLE else record}{what}", name)
-        )
+        record, field = self.state[name]
+        if record == "sample":
+            return record, f"{name}{what}"
+        return (f"{name}{what}", name) if name in WHOLE else (f"{record}{what}", field)
 
     def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
         """The call with such fields, which are other tensors each time."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from ..compiler.block_elimination import BlockElimination
@@ -17,7 +18,8 @@ from ..compiler.loop_text import Code
 from ..compiler.shared_ends import END
 from .cell_sums import CellSums
 from .conserving_functions import ENERGIES
-from .layout import INTERFACE, MIDDLE, Layout
+from .interaction import INTERACTIONS
+from .layout import ELEMENTS, INTERFACE, MIDDLE, NODES, ONE, SUPPORTS, TENDONS, Layout, cotangent
 from .node_kinds import SIDES, Kinds
 from .tables import COUNTS, LISTS, WIDTH
 from .transfers import Transfers
@@ -29,12 +31,9 @@ ALL = (
     *("inputs", "input_count", "outputs", "output_count", "samples", "steps", "elements"),
     *("supports", "memory", "first_group", "end_group", *LISTS, *COUNTS),
 )
-# cotangents that are added up elsewhere than those of the state at the start: records and fields
-BARS = {
-    **{name: ("unknown_bar", f"{name}_bar") for name in ("u", "m")},
-    "found": ("reaction_bar", "reaction"),
-    "last": ("last_bar", "reaction"),
-}
+# how many rows there are of each sort
+ROWS = {NODES: "nodes", ELEMENTS: "elements", SUPPORTS: "supports", TENDONS: "tendon_count"}
+ROWS |= {one.rows: f"{one.constants}_count" for one in INTERACTIONS}
 
 
 class DriverCode:
@@ -130,7 +129,7 @@ class DriverCode:
     def _call(
         self,
         name: str,
-        of: Callable[[str], str] = str,
+        of: Callable[[str], str | Place] = str,
         to: Place | None = None,
         places: Places | None = None,
     ) -> None:
@@ -144,55 +143,40 @@ class DriverCode:
             place = places.get(field)
             if place is None and to is not None and field[0] == ">":
                 place = (*to, field[2:])
-            return of(field) if place is None else self._pointer(place)
+            return self._pointer(of(field) if place is None else place)
 
         given = (*function.inputs, *(f"> {field}" for field in function.outputs))
         self.code.call(name, *map(where, given))
 
-    def _at_node(
-        self, word: str, j: str, *call: Any, then: Callable[[str], None] = lambda name: None
-    ) -> None:
-        """The function of this word of the kind of node j, if that has one, with what `_call` takes
-        behind what says where fields of nodes lie; then(its name).
+    def _at_node(self, word: str, j: str, *given: Any, call: Callable | None = None) -> None:
+        """The function of this word of the kind of node j, if that has one, with what `_call`, or
+        `call`, takes behind what says where fields of nodes lie.
         """
-        self._of_its_kind(word, "kinds", len(self.kinds.nodes), j, self._of_node, call, then)
+        of = partial(self._of_node, j=j)
+        self._of_its_kind(word, "kinds", len(self.kinds.nodes), j, call or self._call, of, *given)
 
-    def _at_element(
-        self, word: str, e: str, *call: Any, then: Callable[[str], None] = lambda name: None
-    ) -> None:
+    def _at_element(self, word: str, e: str, *given: Any, call: Callable | None = None) -> None:
         """The same of element e."""
-        count = len(self.kinds.elements)
-        self._of_its_kind(word, "element_kinds", count, e, self._of_element, call, then)
+        of, count = partial(self._of_element, e=e), len(self.kinds.elements)
+        self._of_its_kind(word, "element_kinds", count, e, call or self._call, of, *given)
 
     def _of_its_kind(
-        self,
-        word: str,
-        kinds: str,
-        count: int,
-        row: str,
-        of: Callable[[str, str], str],
-        call: tuple[Any, ...],
-        then: Callable[[str], None],
+        self, word: str, kinds: str, count: int, row: str, call: Callable, *given: Any
     ) -> None:
         with self._each(kinds, count, row) as numbers:
             for k in numbers:
                 if (name := f"{word} {k}") in self.functions:
-                    self._call(name, lambda field: of(field, row), *call)
-                    then(name)
+                    call(name, *given)
 
-    def _bar_place(self, field: str, row: str) -> Place | None:
-        """Where the cotangent of a field is added up, of this row of its record, or, where it is
-        one of a support's, of its node; None = nobody asks for it.
-        """
-        record = f"{field.partition('.')[0]}_bar" if "." in field else "start_bar"
-        if field in self.layout.fields("element_state"):
-            record = "element_state_start_bar"
-        record, field = BARS.get(field, (record, field))
-        if field not in self.layout.fields(record):
-            return None
-        if record in ("support_bar", "reaction_bar", "last_bar"):
-            return record, self._support_of(row), field
-        return record, 0 if record == "common_bar" else row, field
+    @contextmanager
+    def _rows_of(self, record: str) -> Iterator[str | int]:
+        """Each row of a record."""
+        rows = self.layout.records[record].rows
+        if rows == ONE:
+            yield 0
+            return
+        with self.code.loop(0, self.args[ROWS[rows]]) as k:
+            yield k
 
     def _pointer(self, place: str | Place) -> str:
         return place if isinstance(place, str) else self.at(*place)
@@ -202,33 +186,38 @@ class DriverCode:
         record = self.layout.records[place[0]]
         return record.size if len(place) < 3 else record.fields[place[2]][1]
 
-    def _first_of(self, records: Iterable[str], field: str, row: str | int = 0) -> str:
+    def _has(self, record: str, field: str) -> bool:
+        """Whether a record has a field, or one of its cotangents."""
+        own, bars = cotangent(record, field)
+        return field in self.layout.fields(record) or bars in self.layout.fields(own)
+
+    def _first_of(self, records: Iterable[str], field: str, row: str | int = 0) -> Place:
         """A field of the first of these records that has it; else of what all have in common."""
         for record in records:
-            if field in self.layout.fields(record):
-                return self.at(record, row, field)
-        return self.at("common", 0, field)
+            if self._has(record, field):
+                return record, row, field
+        return "common", 0, field
 
-    def _of_node(self, field: str, j: str) -> str:
+    def _of_node(self, field: str, j: str) -> Place:
         """A field that is held at a node, or by its support, or by all."""
-        if self.held and field in self.layout.fields("support"):
-            return self.at("support", self._support_of(j), field)
+        if self.held and self._has("support", field):
+            return "support", self._support_of(j), field
         return self._first_of(self.AT_NODE, field, j)
 
-    def _of_element(self, field: str, e: str) -> str:
+    def _of_element(self, field: str, e: str) -> Place:
         """A field that is held by element e, or at one of its nodes, or by all."""
         side, _, name = field.partition(".")
         if side in SIDES[self.order]:
             return (
-                self.at("at_end", self._turn(e, side))
+                ("at_end", self._turn(e, side))
                 if name == END
                 else self._of_node(name, self._node_of(e, side))
             )
         return self._first_of(("element", "stress", "law", "element_state"), field, e)
 
-    def _at_joint_node(self, name: str, node: str) -> str:
+    def _at_joint_node(self, name: str, node: str) -> Place:
         """A field of a node that something connects to others."""
-        return self.at("free", node, name) if name == "free" else self._of_node(name, node)
+        return ("free", node, name) if name == "free" else self._of_node(name, node)
 
     def _support_of(self, j: str) -> str:
         """Which support is that of node j; -1 where it has none."""

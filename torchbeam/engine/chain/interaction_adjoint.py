@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from ..compiler.derivative import bar
+from collections.abc import Callable
+from functools import partial
+
 from .driver_code import Place, Places
 from .interaction import FINISHED, JOINT, PAIR
-from .interaction_driver import Entry, InteractionCode
-
-STATE = "joint_state_bar"
-# where cotangents of what a joint reads are added up
-OF_JOINT = {
-    "force": ("joint_asked", "force"),
-    "joints": ("joint_start_bar", "joints"),
-    "last_force": ("joint_start_bar", "joint_force"),
-}
+from .interaction_driver import KEPT, Entry, InteractionCode
 
 
 class InteractionAdjoint(InteractionCode):
@@ -24,24 +18,20 @@ class InteractionAdjoint(InteractionCode):
         nodes, to = {side: self._move_of(entry.nodes[side]) for side in entry.sides}, entry.name
         places: Places = {f"{side}.reaction": ("push", node) for side, node in nodes.items()}
         if entry.of is JOINT:
-            places["force_bar"] = ("joint_asked", entry.number)
+            places["force_bar"] = ("joint_unknown_bar", entry.number)
         self._call_of(f"{to} blocks {entry.function}", entry, f"{to} blocks", places)
         size = self.coupled(entry.of, entry.function)
         for side, node in nodes.items() if self.held else ():
             asked = f"{to} blocks", entry.number, f"{side}.asked"
             self._add(("asked", node), asked, size)
 
-    def _clear_interactions(self) -> None:
-        """Cotangents of their constants, and of joints' states."""
-        for one in self.interactions:
-            self._clear(one, f"{one.constants}_bar")
-        self._clear(JOINT, STATE)
+    def _backward(self, name: str, of: Callable[[str], Place], ends: Places) -> None:
+        """A derivative."""
+        raise NotImplementedError
 
-    def _add_joints(self) -> None:
-        """To the cotangents of their states those of what a step has made."""
-        for record in ("joint_start_bar", "joint_asked"):
-            self._clear(JOINT, record)
-        self._each_row(JOINT, lambda k: self._add((STATE, k), ("joint_state_grad", k)))
+    def _made(self, record: str, row: str) -> Places:
+        """Cotangents of what a step has made."""
+        raise NotImplementedError
 
     def _solutions(self) -> None:
         """Forces of joints between the states of a step, and which pairs are far."""
@@ -70,13 +60,9 @@ class InteractionAdjoint(InteractionCode):
         """
 
         def ends(entry: Entry) -> None:
-            places: Places = {bar("work"): ("sample", 0, bar("work"))}
-            if "energy" in self.layout.records:
-                places[bar("rise")] = ("energy", 0, bar("rise"))
-            if entry.of is JOINT:
-                names = {"force": "joint_force", "joints": "joints"}
-                places |= {bar(f): (STATE, entry.number, x) for f, x in names.items()}
-            self._bar_of(f"finish {entry.name} bar {entry.function}", entry, places)
+            made = self._made(f"{entry.name}_state", entry.number)
+            made |= {name: made[kept] for name, kept in KEPT.items() if kept in made}
+            self._bars_of(f"finish {entry.name} bar {entry.function}", entry, made)
 
         for one in FINISHED:
             self._each_of(one, ends)
@@ -85,43 +71,17 @@ class InteractionAdjoint(InteractionCode):
         """What the solution asks of their start and constants."""
 
         def bars(entry: Entry) -> None:
-            places = self._pushed_bars(entry)
+            ends = self._pushed_bars(entry)
             if entry.of is JOINT:
-                places[bar("right")] = self._solution_of(JOINT, entry.number)
-            self._bar_of(f"{entry.name} bar {entry.function}", entry, places)
+                ends["right"] = self._solution_of(JOINT, entry.number)
+            self._bars_of(f"{entry.name} bar {entry.function}", entry, ends)
 
         for one in FINISHED:
             self._each_of(one, bars)
 
+    def _bars_of(self, name: str, entry: Entry, ends: Places) -> None:
+        self._backward(name, partial(self._of_interaction, entry=entry), ends)
+
     def _pushed_bars(self, entry: Entry) -> Places:
         """Cotangents of what it pushes its ends by."""
-        return {
-            bar(f"{side}.push"): ("found", self._move_of(entry.nodes[side])) for side in entry.sides
-        }
-
-    def _take_joints(self, good: str) -> None:
-        """Cotangents of their states at the start, of what has gone well."""
-        self._each_row(JOINT, lambda k: self._take((STATE, k), ("joint_start_bar", k), good))
-
-    def _bar_of(self, name: str, entry: Entry, places: Places) -> None:
-        """A derivative, with cotangents at `places`, and what it gives added to those of where its
-        fields are.
-        """
-        record = f"of {entry.name}"
-        self._call_of(name, entry, record, places)
-        for out in self.functions[name].outputs:
-            to = self._cotangent_of(out.removesuffix("_bar"), entry)
-            if to is not None:
-                self._sum(to, (record, 0, out), self.at("sample", 0, "good"))
-
-    def _cotangent_of(self, field: str, entry: Entry) -> Place | None:
-        """Where the cotangent of a field is added up: of the start, of constants, of the motion of
-        an end, of forces; None = nobody asks for it.
-        """
-        side, _, own = field.partition(".")
-        if side in entry.of.sides:
-            return self._bar_place(own, entry.nodes[side])
-        if field in OF_JOINT:
-            record, field = OF_JOINT[field]
-            return record, entry.number, field
-        return self._bar_place(field, entry.number)
+        return {f"{side}.push": ("found", self._move_of(entry.nodes[side])) for side in entry.sides}

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ..compiler.function import Output
 from ..compiler.split import HOISTED
-from .driver_code import DriverCode, Places
+from .driver_code import DriverCode, Place, Places
 from .interaction import JOINT, OWN, PAIR, TIE, Interaction
 from .interactions import SUMS, all_kinds, kinds_of, present
 from .node_kinds import alike
@@ -108,7 +108,7 @@ class InteractionCode(DriverCode):
         """That lies there."""
         return self.code.new(f"sext {NUMBER} {self.code.load(pointer, NUMBER)} to i64")
 
-    def _of_interaction(self, field: str, entry: Entry) -> str:
+    def _of_interaction(self, field: str, entry: Entry) -> Place:
         """A field that is held by an interaction, at one of its ends, or by all."""
         one, number = entry.of, entry.number
         side, _, name = field.partition(".")

@@ -10,7 +10,7 @@ from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
 from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
-from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, largest
+from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, cotangents, largest
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, distinct
 from .tracing import Tracing
@@ -143,17 +143,14 @@ def record_adjoint(
     """Records of the adjoint, but for those of constants."""
     _record(layout, functions, one, f"{one.name} blocks")
     layout.record(f"{one.name} change", ONE, [("rise", 1)])
-    for name in (f"{one.name} bar", f"finish {one.name} bar"):
-        layout.record(f"of {one.name}", ONE, largest(functions, name).items())
     if one is JOINT:
         read = any("last_force" in function.inputs for function in functions.values())
         own = [("joints", JOINT_READINGS), *[("last_force", w)] * read]
         layout.record("joint_state", JOINTS, own)
-        for name in ("joint_after", "joint_unknown", "joint_asked"):
+        for name in ("joint_after", "joint_unknown", "joint_unknown_bar"):
             layout.record(name, JOINTS, [("force", w)])
-        state = [("joint_force", w), ("joints", JOINT_READINGS)]
-        for name in ("joint_state_bar", "joint_state_grad", "joint_start_bar"):
-            layout.record(name, JOINTS, state)
+        state = [("last_force", w), ("joints", JOINT_READINGS)]
+        cotangents(layout, "joint_state", JOINTS, state)
 
 
 def _record(layout: Layout, functions: dict[str, Function], one: Interaction, called: str) -> None:

@@ -26,6 +26,10 @@ OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by
 INNER, MIDDLE = "inner", "middle"
 GIVEN = {1: BETWEEN, 2: INNER}  # what elements of an order give
+# parts of a state, by the records of their cotangents: those of what a step has made ("_grad"), of
+# its end ("_bar"), and of its start ("_start_bar")
+STATES = "state", "stress", "reaction", "element_state", "joint_state", "tendon_state"
+REACTIONS = {"found": "reaction_bar", "last": "reaction_start_bar"}  # of a support
 FLAGS = "passed", "near"  # of what may touch, see `StepProblem`
 
 
@@ -99,21 +103,38 @@ class Layout:
         return layout
 
 
+def cotangent(record: str, field: str) -> tuple[str, str]:
+    """Record and field of the cotangent of a field: of a state, at the start of a step."""
+    if record == "support" and field in REACTIONS:
+        return REACTIONS[field], "reaction"
+    return f"{record}_start_bar" if record in STATES else f"{record}_bar", field
+
+
+def cotangents(layout: Layout, name: str, rows: str, fields: list[tuple[str, int]]) -> None:
+    """Records of the cotangents of a part of the state."""
+    for what in ("grad", "bar", "start_bar"):
+        layout.record(f"{name}_{what}", rows, fields)
+
+
 def sizes(functions: dict[str, Function], name: str) -> dict[str, int]:
     """Components of a function's outputs."""
     return {field: len(out.nodes) for field, out in functions[name].outputs.items()}
+
+
+def most(functions: dict[str, Function]) -> dict[str, int]:
+    """Components of what functions give, by field the most that one of them has."""
+    there: dict[str, int] = {}
+    for name in functions:
+        for out, size in sizes(functions, name).items():
+            there[out] = max(size, there.get(out, 0))
+    return there
 
 
 def largest(functions: dict[str, Function], name: str) -> dict[str, int]:
     """Components of the outputs of the functions of this name of all kinds ("name 0", ...), the
     most that one of them has.
     """
-    most: dict[str, int] = {}
-    for called in functions:
-        if called.removeprefix(f"{name} ").isdigit():
-            for field, size in sizes(functions, called).items():
-                most[field] = max(size, most.get(field, 0))
-    return most
+    return most({k: x for k, x in functions.items() if k.removeprefix(f"{name} ").isdigit()})
 
 
 def counts(order: int, nodes: int, elements: int, supports: int, **more: int) -> dict[str, int]:

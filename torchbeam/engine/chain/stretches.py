@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from ..compiler.function import Function
-from .layout import ONE, STRETCHES, TENDONS, Layout
+from .layout import ONE, STRETCHES, TENDONS, Layout, cotangents
 from .local_functions import LocalFunctions
 from .node_kinds import SIDES, StretchKind, distinct
 from .tendon_functions import SUMMED
@@ -82,19 +82,14 @@ def record(layout: Layout, functions: dict[str, Function]) -> None:
         layout.record("tendon_change", ONE, dict.fromkeys(functions[WORK].outputs, 1).items())
 
 
-def record_adjoint(layout: Layout, functions: dict[str, Function]) -> None:
+def record_adjoint(layout: Layout) -> None:
     """Records of the adjoint, but for those of constants."""
     _record(layout)
-    for name in ("tendon_state_bar", "tendon_state_grad", "tendon_start_bar"):
-        layout.record(name, TENDONS, [("tendons", READINGS)])
+    cotangents(layout, "tendon_state", TENDONS, [("tendons", READINGS)])
     layout.record("at_stretch_bar", STRETCHES, AT_STRETCH.items())
     layout.record("beyond_bar", STRETCHES, dict.fromkeys(SUMMED, 1).items())
     layout.record("pull_bar", STRETCHES, [("tension", 1)])
     layout.record("sums_bar", ONE, dict.fromkeys(SUMMED, 1).items())
-    for name, function in functions.items():
-        if "bar" in name.split() and name.startswith(("stretch", "tension", "tendon")):
-            sizes = [(field, len(out.nodes)) for field, out in function.outputs.items()]
-            layout.record("of tie", ONE, sizes)
 
 
 def _record(layout: Layout) -> None:

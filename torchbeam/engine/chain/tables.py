@@ -43,8 +43,8 @@ LISTS = (
 COUNTS = (
     *("nodes", "kept_node_count", "kept_element_count", "interface_count", "direct_count"),
     *("forward_count", "backward_count", "bordered_count", "following_count"),
-    *(*(f"{one.constants}_count" for one in INTERACTIONS), "entry_count", "group_count"),
-    *("first_groups", "last_groups", "last_table"),
+    *(*(f"{one.constants}_count" for one in INTERACTIONS), "tendon_count", "entry_count"),
+    *("group_count", "first_groups", "last_groups", "last_table"),
     *("shared_groups", "shared_table", "shared_first", "shared_size"),
     *("own_nodes", "own_interface", "own_joints"),
 )
@@ -232,6 +232,7 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
     rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
     rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
     rows |= {COUPLINGS: len(couplings_of)}
+    numbers["tendon_count"] = rows[TENDONS]
     rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
     rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
     rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}

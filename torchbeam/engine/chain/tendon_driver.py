@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from .driver_code import Place
 from .interaction import TIE
 from .interaction_driver import Entry, InteractionCode
 from .node_kinds import SIDES, alike
@@ -42,12 +43,12 @@ class TendonCode(InteractionCode):
             for k in kinds:
                 then(alike(self.kinds.stretches, k, word))
 
-    def _of_interaction(self, field: str, entry: Entry) -> str:
+    def _of_interaction(self, field: str, entry: Entry) -> Place:
         if entry.of is TIE:
             return self._of_stretch(field, entry.number)
         return super()._of_interaction(field, entry)
 
-    def _of_stretch(self, field: str, s: str) -> str:
+    def _of_stretch(self, field: str, s: str) -> Place:
         """A field that is held by stretch s, at one of its ends, by what lies beyond, by the
         stretch before, or by all.
         """
@@ -57,12 +58,14 @@ class TendonCode(InteractionCode):
         if side in ("own", "last"):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
-            return self.at("beyond", s, name)
+            return "beyond", s, name
+        if field == "start":
+            return "tendon_state", self._integers("stretch", s)[TENDON], "tendons"
         return self._first_of((*TIE.state, TIE.constants, "tie blocks"), field, s)
 
-    def _of_pull(self, name: str, s: str) -> str:
+    def _of_pull(self, name: str, s: str) -> Place:
         named = (x for x in ("pull", "told") if name in self.layout.fields(x))
-        return self.at(next(named, "at_stretch"), s, name)
+        return next(named, "at_stretch"), s, name
 
     def _stretch_node(self, s: str, side: str) -> str:
         return self.code.load(self.code.at(self._entry("stretch", s), SIDES[1].index(side)))
@@ -71,10 +74,9 @@ class TendonCode(InteractionCode):
         """Pointer to number k of a field."""
         return self.code.at(pointer, k, self.lanes.vector)
 
-    def _work(self, name: str, record: str, s: str, entry: list[str]) -> None:
+    def _work(self, name: str, record: str, s: str) -> None:
         """Of a stretch, and what that adds to the energies."""
-        places = {"start": ("tendon_state", entry[TENDON], "tendons")}
-        self._call(name, lambda f: self._of_stretch(f, s), (record, 0), places)
+        self._call(name, lambda f: self._of_stretch(f, s), (record, 0))
         if "energy" in self.layout.records:
             self._add(("energy", 0, "rise"), (record, 0, "rise"))
 
@@ -110,7 +112,7 @@ class TendonCode(InteractionCode):
         self._stretches(sums, backward=True)
         self._each_stretch("tension", tension)
 
-    def _put(self, field: str, s: str) -> str:
+    def _put(self, field: str, s: str) -> Place:
         return self._of_pull(field[2:], s) if field[0] == ">" else self._of_stretch(field, s)
 
     def _finish_tendons(self, good: str) -> None:
@@ -121,7 +123,7 @@ class TendonCode(InteractionCode):
         self._tensions()
 
         def work(s: str, entry: list[str]) -> None:
-            self._work("tendon work", "tendon_change", s, entry)
+            self._work("tendon work", "tendon_change", s)
             self._sum(("sample", 0, "work"), ("tendon_change", 0, "work"), good)
 
         def read(s: str, entry: list[str]) -> None:
