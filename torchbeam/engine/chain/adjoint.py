@@ -208,8 +208,6 @@ class AdjointProgram(NativeProgram):
         layout.record("at_node", NODE_PLACES, self.outputs("block 0", OWN))
         layout.record("at_end", NODE_PLACES, self.largest("block", END))
         midsides.record(layout, self.functions, "blocks 0")
-        for kind in self.touching:
-            layout.record("at_load", ONE, [("far", 1), *self.outputs(f"load blocks {kind}")])
         rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         layout.record("change", ONE, most(self.functions).items())

@@ -207,11 +207,11 @@ class AdjointDriver(TendonAdjoint, Elimination):
         }
         self._call("stress bar", lambda f: self._of_element(f, e), ("change", 0), places)
         for side in SIDES[self.order]:
-            self._ask(self._node_of(e, side), bar(f"{side}.move"), "change")
+            self._ask(self._node_of(e, side), bar(f"{side}.move"))
 
-    def _ask(self, node: str, field: str, record: str) -> None:
+    def _ask(self, node: str, field: str) -> None:
         """Add a field to what is asked of a node's move."""
-        self._add(("asked", self._move_of(node)), (record, 0, field))
+        self._add(("asked", self._move_of(node)), ("change", 0, field))
 
     def _at_midside(self, node: str) -> Places:
         move = self._move_of(node)
@@ -219,7 +219,7 @@ class AdjointDriver(TendonAdjoint, Elimination):
 
     def _condensed(self, e: str) -> None:
         for side in SIDES[1]:
-            self._ask(self._node_of(e, side), f"right_{side}", "at_middle")
+            self._ask(self._node_of(e, side), f"right_{side}")
 
     def _node(self, j: str, turn: str | int) -> None:
         """Of node j: what it adds to the matrix, and what is computed there for the elements at

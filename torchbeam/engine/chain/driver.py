@@ -24,7 +24,7 @@ from ..compiler.split import HOISTED
 from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
 from .interaction import JOINT
-from .layout import FLAGS, LAW
+from .layout import LAW
 from .node_kinds import SIDES
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
@@ -131,13 +131,11 @@ class Driver(Elimination):
 
     def _give(self, e: str, to: Place) -> None:
         places = {HOISTED: ("before element", e), f"> {to[0]}": to, f"> {LAW}": ("strain_law", e)}
-        self._at_element("element", e, ("at_element", 0), places)
-        for name in ("force", "moment", "strain", "left_strain"):
-            self._largest(name, "at_element")
+        self._at_element("element", e, ("change", 0), places)
+        self._judge_by("element 0")
         for k in self._loaded(e):
             self._add_load(f"element load {k}", e, to)
-            for name in ("force", "moment", *FLAGS):
-                self._largest(name, "at_load")
+            self._judge_by(f"far {k}", f"element load {k}")
 
     def _node(self, j: str, turn: str | int) -> None:
         """Balance of node j, and what is computed there for the elements at it."""
@@ -145,23 +143,20 @@ class Driver(Elimination):
         self._at_node("node", j, ("at_node", turn), places)
 
     def _condensed(self, e: str) -> None:
-        for name in self.layout.records["sums"].fields:
-            self._largest(name, "at_middle")
+        self._judge_by("condense")
 
-    def _row_kept(self, node: str, record: str) -> None:
+    def _row_kept(self, node: str) -> None:
         """Where a support holds a node: the node's rows, for the reaction."""
         support = self._support_of(node)
         with self.code.when(self.code.compare("sge", support, 0)):
             for name in ("rows", "asked"):
-                self._copy_to(("support", support, name), (record, 0, name))
+                self._copy_to(("support", support, name), ("change", 0, name))
 
     def _around(self, node: str) -> Places:
         return (self._near(node) if self.held else {}) | {"push": ("push", node)}
 
     def _row_judged(self, name: str) -> None:
-        for size in self.layout.fields("sums"):
-            if size in self.functions[name].outputs:
-                self._largest(size, "at_row")
+        self._judge_by(name)
 
     def _back(self, still: str = "over") -> None:
         """Moves, those of midside nodes last; what follows from them, but of samples that are
@@ -251,19 +246,19 @@ class Driver(Elimination):
 
     def _call_of_sample(self, name: str) -> None:
         """A function of what is of a sample, whose outputs are, too."""
-        self._call(name, lambda f: self._first_of(("sums", "sample"), f), ("judged", 0))
+        self._call(name, lambda f: self._first_of(("sums", "sample"), f), ("change", 0))
         for output in self.functions[name].outputs:
             to = "common" if output == "secant" else "sample"
-            self._copy_to((to, 0, output), ("judged", 0, output))
+            self._copy_to((to, 0, output), ("change", 0, output))
 
-    def _largest(self, name: str, record: str) -> None:
-        """Of what a record has of a sum; of squares the sum itself."""
-        if name not in self.layout.fields(record):
-            return
-        if name in SQUARES:
-            self._add(("sums", 0, name), (record, 0, name))
-        else:
-            self.code.call("largest", self.at("sums", 0, name), self.at(record, 0, name))
+    def _judge_by(self, *names: str) -> None:
+        """By what functions have given of sums: the largest, of squares the sum itself."""
+        given = {field for name in names for field in self.functions[name].outputs}
+        for name in (name for name in self.layout.fields("sums") if name in given):
+            if name in SQUARES:
+                self._add(("sums", 0, name), ("change", 0, name))
+            else:
+                self.code.call("largest", self.at("sums", 0, name), self.at("change", 0, name))
 
     def _least_cosine(self, j: str) -> None:
         """Of the nodes' turns, that of node j among them."""

@@ -406,8 +406,8 @@ class DriverCode:
             for k in kinds:
                 if f"far {k}" not in self.functions:
                     continue
-                self._call(f"far {k}", lambda f: self._of_element(f, e), ("at_load", 0))
-                code.call("all", self.at("at_load", 0, "far"), result := code.slot())
+                self._call(f"far {k}", lambda f: self._of_element(f, e), ("change", 0))
+                code.call("all", self.at("change", 0, "far"), result := code.slot())
                 with code.when(code.compare("eq", code.load(result), 0)):
                     yield k
 
@@ -415,8 +415,8 @@ class DriverCode:
         """Add what a function of the loads between the nodes of element e gives these to what the
         element itself gives them.
         """
-        self._call(name, lambda f: self._of_element(f, e), ("at_load", 0))
-        self._add(to, ("at_load", 0, to[0]))
+        self._call(name, lambda f: self._of_element(f, e), ("change", 0))
+        self._add(to, ("change", 0, to[0]))
 
     def _add_rise(self, name: str, e: str) -> None:
         """Add the energy that a function of such loads gives."""

@@ -108,8 +108,8 @@ class Elimination(TendonCode):
             f"> {MIDDLE}": (MIDDLE, e),
             **self._at_midside(node),
         }
-        call = str, ("at_middle", 0), places
-        self._call_held("condense", node, *call, after=lambda: self._row_kept(node, "at_middle"))
+        call = str, ("change", 0), places
+        self._call_held("condense", node, *call, after=lambda: self._row_kept(node))
         self._condensed(e)
 
     def _give(self, e: str, to: Place) -> None:
@@ -127,7 +127,7 @@ class Elimination(TendonCode):
         """What a row of a node takes beside what nodes and elements give."""
         raise NotImplementedError
 
-    def _row_kept(self, node: str, record: str) -> None:
+    def _row_kept(self, node: str) -> None:
         """Where a support holds a node: what its reaction takes."""
 
     def _row_judged(self, name: str) -> None:
@@ -153,8 +153,8 @@ class Elimination(TendonCode):
         """Row of a node by the function `name`, from the row `before`; to: its record."""
         sides, places = self._sides_of(node), self._around(node) | before
         places |= {f"> {field}": (*to, field) for field in self.layout.fields(to[0])}
-        call = (lambda f: sides[f.partition(".")[0]]), ("at_row", 0), places
-        self._call_held(name, node, *call, after=lambda: self._row_kept(node, "at_row"))
+        call = (lambda f: sides[f.partition(".")[0]]), ("change", 0), places
+        self._call_held(name, node, *call, after=lambda: self._row_kept(node))
         self._row_judged(name)
 
     def _groups(self, name: str, count: str, first: str | int = 0) -> None:

@@ -47,9 +47,8 @@ class InteractionAdjoint(InteractionCode):
         """To what the energy rises by: less the work of what acts in them."""
 
         def add(entry: Entry) -> None:
-            change = f"{entry.name} change"
-            self._call_of(f"ended {entry.name} {entry.function}", entry, change)
-            self._add(("energy", 0, "rise"), (change, 0, "rise"))
+            self._call_of(f"ended {entry.name} {entry.function}", entry, "change")
+            self._add(("energy", 0, "rise"), ("change", 0, "rise"))
 
         for one in FINISHED:
             self._each_of(one, add)

@@ -153,7 +153,7 @@ class InteractionCode(DriverCode):
                 none = code.new(f"and i64 {none}, {self._support_of(entry.nodes[side])}")
             held = code.compare("ne", none, -1)
             with code.when(held):
-                self._call_of(free, entry, f"free {entry.name}")
+                self._call_of(free, entry, "change")
                 self._join_blocks(entry, self.functions[free].outputs)
             with code.when(code.new(f"xor i1 {held}, true")):
                 self._join_blocks(entry)
@@ -172,8 +172,11 @@ class InteractionCode(DriverCode):
                 continue
             place = one.place(block)
             first, stride = (code.load(code.at(entry.row, place + k)) for k in range(2))
-            of_free = f"free {one.name}", 0, block
-            source = of_free if block in free else (f"{one.name} blocks", entry.number, block)
+            source = (
+                ("change", 0, block)
+                if block in free
+                else (f"{one.name} blocks", entry.number, block)
+            )
             with self._there(first) if one.unknowns else nullcontext():
                 self._add_block(first, stride, self.at(*source), name)
 
@@ -224,8 +227,8 @@ class InteractionCode(DriverCode):
             for side in entry.sides:
                 with code.when(code.compare("eq", entry.nodes[side], node)):
                     name = f"{entry.name} reaction {entry.function} {side}"
-                    self._call_of(name, entry, "end_reaction", moves)
-                    self._add(total, self.at("end_reaction"), self.width)
+                    self._call_of(name, entry, "change", moves)
+                    self._add(total, ("change", 0, "reaction"), self.width)
 
         for one in self.interactions:
             for shared in self.parts:
@@ -238,16 +241,15 @@ class InteractionCode(DriverCode):
 
     def _finish_interaction(self, entry: Entry, good: str) -> None:
         """Its state after the step, of what has gone well, and its work."""
-        change = f"{entry.name} change"
-        self._call_of(f"finish {entry.name} {entry.function}", entry, change)
-        for name, kept in KEPT.items():
-            if name in self.layout.fields(change):
+        self._call_of(name := f"finish {entry.name} {entry.function}", entry, "change")
+        for field, kept in KEPT.items():
+            if field in self.functions[name].outputs:
                 to = f"{entry.name}_state", entry.number, kept
-                self._take(to, (change, 0, name), good)
+                self._take(to, ("change", 0, field), good)
         own = self._counted(good, entry.number, "own_joints")
-        self._sum(("sample", 0, "work"), (change, 0, "work"), own)
+        self._sum(("sample", 0, "work"), ("change", 0, "work"), own)
         if "energy" in self.layout.records:
-            self._add(("energy", 0, "rise"), (change, 0, "rise"))
+            self._add(("energy", 0, "rise"), ("change", 0, "rise"))
 
     # Joints, whose forces are unknowns
 
@@ -262,8 +264,8 @@ class InteractionCode(DriverCode):
 
         def update(k: str) -> None:
             places: Places = {"force": ("joint_unknown", k), "move": self._solution_of(JOINT, k)}
-            self._call("joint update", to=("joint change", 0), places=places)
-            self._blend(("joint_unknown", k), ("joint change", 0, "force"), over)
+            self._call("joint update", to=("change", 0), places=places)
+            self._blend(("joint_unknown", k), ("change", 0, "force"), over)
 
         self._each_row(JOINT, update)
 

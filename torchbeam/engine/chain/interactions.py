@@ -126,14 +126,12 @@ def record(
     _record(layout, functions, one, one.name)
     blocks = layout.fields(f"{one.name} blocks")
     layout.record("sums", ONE, [(name, 1) for name in SUMS if name in blocks])
-    layout.record("end_reaction", ONE, [("reaction", w), ("total", w)])
-    layout.record(f"{one.name} change", ONE, largest(functions, f"finish {one.name}").items())
+    layout.record("end_reaction", ONE, [("total", w)])
     if one is JOINT:
         layout.record("sample", ONE, [("counted", 1)])
         layout.record("common", ONE, [("joint_size", 1)])
         layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS), ("last_force", w)])
         layout.record("joint_unknown", JOINTS, [("force", w)])
-        layout.record("joint change", ONE, [("force", w)])
         layout.record("before joint", JOINTS, largest(functions, "before joint").items())
 
 
@@ -142,7 +140,6 @@ def record_adjoint(
 ) -> None:
     """Records of the adjoint, but for those of constants."""
     _record(layout, functions, one, f"{one.name} blocks")
-    layout.record(f"{one.name} change", ONE, [("rise", 1)])
     if one is JOINT:
         read = any("last_force" in function.inputs for function in functions.values())
         own = [("joints", JOINT_READINGS), *[("last_force", w)] * read]
@@ -157,7 +154,6 @@ def _record(layout: Layout, functions: dict[str, Function], one: Interaction, ca
     """called: the functions that give blocks."""
     for name in (called, f"far {one.name}"):
         layout.record(f"{one.name} blocks", one.rows, largest(functions, name).items())
-    layout.record(f"free {one.name}", ONE, largest(functions, f"free {one.name}").items())
     if one is PAIR:
         layout.record("near", PAIRS, [("pair", 1)])  # numbers of those that are not far
         layout.record("near_count", ONE, [("count", 1)])

@@ -65,9 +65,9 @@ class LoadDriver(RestDriver):
 
     def _rule(self, name: str) -> None:
         """A function of samples, which changes what it reads."""
-        self._call(name, self._of_sample, ("ruled", 0))
+        self._call(name, self._of_sample, ("change", 0))
         for field in self.functions[name].outputs:
-            self._copy_to(self._of_sample(field), self.at("ruled", 0, field), 1)
+            self._copy_to(self._of_sample(field), self.at("change", 0, field), 1)
 
     def _pass(self) -> None:
         with self.code.when(self.code.compare("eq", self.code.load(self.known), 0)):
@@ -135,4 +135,4 @@ class PathDriver(RestDriver):
     def _condensed(self, e: str) -> None:
         super()._condensed(e)
         if "middle pivot" in self.layout.records:
-            self._copy_to(("middle pivot", e), ("at_middle", 0, PIVOT))
+            self._copy_to(("middle pivot", e), ("change", 0, PIVOT))

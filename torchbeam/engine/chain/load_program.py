@@ -61,10 +61,9 @@ class LoadProgram(RestProgram):
 
     def _layout(self) -> Layout:
         layout = super()._layout()
-        layout.record("change", ONE, [("cosine", 1), ("turn", 1)])
-        layout.record("ruled", ONE, [output for name in RULES for output in self.outputs(name)])
-        read = [x for name in RULES for x in self.functions[name].inputs]
-        own = [x for x in (*layout.fields("ruled"), *read, "indefinite") if x not in self.varying]
+        rules = [self.functions[name] for name in RULES]
+        own = [x for rule in rules for x in (*rule.outputs, *rule.inputs)]
+        own = [x for x in (*own, "indefinite") if x not in self.varying]
         layout.record("sample", ONE, [(name, 1) for name in own])
         if self.judged:
             layout.record("sums", ONE, [("indefinite", 1)])

@@ -48,6 +48,3 @@ def record(layout: Layout, functions: dict[str, Function], element: str) -> None
         return
     layout.record("inner", ONE, [(INNER, sizes(functions, element)[INNER])])
     layout.record("middle", ELEMENTS, [(MIDDLE, sizes(functions, last)[MIDDLE])])
-    for name in (last, f"held {last}"):
-        own = sizes(functions, name).items() if name in functions else ()
-        layout.record("at_middle", ONE, [x for x in own if x[0] not in (BETWEEN, MIDDLE)])

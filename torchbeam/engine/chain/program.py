@@ -31,6 +31,7 @@ from .layout import (
     OWN,
     SUPPORTS,
     Layout,
+    most,
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
@@ -208,26 +209,20 @@ class NewtonProgram(NativeProgram):
             layout.record(name, sort, self.largest(name))
         layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
         layout.record("at_end", NODE_PLACES, self.largest("node", END))
-        layout.record(
-            "at_element", ONE, outputs("element 0", "force", "moment", "strain", "left_strain")
-        )
         midsides.record(layout, self.functions, "element 0")
         for kind in self.touching:
             for word in ("far", "element load"):
-                layout.record("at_load", ONE, outputs(f"{word} {kind}"))
                 layout.record("sums", ONE, outputs(f"{word} {kind}", *FLAGS))
         layout.record("sums", ONE, [(flag, row[flag]) for flag in FLAGS if flag in row])
         rows.record(layout, self.functions, w)
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
-        layout.record("change", ONE, [*outputs("update 0"), ("stress", k)])
-        layout.record("judged", ONE, outputs("judge"))
+        layout.record("change", ONE, most(self.functions).items())
         layout.record("sample", ONE, [x for x in outputs("judge") if x[0] not in self.varying])
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
         if "search" in self.functions:
             layout.record("sums", ONE, [(name, 1) for name in SQUARES])
-            layout.record("judged", ONE, outputs("search"))
             layout.record("sample", ONE, outputs("search"))
             for name, sort in (("unknown", NODES), ("stress", ELEMENTS)):
                 _beside(layout, name, sort)
@@ -303,11 +298,6 @@ class StepProgram(NewtonProgram):
         layout = super()._layout()
         layout.record("common", ONE, [("least", 1)])
         layout.record("state", NODES, self.outputs("finish 0", *self.state))
-        layout.record("change", ONE, [*self.outputs("finish 0"), ("cosine", 1)])
-        for k in self.touching:
-            layout.record("change", ONE, self.outputs(f"finish element load {k}"))
-        if "finish element 0" in self.functions:
-            layout.record("change", ONE, self.outputs("finish element 0"))
         if self.element_state:
             layout.record(
                 "element_state", ELEMENTS, self.outputs("finish element 0", *self.element_state)
@@ -316,7 +306,6 @@ class StepProgram(NewtonProgram):
         if "project" in self.functions:
             layout.record("energy", ONE, [(name, 1) for name in ("kinetic", "rise", "scale")])
             layout.record("sample", ONE, [("defect", 1)])
-            layout.record("change", ONE, [("defect", 1)])
         return layout
 
 

@@ -100,4 +100,3 @@ def record(layout: Layout, functions: dict[str, Function], w: int) -> None:
     if INTERFACE in functions:
         layout.record("interface", INTERFACE, [(name, given[name]) for name in ROW])
         layout.record("matrix", ENTRIES, [("entry", 1)])
-    layout.record("at_row", ONE, [x for x in given.items() if x[0] not in (*ROW, *RUN)])

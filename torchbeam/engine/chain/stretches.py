@@ -78,8 +78,6 @@ def record(layout: Layout, functions: dict[str, Function]) -> None:
     _record(layout)
     if any("told" in function.outputs for function in functions.values()):
         layout.record("told", STRETCHES, [("told", 2)])
-    if WORK in functions:
-        layout.record("tendon_change", ONE, dict.fromkeys(functions[WORK].outputs, 1).items())
 
 
 def record_adjoint(layout: Layout) -> None:

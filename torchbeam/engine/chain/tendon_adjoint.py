@@ -45,7 +45,7 @@ class TendonAdjoint(TendonCode, InteractionAdjoint):
 
     def _tendon_energies(self) -> None:
         """To what the energy rises by: less the work of tendons."""
-        self._stretches(lambda s, entry: self._work("ended tendon", "change", s))
+        self._stretches(lambda s, entry: self._work("ended tendon", s))
 
     def _tie_bars(self) -> None:
         """What the solution asks of the start and of the constants."""

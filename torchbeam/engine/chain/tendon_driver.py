@@ -74,11 +74,11 @@ class TendonCode(InteractionCode):
         """Pointer to number k of a field."""
         return self.code.at(pointer, k, self.lanes.vector)
 
-    def _work(self, name: str, record: str, s: str) -> None:
+    def _work(self, name: str, s: str) -> None:
         """Of a stretch, and what that adds to the energies."""
-        self._call(name, lambda f: self._of_stretch(f, s), (record, 0))
+        self._call(name, lambda f: self._of_stretch(f, s), ("change", 0))
         if "energy" in self.layout.records:
-            self._add(("energy", 0, "rise"), (record, 0, "rise"))
+            self._add(("energy", 0, "rise"), ("change", 0, "rise"))
 
     def _start_tendons(self) -> None:
         """Nothing is told to the first iteration."""
@@ -123,8 +123,8 @@ class TendonCode(InteractionCode):
         self._tensions()
 
         def work(s: str, entry: list[str]) -> None:
-            self._work("tendon work", "tendon_change", s)
-            self._sum(("sample", 0, "work"), ("tendon_change", 0, "work"), good)
+            self._work("tendon work", s)
+            self._sum(("sample", 0, "work"), ("change", 0, "work"), good)
 
         def read(s: str, entry: list[str]) -> None:
             to = self.at("tendon_state", entry[TENDON], "tendons")
