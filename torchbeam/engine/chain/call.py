@@ -44,6 +44,16 @@ class Field(NamedTuple):
     every: int = 1
 
 
+class Output(NamedTuple):
+    """A field that is written, see `Field`, of so many numbers of its own; steps: each its own."""
+
+    record: str
+    name: str
+    shape: Sequence[int]
+    steps: bool = False
+    every: int = 1
+
+
 class ProgramInstance:
     """A model with nodes and elements of these kinds in the memory of a program, or, cell by cell,
     a lane each, one of its cells. free (N+1, w) bool: what supports leave of the nodes.
@@ -254,40 +264,41 @@ class Arguments(NamedTuple):
 
 class Call:
     """K steps of a batch of samples; lanes: None = as this processor has them. It may be run any
-    number of times, also at once by several threads, with tensors of the shapes and strides that it
-    was `bound` to.
+    number of times, also at once by several threads, with tensors of the shapes and strides of
+    these `inputs`, which are told by `run`, and `constants`, which are told by `holding`; fixed:
+    those that stay.
     """
 
     def __init__(
-        self, instance: ProgramInstance, batch: torch.Size, K: int, lanes: int | None = None
+        self,
+        instance: ProgramInstance,
+        batch: torch.Size,
+        K: int,
+        inputs: Sequence[Field],
+        outputs: Sequence[Output],
+        constants: Sequence[Field] = (),
+        fixed: Sequence[Field] = (),
+        lanes: int | None = None,
     ) -> None:
         self.instance, self.batch, self.K, self.B = instance, batch, K, batch.numel()
         self.lanes = lanes or instance.lanes(self.B)
         self.groups = -(-self.B // (self.lanes // instance.lanes_each))
         self.place = {name: k for k, name in enumerate(instance.program.driver.ARGS)}
-        self.tables: dict[str, TransferTable] = {}
         self._arguments: list[Arguments] = []  # that no call uses
-
-    def empty(self, *own: int, steps: bool = True) -> Tensor:
-        """For a flat field that is written."""
-        return torch.empty(*(self.K,) * steps, self.B, *own, dtype=self.instance.dtype, device=CPU)
-
-    def bound(
-        self,
-        varying: dict[str, int],
-        constants: dict[str, int] | None = None,
-        **tables: Iterable[Field],
-    ) -> Call:
-        """This call with tables of these fields, by the names of the driver's arguments; varying:
-        of how many of each, the first, the tensors are told by `run`; constants: of how many of the
-        next by `holding`.
-        """
-        constants = constants or {}
+        # what is written of each step, where that has a table of its own
+        own = "stepwises" in self.place
+        self._table = ["stepwises" if own and one.steps else "outputs" for one in outputs]
+        shapes = [(*(K,) * one.steps, self.B, *one.shape) for one in outputs]
+        self.templates = [like(shape, instance.dtype) for shape in shapes]
+        written = {"outputs": [], "stepwises": []} if own else {"outputs": []}
+        for table, shape, one in zip(self._table, shapes, outputs, strict=True):
+            x = torch.empty(shape, dtype=instance.dtype, device=CPU)
+            field = Field(one.record, one.name, x, len(one.shape), flat=True, every=one.every)
+            written[table].append(field)
+        fields = [*inputs, *constants, *fixed, *fixed_fields(instance)]
         self.tables = {
-            name: TransferTable(
-                self.instance, [*fields], self.batch, varying.get(name, 0), constants.get(name, 0)
-            )
-            for name, fields in tables.items()
+            "inputs": TransferTable(instance, fields, batch, len(inputs), len(constants)),
+            **{k: TransferTable(instance, own, batch, len(own)) for k, own in written.items()},
         }
         numbers = {
             "samples": self.B,
@@ -300,15 +311,21 @@ class Call:
             **{f"{name[:-1]}_count": table.count for name, table in self.tables.items()},
         }
         self._numbers = _integers(numbers.get(name, 0) for name in self.place)
-        return self
 
-    def holding(self, **constants: Sequence[Tensor]) -> Call:
-        """This call with these constants, by table."""
-        tables = {name: self.tables[name].holding(values) for name, values in constants.items()}
-        return with_values(self, tables=self.tables | tables, _arguments=[])
+    def holding(self, constants: Sequence[Field]) -> Call:
+        """This call with these constants."""
+        table = self.tables["inputs"].holding([one.value for one in constants])
+        return with_values(self, tables=self.tables | {"inputs": table}, _arguments=[])
 
-    def run(self, limit: int = 0, **values: Sequence[Tensor]) -> None:
-        """values: tensors of the varying fields, by table."""
+    def run(
+        self, inputs: Sequence[Tensor], outputs: Sequence[Tensor] | None = None, limit: int = 0
+    ) -> Sequence[Tensor]:
+        """The outputs, each (B, ...), or (K, B, ...); None = new ones."""
+        outputs = empty_like(self.templates) if outputs is None else outputs
+        values: dict[str, list[Tensor]] = {name: [] for name in self.tables}
+        values["inputs"] += inputs
+        for table, x in zip(self._table, outputs, strict=True):
+            values[table].append(x)
         try:
             arguments = self._arguments.pop()
         except IndexError:
@@ -330,6 +347,7 @@ class Call:
         else:
             self._parts(run, numbers, threads, held)
         self._arguments.append(arguments)
+        return outputs
 
     def _new_arguments(self) -> Arguments:
         tables = {name: _copied(table.rows) for name, table in self.tables.items()}

@@ -334,8 +334,7 @@ class CompiledStep:
         every = 1 if wanted or frame is not None else every
         form = self._form(tensors, K, dims, (tolerance, least, lanes, every))
         outputs = (empty_like if wanted or into is None else into)(form.templates)
-        form.call.run(limit, inputs=tensors, outputs=outputs)
-        *outputs, status, iterations = outputs
+        *outputs, status, iterations = form.call.run(tensors, outputs, limit)
         if wanted:
             good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
             changing = [
@@ -347,7 +346,8 @@ class CompiledStep:
             )
             adjoint = Adjoint(
                 instance,
-                form.call,
+                form.call.batch,
+                None if form.call.instance.cells else form.call.lanes,
                 form.adjoints,
                 changing,
                 self.constant,
@@ -449,9 +449,7 @@ class CompiledStep:
                 self._forms.pop(next(iter(self._forms)), None)
             constants = [*self.constant, *self._lengths]
             form = self.structure.form(tensors, constants, K, dims, options, key)
-            form = form._replace(
-                call=form.call.holding(inputs=[constant.value for constant in constants])
-            )
+            form = form._replace(call=form.call.holding(constants))
             self._forms[key] = form
         return form
 

@@ -5,7 +5,7 @@ backwards.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,7 +13,7 @@ from torch._C import _functorch as functorch
 
 from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
-from .call import Call, Field, ProgramInstance, empty_like, fixed_fields, like
+from .call import Call, Field, Output, ProgramInstance
 from .chain_constants import Trees, flattened
 from .native import NativeProgram
 
@@ -44,41 +44,26 @@ def constant_fields(trees: Trees) -> Iterator[Field]:
             yield Field(record, f"{record}.{k}", x, axes)
 
 
-class Backward(NamedTuple):
-    """Calls of the adjoint with tensors of the same shapes: the call, and tensors like the
-    cotangents that it makes, by their numbers among what is wanted, of all steps together and of
-    each.
-    """
-
-    call: Call
-    whole: dict[int, Tensor]
-    stepwise: dict[int, Tensor]
-
-
 class Adjoint:
-    """What the cotangents of K steps that a call has made are found from: instance of the adjoint
-    program; fields of the constants, those that change and those that do not; good (K, B): which
-    samples moved; wanted: numbers, among these fields and then the parts of the start, of what
-    cotangents are asked of; calls: those bound before.
+    """What the cotangents of K steps of a batch are found from: instance of the adjoint program;
+    fields of the constants, those that change and those that do not; good (K, B): which samples
+    moved; wanted: numbers, among these fields and then the parts of the start, of what cotangents
+    are asked of; calls: those made before, with the numbers of what they give.
     """
 
     def __init__(
         self,
         instance: ProgramInstance,
-        call: Call,
-        calls: dict[Any, Backward],
+        batch: torch.Size,
+        lanes: int | None,
+        calls: dict[Any, tuple[Call, list[int]]],
         changing: list[Field],
         constant: list[Field],
         good: Tensor,
         wanted: list[int],
     ) -> None:
-        self.instance, self.call, self.calls, self.good, self.wanted = (
-            instance,
-            call,
-            calls,
-            good,
-            wanted,
-        )
+        self.instance, self.batch, self.lanes, self.calls = instance, batch, lanes, calls
+        self.good, self.wanted = good, wanted
         self.changing, self.constant, self.state = (
             changing,
             constant,
@@ -104,13 +89,14 @@ class Adjoint:
         """Those of so many rows at once, (count, ...) each. steps: how many of the first ones the
         cotangents are of, where they are zero behind them; None = all.
         """
-        call, (K, B) = self.call, self.good.shape
+        K, B = self.good.shape
         first = slice(steps)
         K = K if steps is None else steps
-        batch = torch.Size((count, *call.batch))
+        batch = torch.Size((count, *self.batch))
         many = Adjoint(
             self.instance,
-            Call(call.instance, batch, K),
+            batch,
+            None,
             self.calls.setdefault(("rows", count, K), {}),
             [
                 one._replace(value=one.value[first].unsqueeze(1)) if self._stepwise(k) else one
@@ -170,26 +156,18 @@ class Adjoint:
         form = (*self.wanted, None, *[grad is None for grad in grads])
         if form not in self.calls:
             self.calls[form] = self._backward(fields, start)
-        call, whole, stepwise = self.calls[form]
-        call = call.holding(inputs=[one.value for one in self.constant])
-        whole, stepwise = (
-            dict(zip(cotangents, empty_like(cotangents.values()), strict=True))
-            for cotangents in (whole, stepwise)
-        )
-        call.run(
-            inputs=[field.value for field in fields],
-            outputs=[*whole.values()],
-            stepwises=[*stepwise.values()],
-        )
-        cotangents = {k: x.reshape((*call.batch, *x.shape[1:])) for k, x in whole.items()}
-        return cotangents | {
-            k: x.reshape((call.K, *call.batch, *x.shape[2:])) for k, x in stepwise.items()
+        call, numbers = self.calls[form]
+        found = call.holding(self.constant).run([field.value for field in fields])
+        return {
+            k: x.reshape((*(call.K,) * steps, *call.batch, *x.shape[1 + steps :]))
+            for k, x in zip(numbers, found, strict=True)
+            for steps in (self._stepwise(k),)
         }
 
     def _stepwise(self, k: int) -> bool:
         """Whether each step has its own of the constant of this number."""
         known = (*self.changing, *self.constant)
-        return k < len(known) and known[k].value.ndim - known[k].axes > len(self.call.batch)
+        return k < len(known) and known[k].value.ndim - known[k].axes > len(self.batch)
 
     def _steps(
         self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]
@@ -212,7 +190,7 @@ class Adjoint:
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
             if self.instance.has(*before):
-                first = x.expand(*self.call.batch, *own).reshape(1, B, *own)[:, :samples]
+                first = x.expand(*self.batch, *own).reshape(1, B, *own)[:, :samples]
                 yield Field(*before, torch.cat((first, after[:-1])), len(own), flat=True)
 
     def _axes(self, name: str) -> int:
@@ -225,47 +203,32 @@ class Adjoint:
             return record, f"{name}{what}"
         return (f"{name}{what}", name) if name in WHOLE else (f"{record}{what}", field)
 
-    def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> Backward:
-        """The call with such fields, which are other tensors each time."""
+    def _backward(self, fields: list[Field], start: Sequence[Tensor]) -> tuple[Call, list[int]]:
+        """The call with such fields, which are other tensors each time, and the numbers of what it
+        gives.
+        """
         instance, known = self.instance, [*self.changing, *self.constant]
-        lanes = None if self.call.instance.cells else self.call.lanes
-        call = Call(instance, self.call.batch, self.call.K, lanes)
-        outputs: dict[int, Field] = {}
-        stepwises: dict[int, Field] = {}
+        outputs: dict[int, Output] = {}
         for k in self.wanted:
             if k < len(known):
                 one = known[k]
-                record, name, axes = f"{one.record}_bar", one.name, one.axes
-                place = one.value.ndim - one.axes
+                record, name = f"{one.record}_bar", one.name
                 if not instance.has(record, name):
                     continue
-                rows, steps = one.record != "common", self._stepwise(k)
-                own = one.value.shape[place + rows :]
+                rows = one.record != "common"
+                own = one.value.shape[one.value.ndim - one.axes + rows :]
                 if rows:
                     components = instance.program.layout.records[record].fields[name][1]
                     own = (instance.rows(record) * components // own.numel(), *own)
             else:
-                x, part, steps = start[k - len(known)], [*self.state][k - len(known)], False
-                (record, name), axes = self._place(part, "_bar"), self._axes(part)
-                own = x.shape[x.ndim - axes :]
-            (stepwises if steps else outputs)[k] = Field(
-                record, name, call.empty(*own, steps=steps), axes, flat=True
-            )
-        inputs = [*fields, *self.constant, *fixed_fields(instance)]
-        call.bound(
-            {"inputs": len(fields), "outputs": len(outputs), "stepwises": len(stepwises)},
-            {"inputs": len(self.constant)},
-            inputs=inputs,
-            outputs=outputs.values(),
-            stepwises=stepwises.values(),
-        )
-        return Backward(
-            call,
-            *(
-                {k: like(one.value.shape, instance.dtype) for k, one in written.items()}
-                for written in (outputs, stepwises)
-            ),
-        )
+                x, part = start[k - len(known)], [*self.state][k - len(known)]
+                record, name = self._place(part, "_bar")
+                own = x.shape[x.ndim - self._axes(part) :]
+            outputs[k] = Output(record, name, own, self._stepwise(k))
+        made = [*outputs.values()]
+        K = len(self.good)
+        call = Call(instance, self.batch, K, fields, made, self.constant, lanes=self.lanes)
+        return call, [*outputs]
 
 
 class _Rows(torch.autograd.Function):

@@ -23,7 +23,7 @@ from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
 from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
-from .call import Call, Field, ProgramInstance, fixed_fields
+from .call import Call, Field, Output, ProgramInstance
 from .chain_constants import Trees
 from .constants import Constants, LoadRoles
 from .cotangents import FORCES, OF_JOINTS, constant_fields
@@ -162,23 +162,22 @@ def _climbed(
     check_batch(model, batch)
     key = lanes, batch, *[(one.value.shape, one.value.stride(), one.value.dtype) for one in given]
     call = structure.calls.get(key)
-    made = call or Call(instance, batch, 1, lanes)
-    states = {name: made.empty(*v.shape[-2:], steps=False) for name, v in start.items()}
-    states["reaction"] = made.empty(*model.constraints.fixed.shape, steps=False)
-    outputs = {name: made.empty(steps=False) for name in ("last_status", "indefinite")}
-    out = [Field(*place.get(name, ("kept", name)), v, 2, flat=True) for name, v in states.items()]
-    out += [Field("sample", name, v, 0, flat=True) for name, v in outputs.items()]
+    shapes = {name: v.shape[-2:] for name, v in start.items()}
+    shapes["reaction"] = model.constraints.fixed.shape
     if call is None:
-        fixed = fixed_fields(instance)
-        varying = {"inputs": len(given), "outputs": len(out)}
-        made.bound(varying, inputs=[*given, *fixed], outputs=out)
-        call = keep(structure.calls, key, made, CALLS)
-    call.run(LIMIT, inputs=[one.value for one in given], outputs=[one.value for one in out])
-    solution = {name: v.reshape(*batch, *v.shape[1:]) for name, v in states.items()}
+        out = [Output(*place.get(name, ("kept", name)), own) for name, own in shapes.items()]
+        out += [Output("sample", name, ()) for name in ("last_status", "indefinite")]
+        call = Call(instance, batch, 1, given, out, lanes=lanes)
+        keep(structure.calls, key, call, CALLS)
+    found = [
+        x.reshape((*batch, *x.shape[1:]))
+        for x in call.run([one.value for one in given], limit=LIMIT)
+    ]
+    solution = dict(zip(shapes, found, strict=False))
     if joints:
         solution["stress"] = stacked(solution["stress"], solution.pop(FORCES))
     *shape, reaction = solution.values()
-    status, indefinite = (v.reshape(batch) for v in outputs.values())
+    status, indefinite = found[-2:]
     return Climbed(
         Configuration(*shape), reaction, status.long(), indefinite != 0 if judged else None
     )

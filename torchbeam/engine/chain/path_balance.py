@@ -22,7 +22,7 @@ from ...state.state import rest
 from ...topology.places import take
 from ...topology.protocols import System
 from ..compiler.derivative import dot
-from .call import Call, Field, fixed_fields
+from .call import Call, Field, Output
 from .chain_constants import Trees
 from .constants import Constants
 from .cotangents import FORCES, OF_JOINTS, constant_fields
@@ -150,22 +150,15 @@ class NativeBalance:
         if self.by_rows and self.instance.has("middle pivot", PIVOT):
             rows["middle pivot", PIVOT] = (self.model.scene.beam.element_count, *size)
         call = self._calls.get(batch)
-        out = [
-            Field(*name, torch.empty(2, batch.numel(), *own, dtype=factor.dtype), len(own), True)
-            for name, own in rows.items()
-        ]
         if call is None:
             check_batch(self.model, batch)
             slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
-            fixed = [Field("common", "slope", slope, 0), *fixed_fields(self.instance)]
-            call = self._calls[batch] = Call(self.instance, batch, 2).bound(
-                {"inputs": len(given), "outputs": len(out)},
-                inputs=[*given, *self.fields, *fixed],
-                outputs=out,
-            )
-        call.run(inputs=[one.value for one in given], outputs=[one.value for one in out])
+            fixed = [*self.fields, Field("common", "slope", slope, 0)]
+            out = [Output(*name, own, steps=True) for name, own in rows.items()]
+            call = self._calls[batch] = Call(self.instance, batch, 2, given, out, fixed=fixed)
+        found = call.run([one.value for one in given])
         move, dstress, reaction, measure, *blocks = (
-            one.value.reshape(2, *batch, *one.value.shape[2:]) for one in out
+            x.reshape(2, *batch, *x.shape[2:]) for x in found
         )
         if forces is not None:
             dstress = stacked(dstress, blocks.pop(0))

@@ -16,7 +16,7 @@ from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
 from . import program as programs
 from .adjoint import AdjointProgram
-from .call import Call, Field, ProgramInstance, fixed_fields, like
+from .call import Call, Field, Output, ProgramInstance, like
 from .chain_constants import Trees, reader_of
 from .constants import LoadRoles
 from .cotangents import constant_fields, state_fields
@@ -149,32 +149,26 @@ class StepStructure:
             raise ValueError(
                 f"a state, or an active, on {device} meets a scene on the CPU; one device is wanted"
             )
-        changing = [one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)]
         none = torch.zeros((), dtype=self.instance.dtype)
-        numbers = {
-            "tolerance": torch.full_like(none, tolerance),
-            "least": torch.full_like(none, least),
-        }
-        fields = [
-            *changing,
+        numbers = {"tolerance": tolerance, "least": least}
+        inputs = [
+            *(one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)),
             Field("common", "exact", exact, 0),
             Field("sample", "moving", moving, 0),
             *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()),
-            *constants,
-            *(Field("common", name, x, 0) for name, x in numbers.items()),
+        ]
+        fixed = [
+            *(Field("common", name, torch.full_like(none, x), 0) for name, x in numbers.items()),
             Field("sample", "last_status", none, 0),
-            *fixed_fields(self.instance),
         ]
         leads = [
             field.value.shape[: field.value.ndim - field.axes]
-            for field in fields
-            if field.record not in ("free", "edge")
+            for field in (*inputs, *constants, *fixed)
         ]
         batch = broadcast_shapes(
             *(lead if K is None else lead[len(lead) > dims :] for lead in leads)
         )
         instance = self.instance_for(batch.numel(), lanes)
-        call = Call(instance, batch, K or 1, lanes)
         axes, own = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[: dims - axes].numel() == 1:
             own = batch[dims - axes :]
@@ -183,15 +177,10 @@ class StepStructure:
             *[((), 1)] * len(NUMBERS),
         ]
         outputs = [
-            Field(*place, call.empty(*part, steps=K is not None), len(part), flat=True, every=each)
+            Output(*place, part, K is not None, each)
             for place, (part, each) in zip((self.state | NUMBERS).values(), parts, strict=True)
         ]
-        call.bound(
-            {"inputs": len(tensors), "outputs": len(outputs)},
-            {"inputs": len(constants)},
-            inputs=fields,
-            outputs=outputs,
-        )
+        call = Call(instance, batch, K or 1, inputs, outputs, constants, fixed, lanes)
         templates = [
             like((*(() if K is None else (K // each,)), *own, *part), self.instance.dtype)
             for part, each in parts
