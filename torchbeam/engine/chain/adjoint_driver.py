@@ -40,13 +40,6 @@ class AdjointDriver(TendonAdjoint, Elimination):
             self._transfer("drain", "stepwise", first, step, last)
         self._transfer("scatter", "output", first, 0)
 
-    def _zeros_in(self, *records: str) -> None:
-        """Zeros in what there is of them."""
-        for record in records:
-            if record in self.layout.records:
-                with self._rows_of(record) as k:
-                    self._fill((record, k))
-
     def _backward(self, name: str, of: Callable[[str], Place], ends: Places) -> None:
         """The derivative of a function whose fields lie at `of`, from the cotangents of what it
         gives, at `ends`; what that asks of the fields is added to their cotangents.

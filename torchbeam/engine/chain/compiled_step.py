@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -281,12 +281,8 @@ class CompiledStep:
         torch.func, functions of the motion that hold what carries gradient, and gradients where
         strains are impossible, or next to.
         """
-        structure, t, dims, self.eager_because = (
-            self.structure,
-            self.none if t is None else t,
-            0,
-            None,
-        )
+        structure, t, dims = self.structure, self.none if t is None else t, 0
+        self.eager_because = None
         if K is not None:
             axes = start.status.ndim if moving is None else moving.ndim
             dims = max(axes, structure.dims)
@@ -296,10 +292,7 @@ class CompiledStep:
             return None
         if not self._checked:
             self._check(start.status.shape if moving is None else moving.shape)
-        if forward_ad._current_level >= 0 and any(
-            forward_ad.unpack_dual(x).tangent is not None
-            for x in (*self.sources, dt, t, *inputs.values(), *states)
-        ):
+        if _forward_mode(*self.sources, dt, t, *inputs.values(), *states):
             return None
         recorded = torch.is_grad_enabled()
         self._look()
@@ -311,9 +304,7 @@ class CompiledStep:
         if mixture is not None:
             values["mixture"] = mixture.reshape(K, *(1,) * dims, 4)
         given = [values[name] for _, name in structure.changing]
-        if forward_ad._current_level >= 0 and any(
-            forward_ad.unpack_dual(x).tangent is not None for x in given
-        ):
+        if _forward_mode(*given):
             return None
         # what carries gradient is an input
         known = self.around is not None and forward_ad._current_level < 0
@@ -335,39 +326,52 @@ class CompiledStep:
         form = self._form(tensors, K, dims, (tolerance, least, lanes, every))
         outputs = (empty_like if wanted or into is None else into)(form.templates)
         *outputs, status, iterations = form.call.run(tensors, outputs, limit)
+        if wanted or frame is not None:
+            good = status == 0 if moving is None else (status == 0) & moving
         if wanted:
-            good = status == 0 if moving is None else (status == 0) & moving.expand(status.shape)
-            changing = [
-                one._replace(value=x) for (one, _), x in zip(structure.changing, given, strict=True)
-            ]
-            known = [*changing, *self.constant]
-            instance = self.adjoint(
-                frozenset(known[k].name for k in wanted if k < len(known)), values
-            )
-            adjoint = Adjoint(
-                instance,
-                form.call.batch,
-                None if form.call.instance.cells else form.call.lanes,
-                form.adjoints,
-                changing,
-                self.constant,
-                good.reshape(form.call.K, -1),
-                wanted,
-            )
-            outputs = Differentiated.apply(adjoint, states, outputs, *(held[k] for k in wanted))
-        fields = dict(zip(structure.state, outputs, strict=True))
+            instance = self._adjoint_of(form, given, values, good.expand(status.shape), wanted)
+            outputs = Differentiated.apply(instance, states, outputs, *(held[k] for k in wanted))
+        fields = self._fields(outputs)
+        if frame is not None:
+            steps, extra = status.shape[: K is not None], max(0, frame.ndim - 1 - status.ndim)
+            frame = frame.reshape(*steps, *frame.shape[len(steps) + extra :])
+            fields["frame"] = torch.where(good[..., None], frame, start.frame)
+        failed = status.item() if status.numel() == 1 else status.numpy().any()
+        return Steps(fields, status.long(), iterations.long(), not failed, every)
+
+    def _adjoint_of(
+        self,
+        form: Form,
+        given: list[Tensor],
+        values: dict[str, Tensor],
+        good: Tensor,
+        wanted: list[int],
+    ) -> Adjoint:
+        """What the cotangents of steps that were made with these tensors are found from."""
+        pairs = zip(self.structure.changing, given, strict=True)
+        changing = [one._replace(value=x) for (one, _), x in pairs]
+        known, call = [*changing, *self.constant], form.call
+        names = frozenset(known[k].name for k in wanted if k < len(known))
+        return Adjoint(
+            self.adjoint(names, values),
+            call.batch,
+            None if call.instance.cells else call.lanes,
+            form.adjoints,
+            changing,
+            self.constant,
+            good.reshape(call.K, -1),
+            wanted,
+        )
+
+    def _fields(self, outputs: Sequence[Tensor]) -> dict[str, Tensor]:
+        """Those of the state, from `StepStructure.state`."""
+        fields = dict(zip(self.structure.state, outputs, strict=True))
         fields = {name: x for name, x in fields.items() if not name.startswith(OTHER)}
         if INTERNAL in fields:
             fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
         if FORCES in fields:
             fields["stress"] = stacked(fields["stress"], fields.pop(FORCES))
-        if frame is not None:
-            steps, extra = status.shape[: K is not None], max(0, frame.ndim - 1 - status.ndim)
-            frame = frame.reshape(*steps, *frame.shape[len(steps) + extra :])
-            good = status == 0 if moving is None else (status == 0) & moving
-            fields["frame"] = torch.where(good[..., None], frame, start.frame)
-        failed = status.item() if status.numel() == 1 else status.numpy().any()
-        return Steps(fields, status.long(), iterations.long(), not failed, every)
+        return fields
 
     def changing(
         self, dt: Tensor, t: Tensor | None, inputs: Inputs, K: int | None, axes: int
@@ -470,6 +474,13 @@ class CompiledStep:
             return adjoint_of(self.program, self.local(trees), names, self.around)
 
         return self.structure.adjoint(names, self.model, make)
+
+
+def _forward_mode(*tensors: Tensor) -> bool:
+    """Whether any of them carries a tangent."""
+    return forward_ad._current_level >= 0 and any(
+        forward_ad.unpack_dual(x).tangent is not None for x in tensors
+    )
 
 
 def _again(model: Model, **options: Any) -> CompiledStep:

@@ -186,6 +186,13 @@ class DriverCode:
         record = self.layout.records[place[0]]
         return record.size if len(place) < 3 else record.fields[place[2]][1]
 
+    def _zeros_in(self, *records: str) -> None:
+        """Zeros in what there is of them."""
+        for record in records:
+            if record in self.layout.records:
+                with self._rows_of(record) as k:
+                    self._fill((record, k))
+
     def _has(self, record: str, field: str) -> bool:
         """Whether a record has a field, or one of its cotangents."""
         own, bars = cotangent(record, field)

@@ -90,11 +90,6 @@ class InteractionCode(DriverCode):
             with self.code.loop(0, self.args[f"{one.constants}_count"]) as number:
                 then(number)
 
-    def _clear(self, one: Interaction, record: str) -> None:
-        """Zeros in a record of theirs."""
-        if one in self.interactions and record in self.layout.records:
-            self._each_row(one, lambda number: self._fill((record, number)))
-
     def _by_kind(self, one: Interaction, number: str, then: Then) -> None:
         code, row = self.code, self._entry(one.constants, number)
         nodes = {side: code.load(code.at(row, k)) for k, side in enumerate(one.sides)}
