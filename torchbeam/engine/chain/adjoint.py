@@ -4,6 +4,7 @@ them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from math import prod
 
@@ -14,7 +15,7 @@ from ..compiler.shared_ends import END
 from . import interactions, midsides, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
-from .interaction import INTERACTIONS, TIE
+from .interaction import INTERACTIONS
 from .layout import (
     ELEMENTS,
     MOVES,
@@ -33,6 +34,7 @@ from .node_kinds import Kinds, without_side
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
+OF_INTERACTIONS = "joints", "last_force", "tension"  # of their states, and of tendons
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 
 
@@ -55,7 +57,6 @@ class AdjointProgram(NativeProgram):
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, shapes, kinds, own = self.w, self.shapes, self.kinds, partial(self._of_kinds, traced)
-        start = (*self.state, *sorted(self.wanted))
         states = {name: shapes[name] for name in self.state}
         after = {f"after_{name}": shape for name, shape in states.items()}
         free = {"move": (w,), "push": (w,), "free": (w,)}
@@ -68,31 +69,49 @@ class AdjointProgram(NativeProgram):
         nodes, finishes = (
             own(function, kinds.nodes, traced.node) for function in (local.node, local.finish)
         )
-        functions |= _bars(nodes, start, ["balance"])
-        functions |= _bars(finishes, (*start, "u", "m", "found", "last"))
+        functions |= self._bars(nodes, ["balance"])
+        functions |= self._bars(finishes, more=("u", "m", "found", "last"))
         for name, update in own(local.update, kinds.nodes, traced.node | {"move": (w,)}).items():
             if "move" in update.inputs:  # a clamp that moves goes its own way
                 bars = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
                 functions[_bar_of(name)] = bars
-        elements, loads = self._of_elements(functions, traced, local, start, finishes)
+        elements, loads = self._of_elements(functions, traced, local, finishes)
         functions |= self._eliminating(traced, local, [*nodes.values()], elements, loads)
         for one in INTERACTIONS:
-            by = [f"{side}.{name}" for side in one.sides for name in start]
-            by += [*self.wanted, "joints", "last_force", "tension"]
             functions |= interactions.adjoint_of_interaction(
-                local, traced, one, self.kinds, self.held, by, _derivative
+                local, traced, one, kinds, self.held, self._derivative
             )
-            if one is TIE:
-                ties = kinds.stretches
-                functions |= stretches.adjoint_of_stretches(local, traced, ties, by, _derivative)
+        ties = kinds.stretches
+        functions |= stretches.adjoint_of_stretches(local, traced, ties, self._derivative)
         return {name: function.only(function.outputs) for name, function in functions.items()}
+
+    def _bars(
+        self, functions: dict[str, Function], of: Sequence[str] = (), more: Sequence[str] = ()
+    ) -> dict[str, Function]:
+        """See `_derivative`."""
+        return {_bar_of(name): self._derivative(one, of, more) for name, one in functions.items()}
+
+    def _derivative(
+        self, function: Function, of: Sequence[str] = (), more: Sequence[str] = ()
+    ) -> Function:
+        """Cotangents of what a function reads of the state at the start and of the wanted
+        constants, and of `more`, without those that are zero; of: of these outputs alone.
+        """
+        by = {*self.state, *self.element_state, *self.wanted, *OF_INTERACTIONS, *more}
+        whole = function.only(of or function.outputs)
+        derivative = vjp(whole, [name for name in whole.inputs if {name, without_side(name)} & by])
+        zero = derivative.graph.zero
+        return derivative.only(
+            name
+            for name, out in derivative.outputs.items()
+            if any(node != zero for node in out.nodes)
+        )
 
     def _of_elements(
         self,
         functions: dict[str, Function],
         traced: Tracing,
         local: LocalFunctions,
-        start: tuple[str, ...],
         finishes: dict[str, Function],
     ) -> tuple[list[Function], list[Function]]:
         """Adds what the cotangents of elements, and of the energies at the end, are found by. What
@@ -105,13 +124,9 @@ class AdjointProgram(NativeProgram):
         ended |= own(local.finish_element_load, self.loaded, traced.element)
         for name, far in own(local.far, self.loaded, traced.element).items():
             functions[name] = far.only(["far"])
-        whole = [name for name in start if name.startswith(("element", "common"))]
-        ends = [f"{side}.{name}" for side in self.sides for name in start if name not in whole]
-        ends += [*local.element_state, *whole]
-        moves = [f"{side}.{name}" for side in self.sides for name in ("u", "m")]
         balances = [f"{side}.balance" for side in self.sides]
-        functions |= _bars(elements, ends, [*balances, "gap"]) | _bars(loads, ends, balances)
-        functions |= _bars(ended, [*ends, *moves])
+        functions |= self._bars(elements, [*balances, "gap"]) | self._bars(loads, balances)
+        functions |= self._bars(ended, more=("u", "m"))
         for name, finish in (finishes | ended).items():
             if "rise" in finish.outputs:
                 there = [field for field in (*ENDED, *ENERGIES) if field in finish.outputs]
@@ -228,22 +243,3 @@ class AdjointProgram(NativeProgram):
 def _bar_of(name: str) -> str:
     """What the derivative of a function of a kind is called: "node bar 0" of "node 0"."""
     return " bar ".join(name.rsplit(" ", 1))
-
-
-def _bars(
-    functions: dict[str, Function], by: tuple[str, ...] | list[str], of: list[str] | None = None
-) -> dict[str, Function]:
-    """See `_derivative`; of: of these outputs alone."""
-    return {
-        _bar_of(name): _derivative(function.only(of or function.outputs), by)
-        for name, function in functions.items()
-    }
-
-
-def _derivative(function: Function, by: tuple[str, ...] | list[str]) -> Function:
-    """Cotangents of the inputs `by` that the function has, without those that are zero."""
-    derivative = vjp(function, [name for name in by if name in function.inputs])
-    zero = derivative.graph.zero
-    return derivative.only(
-        name for name, out in derivative.outputs.items() if any(node != zero for node in out.nodes)
-    )

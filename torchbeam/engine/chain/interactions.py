@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,7 +16,7 @@ from .node_kinds import Kinds, distinct
 from .tracing import Tracing
 
 SUMS = (*GAPS, *FLAGS)  # what of an interaction a sample is judged by
-Derivative = Callable[[Function, list[str]], Function]
+Derivative = Callable[[Function, Sequence[str], Sequence[str]], Function]
 
 
 def all_kinds(kinds: Kinds, one: Interaction) -> tuple[Any, ...]:
@@ -85,12 +85,10 @@ def adjoint_of_interaction(
     one: Interaction,
     kinds: Kinds,
     held: bool,
-    by: list[str],
     derivative: Derivative,
 ) -> dict[str, Function]:
-    """Functions of the adjoint, by kind; by: what cotangents are asked of."""
+    """Functions of the adjoint, by kind; derivative: see `AdjointProgram`."""
     functions, fields = {}, getattr(traced, one.constants)
-    moves = [f"{side}.{name}" for side in one.sides for name in ("u", "m")]
     for k, kind in kinds_of(kinds, one):
         blocks = traced(partial(local.transposed_interaction, one.name, held, kind), fields)
         functions[f"{one.name} blocks {k}"] = blocks
@@ -100,15 +98,14 @@ def adjoint_of_interaction(
             functions[f"joint solution {k}"] = traced(partial(local.joint_solution, kind), fields)
         whole = traced(partial(getattr(local, one.name), kind), fields)
         asked = [f"{side}.push" for side in kind.sides] + ["right"] * (one is JOINT)
-        functions[f"{one.name} bar {k}"] = derivative(whole.only(asked), by)
+        functions[f"{one.name} bar {k}"] = derivative(whole, asked, ())
         if one is PAIR:
             far = traced(partial(local.far_pair, kind), fields)
             functions[f"far pair {k}"] = far.only(["far"])
         if one is TIE:
             continue
         finish = traced(partial(getattr(local, f"finish_{one.name}"), kind), fields)
-        own = derivative(finish, [*by, *moves, "force"])
-        functions[f"finish {one.name} bar {k}"] = own
+        functions[f"finish {one.name} bar {k}"] = derivative(finish, (), ("u", "m", "force"))
         if "rise" in finish.outputs:
             functions[f"ended {one.name} {k}"] = finish.only(["rise"])
     return functions

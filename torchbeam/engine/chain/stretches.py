@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 from ..compiler.function import Function
+from .interactions import Derivative
 from .layout import ONE, STRETCHES, TENDONS, Layout, cotangents
 from .local_functions import LocalFunctions
-from .node_kinds import SIDES, StretchKind, distinct
+from .node_kinds import StretchKind, distinct
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 
@@ -37,31 +37,22 @@ def of_tensions(
 
 
 def adjoint_of_stretches(
-    local: LocalFunctions,
-    traced: Tracing,
-    kinds: tuple[StretchKind, ...],
-    by: list[str],
-    derivative: Callable[[Function, list[str]], Function],
+    local: LocalFunctions, traced: Tracing, kinds: tuple[StretchKind, ...], derivative: Derivative
 ) -> dict[str, Function]:
-    """Functions of the adjoint, by kind; by: what cotangents are asked of."""
+    """Functions of the adjoint, by kind."""
     functions = of_tensions(local, traced, kinds)
-    moves = [f"{side}.{name}" for side in SIDES[1] for name in ("u", "m")]
     ends = ("own.direction", "last.direction", "last.tension")
     sums = [f"beyond.{name}" for name in SUMMED]
-    bars = {
-        "stretch": [*by, *moves],
-        "tension first": [*by, *sums],
-        "tension next": [*by, *sums, *ends],
-    }
+    bars = {"stretch": ["u", "m"], "tension first": sums, "tension next": [*sums, *ends]}
     for name, own in bars.items():
         word = name.partition(" ")[0]
         for k, _ in distinct(kinds, word):
             whole = functions[f"{name} {k}"]
-            wanted = whole.outputs if word == "stretch" else ["tension"]
-            functions[f"{name} {k} bar"] = derivative(whole.only(wanted), own)
+            of = () if word == "stretch" else ["tension"]
+            functions[f"{name} {k} bar"] = derivative(whole, of, own)
     if kinds:
         work = of_work(local, traced)
-        functions["tendon work bar"] = derivative(work, ["tension", "change", "start"])
+        functions["tendon work bar"] = derivative(work, (), ["change", "start"])
         if "rise" in work.outputs:
             functions["ended tendon"] = work.only(["rise"])
     return functions
