@@ -14,19 +14,19 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
 
 from torchbeam.extend.commands import csv_text, measured_on, results_folder, sentence, table, write
 
 from . import results
 from .evaluate import EPISODES
 from .options import above_zero
+from .statistics import FEWEST, estimate
 
-LEVEL = 0.95
 SEEDS = 10
 QUICK: dict[str, Any] = {"tasks": ["obstacles", "ik"], "seeds": 2, "share": 0.1}
 
@@ -68,19 +68,16 @@ def rows(folder: Path) -> list[dict[str, Any]]:
 
 def _row(task: str, learner: str, runs: list[dict[str, Any]]) -> dict[str, Any]:
     source = PUBLISHED[task]
-    values = np.array([run[source.metric] for run in runs])
-    mean, n = values.mean().item(), len(values)
-    half = np.nan
-    if n > 1:
-        half = student.ppf((1 + LEVEL) / 2, n - 1) * values.std(ddof=1) / n**0.5
+    mean, low, high = estimate(partial(np.mean, axis=-1), [run[source.metric] for run in runs])
+    told = len(runs) >= FEWEST  # fewer say nothing of an interval
     return {
         "task": task,
         "learner": learner,
         "metric": source.metric,
-        "mean": mean,
-        "low": mean - half,
-        "high": mean + half,
-        "seeds": n,
+        "mean": mean.item(),
+        "low": low.item() if told else None,
+        "high": high.item() if told else None,
+        "seeds": len(runs),
         "seconds": float(np.mean([run["seconds"] for run in runs])),
         "published": source.value,
         "published_hours": source.hours,
@@ -104,13 +101,14 @@ def report(out: Path) -> list[dict[str, Any]]:
         (
             row["task"],
             row["learner"].upper(),
-            f"{row['mean']:.1f} [{row['low']:.1f}, {row['high']:.1f}]",
+            f"{row['mean']:.1f}"
+            + ("" if row["low"] is None else f" [{row['low']:.1f}, {row['high']:.1f}]"),
             f"{row['published']:.1f}",
             f"{row['steps']:,}",
             f"{row['seconds']:.0f} CPU s",
             f"{row['published_hours']:g} h of 500 processes",
             f"{row['return']:.0f}",
-            row["seeds"],
+            str(row["seeds"]),
         )
         for row in lines
     ]

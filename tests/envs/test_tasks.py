@@ -35,7 +35,9 @@ ONCE = [
 
 
 def small(id):
-    return ARMS if any(arm in id for arm in ("Target", "Kinematics", "Obstacles")) else SMALL
+    if "Obstacles" in id:  # of half a second an interval
+        return dict(elements=5, substeps=10)
+    return ARMS if "Target" in id or "Kinematics" in id else SMALL
 
 
 def vector(id, n, **changes):
