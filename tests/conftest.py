@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from importlib import resources
 from pathlib import Path
 from unittest.mock import patch
+from zlib import crc32
 
 import pytest
 import torch
@@ -46,14 +47,15 @@ def pytest_report_header(config):
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
     """A share of long nets: the N shares together are the whole, each goes through all kinds. Of
-    one claim over many scenes that is in in_turn.json, N turns together run all rows.
+    what is in in_turn.json, one claim over many scenes or a dear test, N turns together run all.
     """
     k, n = map(int, config.getoption("--turn").split("/"))
     place, waiting = Counter(), set()
     for item in items:
         test = item.nodeid.partition("[")[0]
         if test in IN_TURN and not item.get_closest_marker("always"):
-            waiting |= {item.nodeid} if place[test] % n != k - 1 else set()
+            start = crc32(test.partition("::")[0].encode())  # a file's dear tests share fixtures
+            waiting |= {item.nodeid} if (start + place[test]) % n != k - 1 else set()
             place[test] += 1
     if share := config.getoption("--share"):
         k, n = map(int, share.split("/"))

@@ -4,7 +4,8 @@ a sentence for each folder that took more than `cost_bounds.json` says. A plugin
 no test fails by it.
 
 After a change that is meant: `.ci/run`, then `python -m tests.costs` makes the bounds anew, and
-adds to `in_turn.json` what is dear: one claim over many scenes, of which each turn runs some.
+adds to `in_turn.json` what is dear: one claim over many scenes, of which each turn runs some, or
+what takes seconds by itself.
 """
 
 import json
@@ -22,7 +23,7 @@ BOUNDS, COSTS = HERE / "cost_bounds.json", HERE.parent / "out" / "test_costs.jso
 DEAREST = 15  # files that are shown
 LEAST = 60.0  # CPU seconds of a run that is told of
 IN_TURN = HERE / "in_turn.json"
-ROWS, DEAR = 3, 1.5  # that a test in turn has at least, and CPU seconds that they take together
+DEAR, ALONE, ROWS = 1.5, 4.0, 3  # CPU seconds of so many rows together, or of fewer
 ROOM = 1.3  # by which a bound is more than what was measured, for another processor
 
 
@@ -137,7 +138,8 @@ def pytest_terminal_summary(terminalreporter):
 if __name__ == "__main__":
     found = json.loads(COSTS.read_text())
     bounds = {k: 5 * math.ceil(ROOM * cost["cpu"] / 5) for k, cost in found["folders"].items()}
-    dear = {k for k, x in found["tests"].items() if x["tests"] >= ROWS and x["cpu"] >= DEAR}
+    least = {True: DEAR, False: ALONE}
+    dear = {k for k, x in found["tests"].items() if x["cpu"] >= least[x["tests"] >= ROWS]}
     dear |= set(json.loads(IN_TURN.read_text()))
     BOUNDS.write_text(json.dumps(bounds, indent=1) + "\n")
     IN_TURN.write_text(json.dumps(sorted(dear), indent=1) + "\n")

@@ -59,7 +59,7 @@ def test_turns_together_run_each_row_once_and_what_is_to_run_always_in_each():
         return [x.nodeid for x in items]
 
     turns = [ran(f"{k}/3") for k in (1, 2, 3)]
-    assert ran("1/1") == names and turns[0][:3] == [names[0], names[3], names[6]]
+    assert ran("1/1") == names and {len(turn) for turn in turns} == {5, 6}
     assert all({names[8], *others} < {*turn} for turn in turns)
     assert Counter(name for turn in turns for name in turn) == Counter(
         names + 2 * [names[8], *others]
