@@ -23,7 +23,7 @@ BOUNDS, COSTS = HERE / "cost_bounds.json", HERE.parent / "out" / "test_costs.jso
 DEAREST = 15  # files that are shown
 LEAST = 60.0  # CPU seconds of a run that is told of
 IN_TURN = HERE / "in_turn.json"
-DEAR, ALONE, ROWS = 1.5, 4.0, 3  # CPU seconds of so many rows together, or of fewer
+DEAR, ALONE, ROWS = 1.2, 2.5, 3  # CPU seconds of so many rows together, or of fewer
 ROOM = 1.3  # by which a bound is more than what was measured, for another processor
 
 
