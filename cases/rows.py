@@ -1,6 +1,6 @@
 """Effects, one row each, for whatever asks all of them the same question: `python -m studies
 effects` what they cost; the unit tests their closed forms, what is absent, and derivatives; the
-nets of parity, value forms and written tensors the rest. A test fails where an effect has no row.
+nets of parity, zero, value forms and written tensors the rest. A test fails where one is missing.
 """
 
 from __future__ import annotations
