@@ -27,6 +27,7 @@ STEPS = 3
 ROWS = {
     # loads, sections, supports and frames of one beam
     "all_effects": "steps",
+    "at_offsets": "steps",
     "curved": "equilibrium ~steps",
     "bow_in_a_plane": "steps",
     "small_bow": "steps ~equilibrium",
