@@ -78,11 +78,10 @@ def read(path: Path) -> Config:
                 for pair, value in entries["correlation"].items()
             }
         if isinstance(entries.get("sentences"), dict):
-            codes = [
-                int(code) if code.removeprefix("-").isdecimal() else code
-                for code in entries["sentences"]
-            ]
-            entries["sentences"] = dict(zip(codes, entries["sentences"].values(), strict=True))
+            entries["sentences"] = {
+                int(code) if code.removeprefix("-").isdecimal() else code: text
+                for code, text in entries["sentences"].items()
+            }
         if unknown := [name for name in entries if name not in KNOWN]:
             raise ValueError(
                 f"{unknown[0]!r} was given in {path.name}; {', '.join(KNOWN)} are there"
@@ -106,14 +105,8 @@ def read(path: Path) -> Config:
         )
     level_of("interval", answers.get("interval", Config.interval))
     boolean("keep", answers.get("keep", Config.keep))
-    return Config(
-        entries.pop("function"),
-        entries.pop("laws"),
-        entries.pop("n", None),
-        entries,
-        modules,
-        **answers,
-    )
+    run = [entries.pop(name, None) for name in ("function", "laws", "n")]
+    return Config(*run, entries, modules, **answers)
 
 
 def load(path: Path) -> ModuleType:

@@ -157,7 +157,8 @@ def quantile(
             )
             for bound, place, side in ((low, q - half, -math.inf), (high, q + half, math.inf)):
                 within = (place >= 0) & (place <= 1)
-                bound[k] = torch.where(within, at_levels(pooled, place.clamp(0, 1)), side)
+                level_rank = place.clamp(0, 1) * (len(pooled) - 1)
+                bound[k] = torch.where(within, between(pooled, level_rank), side)
             methods.add(f"{len(groups)} replicates")
             continue
         ranks = binomial_ranks(q, len(pooled), level)
@@ -189,13 +190,10 @@ def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, in
     many = torch.minimum(total, n - total) >= FEW * len(groups)
     low = torch.where(many, centre - half, low).clamp_min(0)
     high = torch.where(many, centre + half, high).clamp_max(1)
-    method = (
-        f"{len(groups)} replicates"
-        if many.all()
-        else "Clopper and Pearson"
-        if not many.any()
-        else (f"{len(groups)} replicates, or Clopper and Pearson where they are few")
-    )
+    method = "Clopper and Pearson"
+    if many.any():
+        fallback = "" if many.all() else f", or {method} where they are few"
+        method = f"{len(groups)} replicates{fallback}"
     return Estimate(centre, low, high, level, n, method, reasons)
 
 
@@ -235,9 +233,8 @@ def bootstrap(
     far = each.new_tensor(
         math.sqrt(len(y) / (len(y) - 1)) * student_quantile((1 + level) / 2, len(y) - 1)
     )
-    low, high = quantile_of_sorted(
-        each.sort(0).values, normal_probability(torch.stack((-far, far)))
-    )
+    ranks = normal_probability(torch.stack((-far, far)))
+    low, high = quantile_of_sorted(each.sort(0).values, ranks)
     return Estimate(centre[0], low, high, level, len(y), "bootstrap", reasons)
 
 
@@ -272,11 +269,6 @@ def share_half(shares: Tensor, level: float, n: int) -> Tensor:
     together; where these agree to the last sample, the rule of three.
     """
     return student_half(shares, level).clamp_min(-math.log((1 - level) / 2) / n)
-
-
-def at_levels(y: Tensor, level: Tensor) -> Tensor:
-    """Quantiles (...) of sorted samples (n, ...), each number at a level of its own (...)."""
-    return between(y, level * (len(y) - 1))
 
 
 def between(y: Tensor, place: Tensor) -> Tensor:

@@ -83,11 +83,8 @@ def of_score(law: Any, z: Tensor) -> Tensor:
     rounding = torch.finfo(z.dtype).eps / 2
     u = normal_probability(z).clamp(torch.finfo(z.dtype).tiny, 1 - rounding)
     x = value(u)
-    lost = (
-        ~torch.isfinite(x)
-        if isinstance(x, Tensor) and x.shape == u.shape
-        else torch.zeros_like(u, dtype=torch.bool)
-    )
+    shaped = isinstance(x, Tensor) and x.shape == u.shape
+    lost = ~torch.isfinite(x) if shaped else torch.zeros_like(u, dtype=torch.bool)
     return value(torch.where(lost, u.clamp_min(rounding), u)) if lost.any() else x
 
 
