@@ -1,6 +1,4 @@
-"""Estimates with their intervals: from independent samples, and from independent replicates of a
-design.
-"""
+"""Estimates with intervals: from independent samples, or independent replicates of a design."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.validation import converted, shown
+from ..core.validation import converted, refusal, shown
 from ..math.distributions import (
     binomial_interval,
     binomial_ranks,
@@ -120,8 +118,8 @@ def probabilities(levels: Any) -> Tensor:
     """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
     values = converted(levels, torch.float64)
     if values.ndim > 1 or not ((values >= 0) & (values <= 1)).all():
-        raise ValueError(
-            f"levels = {shown(levels)} were given; probabilities, one or a sequence, are wanted"
+        raise refusal(
+            f"levels = {shown(levels)}", "probabilities, one or a sequence,", were=True, are=True
         )
     return values
 
@@ -239,16 +237,13 @@ def bootstrap(
 
 
 def _values(statistic: Statistic, samples: Iterable[Tensor]) -> Tensor:
-    """Values (K, ...) of a statistic of K sets of samples; ValueError where they are no tensors of
-    one shape.
-    """
+    """Values (K, ...) of a statistic of K sets of samples; ValueError where shapes differ."""
     values: list[Tensor] = []
     for y in samples:
         value = statistic(y)
         if not isinstance(value, Tensor) or value.is_complex():
-            raise ValueError(
-                f"a statistic that gave a {type(value).__name__} was given; a tensor of real "
-                "numbers is wanted"
+            raise refusal(
+                f"a statistic that gave a {type(value).__name__}", "a tensor of real numbers"
             )
         if values and value.shape != values[0].shape:
             raise ValueError(

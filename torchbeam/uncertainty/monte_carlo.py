@@ -1,6 +1,4 @@
-"""Monte Carlo evaluation of a function of random parameters, in chunks that run anywhere and can be
-resumed.
-"""
+"""Monte Carlo evaluation of a function of random parameters, in chunks that can be resumed."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ from torch import Tensor
 from ..core.arguments import boolean, choice
 from ..core.files import path_of
 from ..core.memory import check_memory
-from ..core.validation import Value, as_tensor, finite, shown
+from ..core.validation import Value, as_tensor, finite, refusal, shown
 from .chunk_size import chunk_size, usual_chunk
 from .chunks import ChunkFolder
 from .designs import Given, Plain, Sobol
@@ -273,8 +271,8 @@ def _reached(samples: Samples, until: Until) -> bool:
     error, statistic = _goal(until)
     estimate = statistic(samples)
     if not isinstance(estimate, Estimate):
-        raise ValueError(
-            f"until with a function that gave a {type(estimate).__name__} was given; a "
-            "torchbeam.Estimate, with its interval, is wanted"
+        raise refusal(
+            f"until with a function that gave a {type(estimate).__name__}",
+            "a torchbeam.Estimate, with its interval,",
         )
     return bool((estimate.relative_error <= error).all())

@@ -14,16 +14,14 @@ from torch import Tensor
 
 from ..core.arguments import number
 from ..core.files import csv_text, file_of, folder, write
-from ..core.validation import shown
+from ..core.validation import refusal, shown
 
 LEVELS = (0.01, 0.05, 0.5, 0.95, 0.99)
 COLUMNS = ("quantity", "y", "estimate", "low", "high", "level")
 
 
 class Summary:
-    """Summaries of `Samples` and of a `Stream`, whose statistics they are made of: a base class of
-    both.
-    """
+    """Summaries by the statistics of `Samples` and `Stream`: a base class of both."""
 
     def summary(
         self: Any,
@@ -143,9 +141,7 @@ class Tables(Summary):
 
 
 def write_found(path: Path, summary: dict[str, Any]) -> None:
-    """A summary in a file: .csv for its rows alone, .json for all of it. Raises
-    files.NotWritten.
-    """
+    """Write a summary: .csv for its rows alone, .json for all of it. Raises files.NotWritten."""
     if path.suffix == ".json":
         write(path, json.dumps(summary, indent=1) + "\n")
     else:
@@ -163,7 +159,7 @@ def _several(name: str, values: Any) -> tuple[float, ...]:
         or not isinstance(values, Iterable)
         or getattr(values, "ndim", 1) != 1
     ):
-        raise ValueError(f"{name} = {shown(values)} were given; a sequence of numbers is wanted")
+        raise refusal(f"{name} = {shown(values)}", "a sequence of numbers", were=True)
     return tuple(number(name, value) for value in values)
 
 

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import number
+from ..core.validation import refusal
 from ..math.distributions import (
     log_normal_probability,
     normal_probability,
@@ -48,14 +49,9 @@ class ByParameters:
         set_fields(self, **checked)
         for name in self.positive:
             if not checked[name] > 0:
-                raise ValueError(
-                    f"{kind}'s {name} = {checked[name]:g} was given; a positive number is wanted"
-                )
+                raise refusal(f"{kind}'s {name} = {checked[name]:g}", "a positive number")
         if "least" in checked and not self.least < self.largest:
-            raise ValueError(
-                f"{kind} from {self.least:g} to {self.largest:g} was given; least below largest is "
-                "wanted"
-            )
+            raise refusal(f"{kind} from {self.least:g} to {self.largest:g}", "least below largest")
 
 
 class ByScore(ByParameters):
@@ -253,9 +249,9 @@ class Gumbel(TwoTails, ByParameters):
 
     Examples:
         >>> gust = tb.laws.Gumbel(location=1.0, scale=0.1)  # the largest of a year
-        >>> tb.monte_carlo(
-        ...     deflection, {"EI": laws["EI"], "P": gust}, 256, by_name=True
-        ... ).quantile(0.98)
+        >>> tb.monte_carlo(deflection, {"EI": laws["EI"], "P": gust}, 256, by_name=True).quantile(
+        ...     0.98
+        ... )
         tensor(0.4935)
     """
 
@@ -276,19 +272,15 @@ class Gumbel(TwoTails, ByParameters):
 
 
 def checked_number(name: str, value: Any) -> float | Tensor:
-    """One finite number; as the tensor that was given where it carries a gradient. ValueError
-    otherwise.
-    """
+    """One finite number, or the tensor given where it carries a gradient. ValueError otherwise."""
     checked = number(name, value)
     return value if isinstance(value, Tensor) and value.requires_grad else checked
 
 
 def plain_number(name: str, value: Any, *, infinite: bool = False) -> float:
-    """One number that has no derivatives; ValueError otherwise, and for a tensor that carries a
-    gradient.
-    """
+    """One number without derivatives; ValueError otherwise, as for a tensor with a gradient."""
     if isinstance(value, Tensor) and value.requires_grad:
-        raise ValueError(f"{name} that carries a gradient was given; a number is wanted")
+        raise refusal(f"{name} that carries a gradient", "a number")
     return number(name, value, infinite=infinite)
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import choice, count
-from ..core.validation import Value, converted, finite
+from ..core.validation import Value, converted, finite, refusal
 from .parametric_laws import plain_number, set_fields
 
 KERNELS = ("exponential", "gaussian")
@@ -70,10 +70,7 @@ class RandomField:
         choice("RandomField's marginal", self.marginal, MARGINALS)
         for name in numbers if self.marginal == "lognormal" else numbers[1:]:
             if not values[name] > 0:
-                raise ValueError(
-                    f"RandomField's {name} = {values[name]:g} was given; a positive number is "
-                    "wanted"
-                )
+                raise refusal(f"RandomField's {name} = {values[name]:g}", "a positive number")
         eigenvalue, shape = self._expansion(
             None if self.terms is None else count("RandomField's terms", self.terms)
         )

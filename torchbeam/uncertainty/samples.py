@@ -12,7 +12,7 @@ from torch import Tensor
 from ..core.arguments import boolean, level_of
 from ..core.arguments import function as checked_function
 from ..core.status import STATUS
-from ..core.validation import Value, broadcast, converted, finite, shown
+from ..core.validation import Value, broadcast, converted, finite, refusal, shown
 from . import estimate
 from .estimate import Estimate, Statistic, failures, probabilities
 from .output import Tables
@@ -235,9 +235,7 @@ def checked_sentences(sentences: Any) -> dict[int, str]:
     if not isinstance(sentences, Mapping) or not all(
         isinstance(code, int) and isinstance(sentences[code], str) for code in sentences
     ):
-        raise ValueError(
-            f"sentences = {shown(sentences)} were given; a dict, status -> text, is wanted"
-        )
+        raise refusal(f"sentences = {shown(sentences)}", "a dict, status -> text,", were=True)
     return dict(sentences)
 
 

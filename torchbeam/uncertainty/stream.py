@@ -1,6 +1,4 @@
-"""Summary of a stream of samples: moments, quantiles, probabilities and histograms in constant
-memory.
-"""
+"""Stream: moments, quantiles, probabilities and histograms of samples in constant memory."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import level_of
-from ..core.validation import Value, broadcast, converted, finite
+from ..core.validation import Value, broadcast, converted, finite, refusal
 from ..math.distributions import binomial_interval, binomial_ranks, student_quantile
 from . import estimate
 from .estimate import FEW, Estimate, failures, probabilities, share_half
@@ -222,8 +220,8 @@ class Stream(Summary):
         """
         edges = finite("edges", converted(edges, torch.float64))
         if edges.ndim != 1 or len(edges) < 2 or not (edges.diff() > 0).all():
-            raise ValueError(
-                f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted"
+            raise refusal(
+                f"edges {tuple(edges.shape)}", "(bins + 1,) increasing numbers", were=True, are=True
             )
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         above = torch.where(edges <= self.all.least.reshape(-1, 1), self._good, above)

@@ -1,6 +1,4 @@
-"""Tornado table: what y does when one parameter after the other goes from a low to a high
-quantile.
-"""
+"""Tornado table: what y does when one parameter after the other goes from low to high."""
 
 from __future__ import annotations
 

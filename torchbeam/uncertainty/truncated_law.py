@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.validation import shown
+from ..core.validation import refusal, shown
 from ..math.distributions import (
     normal_probability,
     normal_score,
@@ -53,9 +53,8 @@ class Truncated(TwoTails):
         }
         set_fields(self, law=law, **ends)
         if not self.least < self.largest:
-            raise ValueError(
-                f"Truncated from {self.least:g} to {self.largest:g} was given; least below "
-                "largest is wanted"
+            raise refusal(
+                f"Truncated from {self.least:g} to {self.largest:g}", "least below largest"
             )
         if why := why_none(law):
             raise ValueError(
@@ -88,9 +87,7 @@ class Truncated(TwoTails):
 
     @property
     def _below(self) -> float:
-        """The next number below `least`, which is itself within: an `Empirical` value may lie
-        there.
-        """
+        """The next number below `least`, which is within: an `Empirical` value may lie there."""
         return math.nextafter(self.least, -math.inf)
 
     def _ends(self, like: Tensor) -> tuple[Tensor, Tensor]:
