@@ -44,7 +44,7 @@ BREAKS = [
           f"{CHAIN}.pair_functions:PairFunctions.finish_pair", '": problem', '": -problem',
           "rubbing"),
     Break("swapped columns: cotangents of an interaction's ends",
-          f"{CHAIN}.interaction_adjoint:InteractionAdjoint._cotangent_of", "entry.nodes[side])",
+          f"{CHAIN}.interaction_adjoint:InteractionAdjoint._pushed_bars", "entry.nodes[side])",
           "[*entry.nodes.values()][-1 - [*entry.nodes].index(side)])", "rubbing"),
     Break("a taper forgotten in pairs", f"{CHAIN}.pair_functions:PairFunctions.of_pair",
           "if not kind.tapers:", "if True:", "taper_on_itself"),

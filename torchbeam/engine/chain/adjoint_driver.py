@@ -47,10 +47,9 @@ class AdjointDriver(TendonAdjoint, Elimination):
         self._call(name, of, ("change", 0), {bar(field): place for field, place in ends.items()})
         for out, value in self.functions[name].outputs.items():
             record, row, field = of(out.removesuffix("_bar"))
-            record, field = cotangent(record, field)
-            if field in self.layout.fields(record):
-                to, source = (record, row, field), ("change", 0, out)
-                self._sum(to, source, self.at("sample", 0, "good"), len(value.nodes))
+            to, field = cotangent(record, field)
+            good = self.at("sample", 0, "good")
+            self._sum((to, row, field), ("change", 0, out), good, len(value.nodes))
 
     def _made(self, record: str, row: str) -> Places:
         """Cotangents of what a step has made: of a part of the state, work, and energies."""
