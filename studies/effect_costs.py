@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.analysis.trials import change, operations, repeated, seconds
+from studies.operations import operations, repeated
+from torchbeam.analysis.advise import change, seconds
 from torchbeam.core.measurement import progress
 from torchbeam.extend.commands import table as markdown_table
 

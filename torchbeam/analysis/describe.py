@@ -296,9 +296,7 @@ def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
 
 
 def _frequencies(scene: Scene) -> tuple[str, ...]:
-    """Of the beam with its masses, springs and added mass, without loads, at rest; in double
-    precision, whatever it has.
-    """
+    """Of the beam with masses, springs and added mass, unloaded, at rest; in double precision."""
     vibrating = (load.in_free_vibration() for load in scene.loads)
     in_vibration = [e for e in vibrating if e is not None and constant(e)]
     springs = [e for e in in_vibration if POSITION in e.depends]

@@ -136,9 +136,7 @@ def _series(solution: Solution, path: Path, scene: Scene | None) -> Path:
 def _grid(
     state: State, extra: dict[str, Tensor] | None = None, scene: Scene | None = None
 ) -> ElementTree.Element:
-    """A state, further vectors (..., N+1, 3) of its nodes, and what its scene has beside these, as
-    an unstructured grid.
-    """
+    """A state, further vectors (..., N+1, 3) and what stands beside, as an unstructured grid."""
     R = quat.matrix(state.rotation)
     nodes = {
         "points": state.position,
