@@ -17,7 +17,8 @@ from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .node_kinds import SIDES, without_side
+from .interaction import SIDES
+from .node_kinds import without_side
 from .tendon_adjoint import TendonAdjoint
 
 

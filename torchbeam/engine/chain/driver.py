@@ -23,9 +23,8 @@ from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
 from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .interaction import JOINT
+from .interaction import JOINT, SIDES
 from .layout import FLAGS, LAW
-from .node_kinds import SIDES
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 SQUARES = ("square_force", "square_moment")

@@ -244,7 +244,7 @@ class InteractionCode(DriverCode):
             if name in self.layout.fields(change):
                 to = f"{entry.name}_state", entry.number, kept
                 self._take(to, (change, 0, name), good)
-        own = self._counted(good, entry.number, "own_joints")
+        own = self._counted(good, entry.number, "own_edges")
         self._sum(("sample", 0, "work"), (change, 0, "work"), own)
         if "energy" in self.layout.records:
             self._add(("energy", 0, "rise"), (change, 0, "rise"))

@@ -31,7 +31,7 @@ from .coverage import MISSING, installed, meaning, natively
 from .load_program import JudgedProgram, LoadProgram
 from .native import NativeProgram
 from .node_kinds import kinds_of
-from .order import stretches_of
+from .order import connectivity_of
 from .program import NewtonProgram, program_of
 from .steady_functions import SteadyFunctions
 from .step_structure import by_numbers, keep_structure, key_of, known_structure
@@ -141,8 +141,9 @@ def _climbed(
     lanes: int | None,
     around: Surroundings | None,
 ) -> Climbed:
-    # where stretches of tendons have unknowns of their own, it is looked at by torch
-    judged = judged and not any(stretch.coupled for stretch in stretches_of(model.tendons))
+    # where there are own unknowns that are no forces of constraints, it is looked at by torch
+    edges = connectivity_of(model).edges
+    judged = judged and not any(edge.alone for own in edges for edge in own)
     structure, trees = _structure(
         model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )

@@ -43,8 +43,8 @@ from .chain_constants import (
     filled,
     flattened,
 )
+from .interaction import SIDES
 from .node_kinds import (
-    SIDES,
     CouplingKind,
     ElementKind,
     EndKind,

@@ -13,6 +13,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.centreline import piece_nodes
 from ...nodal.fixed_touching import FixedTouching
 from ...nodal.model import Model
+from .interaction import PAIR_SIDES, SIDES
 from .order import MANNERS, manners_of
 
 
@@ -157,10 +158,6 @@ class CouplingKind(NamedTuple):
     load: int
 
     sides = property(lambda self: PAIR_SIDES[: len(self.ends)])
-
-
-SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
-PAIR_SIDES = ("a", "b", "c", "d", "e", "f")  # those of a pair that may touch
 
 
 def _sides(ends: tuple[EndKind | None, ...]) -> tuple[str, ...]:

@@ -17,12 +17,12 @@ from ...nodal.model import Model
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS
-from .interaction import Interaction
+from .interaction import SIDES, Interaction
 from .layout import ELEMENTS, NODES, ONE, Layout
 from .load_driver import PIVOT, PathDriver
 from .load_program import RestProgram
 from .local_problem import Fields
-from .node_kinds import SIDES, ElementKind, JointKind, NodeKind, without_side
+from .node_kinds import ElementKind, JointKind, NodeKind, without_side
 from .rows import given_by_rows
 from .steady_functions import SteadyFunctions
 from .tracing import Tracing

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .interaction import TIE
+from .interaction import SIDES, TIE
 from .interaction_driver import Entry, InteractionCode
-from .node_kinds import SIDES, alike
+from .node_kinds import alike
 from .tendon_functions import SUMMED
 
 FIRST, LAST, TENDON = 2, 3, 4  # in an entry of the table

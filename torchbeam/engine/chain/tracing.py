@@ -13,9 +13,9 @@ from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
 from .extrapolated_functions import OTHER
+from .interaction import PAIR_SIDES, SIDES
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import PAIR_SIDES, SIDES
 from .tendon_functions import SUMMED
 
 Shapes = dict[str, tuple[int, ...]]
