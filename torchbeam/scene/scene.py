@@ -242,6 +242,13 @@ class Scene(Tree):
         return self._of("interaction")
 
     @cached
+    def stress_count(self) -> int:
+        """How many rows a state's stress has: behind those of the beam own unknowns of
+        interactions.
+        """
+        return self.beam.stress_count + sum(bool(one.unknowns) for one in self.interactions)
+
+    @cached
     def dampings(self) -> tuple[Damping, ...]:
         return self._of("strain")
 

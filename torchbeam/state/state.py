@@ -287,7 +287,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
                 "with its axes is wanted"
             )
         shape = wanted
-    numbers = 13 * scene.beam.node_count + 6 * scene.beam.stress_count
+    numbers = 13 * scene.beam.node_count + 6 * scene.stress_count
     size = shape.numel() * numbers * time.element_size()
     check_memory(f"a state of {shape.numel()} samples", size, "fewer are wanted")
     return resting(scene, shape, time, distinct=True)
@@ -298,7 +298,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
     tensor of its own, which the scene and the other fields do not share.
     """
     beam = scene.beam
-    nodes, stresses = beam.node_count, beam.stress_count
+    nodes, stresses = beam.node_count, scene.stress_count
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
 
