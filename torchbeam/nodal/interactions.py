@@ -10,16 +10,16 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.leaves import leaf
 from ..math.quaternions import matrix as axes_of
 from ..scene.effects.load_point import OWN, POSITION, ROTATION, LoadPoint
 from ..topology.places import added
 from .acting import ActingLoad
-from ..core.leaves import leaf
 from .between_nodes import BetweenNodes, NodeMotion
-from .multipliers import Multipliers, stacked
 from .conditions import Conditions
 from .coordinates.spatial import Spatial
 from .loads import MotionJacobian, Nodes, chained, changes, load_point, wrench, wrench_by
+from .multipliers import Multipliers, stacked
 from .sample_check import check_samples, tried
 
 
@@ -61,11 +61,7 @@ def at_nodes(
 
 
 def blocks(
-    space: Spatial,
-    nodes: Nodes,
-    now: Conditions,
-    by: MotionJacobian,
-    own: Tensor | None = None,
+    space: Spatial, nodes: Nodes, now: Conditions, by: MotionJacobian, own: Tensor | None = None
 ) -> Iterator[tuple[tuple[int, ...], Any, Tensor | float, dict[str, Tensor]]]:
     """The nodes of each, itself, the derivative (..., n, n, w, w) of its wrenches by their moves,
     which change their motion as `by` says, and all its derivatives; own: see `points`.
@@ -146,9 +142,7 @@ class Couplings(BetweenNodes):
         now, seen = motion.now, motion.nodes(motion.now.reads)
         whole = blocks(self.space, seen, now, motion.by(now.reads), own)
         at_end = points(self.space, _ends(motion, seen), now, own)
-        for k, ((nodes, load, block, by), (_, point)) in enumerate(
-            zip(whole, at_end, strict=True)
-        ):
+        for k, ((nodes, load, block, by), (_, point)) in enumerate(zip(whole, at_end, strict=True)):
             of_node = self.space.of_nodes(list(nodes))
             pull = self._padded(of_node.project(by[OWN].mT), -2).mT
             if not isinstance(block, Tensor):
@@ -165,7 +159,7 @@ class Couplings(BetweenNodes):
         self, motion: NodeMotion, nodes: tuple[int, ...], tangent: dict[str, Tensor]
     ) -> Tensor:
         """(..., unknowns, n, w) of a residual, from that by places and turns at the end."""
-        of_node, dims, half = self.space.of_nodes(list(nodes)), self.space.dims, motion.half_turns()
+        of_node, half = self.space.of_nodes(list(nodes)), motion.half_turns()
         none = tangent[OWN].new_zeros(tangent[OWN].shape[-1], len(nodes), 3)
         by_place = of_node.project_vector(tangent.get(POSITION, none))
         by_turn = of_node.project_spin(tangent.get(ROTATION, none))

@@ -221,6 +221,8 @@ class AdjointProgram(NativeProgram):
                 layout.record(name, SUPPORTS, [("reaction", w)])
         for one in interactions.present(self.kinds):
             interactions.record_adjoint(layout, self.functions, one, w)
+        if self.kinds.multiplied:
+            interactions.record_adjoint_of_multipliers(layout, self.functions, w)
         if self.kinds.stretches:
             stretches.record_adjoint(layout, self.functions)
         return layout

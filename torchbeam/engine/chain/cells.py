@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from ...topology.framework import Framework
 from .interaction import INTERACTIONS
-from .layout import ELEMENTS, NODES, SUPPORTS
+from .layout import ELEMENTS, MULTIPLIERS, NODES, SUPPORTS
 from .node_kinds import Kinds
 from .order import Connectivity, manners_by, order_of
 
@@ -101,6 +101,7 @@ def _alike(
             NODES: [*own, *common],
             ELEMENTS: [firsts[k] + e for k in beams for e in range(framework.chains[k])],
             sorts[-1]: inner,
+            MULTIPLIERS: inner,
             SUPPORTS: sorted(held_nodes, key=lambda k: place[supports[k]]),
         }
         place[None] = None

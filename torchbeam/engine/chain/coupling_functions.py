@@ -13,6 +13,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.conditions import Conditions
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
+from .interaction import OWN
 from .interaction_functions import of_ends
 from .local_problem import Ends, Fields, LocalProblems
 from .node_kinds import CouplingKind
@@ -23,21 +24,32 @@ class CouplingFunctions(LocalProblems):
     """Functions of a coupling."""
 
     def coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
-        """Its push (w) on the balances of its nodes, and its blocks (w, w), see `interaction`."""
+        """Its push (w) on the balances of its nodes, and its blocks (w, w), see `of_ends`."""
         problem, x = self.of_coupling(fields, kind)
-        return of_ends(problem, x, problem.model.couplings, kind.sides)[0]
+        own = OWN if kind.multiplied else ""
+        return of_ends(problem, x, problem.model.couplings, kind.sides, own)
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
-        """Its work over the step."""
+        """Its work over the step, and its forces."""
         problem, x = self.of_coupling(fields, kind)
-        return {"work": problem.work(problem.node_balance(problem.apply_supports(x))[0])}
+        work = problem.work(problem.node_balance(problem.apply_supports(x))[0])
+        force = {"force": fields["force"]} if kind.multiplied else {}
+        return {"work": problem.t.new_zeros(()) + work} | force
+
+    def coupling_solution(self, kind: CouplingKind, **fields: Tensor) -> Fields:
+        """The unknown forces of a step (w), from those that have acted in it."""
+        return {"force": fields["after_force"]}
 
     def of_coupling(self, fields: Fields, kind: CouplingKind) -> tuple[BalanceProblem, Any]:
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
         now = self._coupled(ends, ends.common.now, kind)
-        rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space))
-        problem, x = self._problem(rows, None, ends.common, ends.given, now)
+        given, own = ends.given, ()
+        if kind.multiplied:
+            held = fields["force"].new_tensor([kind.held])
+            own, given = (held, held.new_ones(())), given | {"stress": fields["force"][None]}
+        rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space, *own))
+        problem, x = self._problem(rows, None, ends.common, given, now)
         if ends.common.before is not None:
             before = self._coupled(ends, ends.common.before, kind)
             problem = replace(problem, before=before)

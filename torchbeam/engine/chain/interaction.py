@@ -22,12 +22,14 @@ PAIR_SIDES = ("a", "b", "c", "d", "e", "f")  # those of a pair that may touch
 
 class Edge(NamedTuple):
     """Of an interaction, what is coupled: its nodes, None = the ground; how many constraints forces
-    of its own hold, None = it has none; whether it has other unknowns, and whether these are
-    coupled to those of the one before; more integers of its row of a table.
+    of its own hold, None = it has none; whether these have no block of their own, and determine all
+    moves of a node; whether it has other unknowns, and whether these are coupled to those of the
+    one before; more integers of its row of a table.
     """
 
     nodes: tuple[int | None, ...]
     held: int | None = None
+    firm: bool = False
     alone: bool = False
     chained: bool = False
     more: tuple[int, ...] = ()
@@ -39,8 +41,9 @@ Edges = tuple[Edge, ...]
 def _of_joints(model: Model) -> Edges:
     if not model.joints.count:
         return ()
-    counts = map(int, model.joints.held.sum(-1))
-    return tuple(map(Edge, model.topology.joints, counts))
+    w, counts = model.space.unknowns, map(int, model.joints.held.sum(-1))
+    pairs = zip(model.topology.joints, counts, strict=True)
+    return tuple(Edge(nodes, count, count == w) for nodes, count in pairs)
 
 
 def _of_stretches(model: Model) -> Edges:
@@ -50,7 +53,7 @@ def _of_stretches(model: Model) -> Edges:
         first, last = s == 0 or pairs[s - 1][0] < k, s + 1 == len(pairs) or pairs[s + 1][0] > k
         rope, more = tendons.ropes[k], (int(first), int(last), k)
         alone = rope.stiffness is not None or rope.friction is not None
-        edges.append(Edge(tendons.nodes[e : e + 2], None, alone, alone and not first, more))
+        edges.append(Edge(tendons.nodes[e : e + 2], None, False, alone, alone and not first, more))
     return tuple(edges)
 
 
@@ -59,7 +62,7 @@ def _of_pairs(model: Model) -> Edges:
 
 
 def _of_couplings(model: Model) -> Edges:
-    return tuple(Edge(one.nodes) for one in model.scene.interactions)
+    return tuple(Edge(one.nodes, one.unknowns or None) for one in model.scene.interactions)
 
 
 class Interaction(NamedTuple):
@@ -93,9 +96,10 @@ class Interaction(NamedTuple):
     @property
     def width(self) -> int:
         """Integers of a row of its table: its nodes, more, of each block the place and stride, and
-        of its unknowns those of the right-hand side, and where the solution is.
+        of its unknowns those of the right-hand side, where the solution is, and which of all
+        multipliers they are.
         """
-        return len(self.sides) + self.more + 2 * len(self.blocks) + 3 * self.unknowns
+        return len(self.sides) + self.more + 2 * len(self.blocks) + 4 * self.unknowns
 
     def place(self, block: str) -> int:
         """Which integer of a row is the first of a block."""
@@ -103,9 +107,7 @@ class Interaction(NamedTuple):
 
 
 JOINT = Interaction(
-    *("joint", "joint", JOINTS, ("joint_state", "joint_unknown"), SIDES[1], _of_joints),
-    unknowns=True,
-    celled=True,
+    *("joint", "joint", JOINTS, ("joint_state",), SIDES[1], _of_joints), unknowns=True, celled=True
 )
 TIE = Interaction(
     *("tie", "stretch", STRETCHES, ("pull", "told", "at_stretch"), SIDES[1], _of_stretches),
@@ -115,6 +117,8 @@ TIE = Interaction(
     of=TENDONS,
 )
 PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES, _of_pairs)
-COUPLING = Interaction("coupling", "coupling", COUPLINGS, (), PAIR_SIDES, _of_couplings)
+COUPLING = Interaction(
+    *("coupling", "coupling", COUPLINGS, (), PAIR_SIDES, _of_couplings), unknowns=True
+)
 INTERACTIONS = JOINT, TIE, PAIR, COUPLING
 FINISHED = PAIR, COUPLING, JOINT  # those with functions of their own at the end of a step

@@ -10,7 +10,7 @@ from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
 from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
-from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, largest
+from .layout import FLAGS, FORCES, JOINTS, MULTIPLIERS, ONE, PAIRS, Layout, largest
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, distinct
 from .tracing import Tracing
@@ -96,10 +96,11 @@ def adjoint_of_interaction(
         functions[f"{one.name} blocks {k}"] = blocks
         if held:
             functions |= _free(local, traced, f"free {one.name} {k}", blocks, kind.sides)
-        if one is JOINT:
-            functions[f"joint solution {k}"] = traced(partial(local.joint_solution, kind), fields)
+        if kind.multiplied:
+            solution = partial(getattr(local, f"{one.name}_solution"), kind)
+            functions[f"{one.name} solution {k}"] = traced(solution, fields)
         whole = traced(partial(getattr(local, one.name), kind), fields)
-        asked = [f"{side}.push" for side in kind.sides] + ["right"] * (one is JOINT)
+        asked = [f"{side}.push" for side in kind.sides] + ["right"] * kind.multiplied
         functions[f"{one.name} bar {k}"] = derivative(whole.only(asked), by)
         if one is PAIR:
             far = traced(partial(local.far_pair, kind), fields)
@@ -128,13 +129,31 @@ def record(
     layout.record("sums", ONE, [(name, 1) for name in SUMS if name in blocks])
     layout.record("end_reaction", ONE, [("reaction", w), ("total", w)])
     layout.record(f"{one.name} change", ONE, largest(functions, f"finish {one.name}").items())
+    before = largest(functions, f"before {one.name}")
+    if before:
+        layout.record(f"before {one.name}", one.rows, before.items())
     if one is JOINT:
-        layout.record("sample", ONE, [("counted", 1)])
-        layout.record("common", ONE, [("joint_size", 1)])
-        layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS), ("last_force", w)])
-        layout.record("joint_unknown", JOINTS, [("force", w)])
-        layout.record("joint change", ONE, [("force", w)])
-        layout.record("before joint", JOINTS, largest(functions, "before joint").items())
+        layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS)])
+
+
+def record_multipliers(layout: Layout, w: int) -> None:
+    """Records of an iteration and of a step, where there are forces of constraints."""
+    layout.record("sample", ONE, [("counted", 1)])
+    layout.record("common", ONE, [("constraint_size", 1)])
+    layout.record("multiplier_state", MULTIPLIERS, [("last_force", w)])
+    layout.record("multiplier", MULTIPLIERS, [("force", w)])
+    layout.record("multiplier change", ONE, [("force", w)])
+
+
+def record_adjoint_of_multipliers(layout: Layout, functions: dict[str, Function], w: int) -> None:
+    """Those of the adjoint."""
+    read = any("last_force" in function.inputs for function in functions.values())
+    layout.record("multiplier_state", MULTIPLIERS, [("last_force", w)] * read)
+    for name in ("after", "asked"):
+        layout.record(f"multiplier_{name}", MULTIPLIERS, [("force", w)])
+    layout.record("multiplier", MULTIPLIERS, [("force", w)])
+    for name in ("state_bar", "state_grad", "start_bar"):
+        layout.record(f"multiplier_{name}", MULTIPLIERS, [(FORCES, w)])
 
 
 def record_adjoint(
@@ -146,14 +165,8 @@ def record_adjoint(
     for name in (f"{one.name} bar", f"finish {one.name} bar"):
         layout.record(f"of {one.name}", ONE, largest(functions, name).items())
     if one is JOINT:
-        read = any("last_force" in function.inputs for function in functions.values())
-        own = [("joints", JOINT_READINGS), *[("last_force", w)] * read]
-        layout.record("joint_state", JOINTS, own)
-        for name in ("joint_after", "joint_unknown", "joint_asked"):
-            layout.record(name, JOINTS, [("force", w)])
-        state = [("joint_force", w), ("joints", JOINT_READINGS)]
-        for name in ("joint_state_bar", "joint_state_grad", "joint_start_bar"):
-            layout.record(name, JOINTS, state)
+        for name in ("joint_state", "joint_state_bar", "joint_state_grad", "joint_start_bar"):
+            layout.record(name, JOINTS, [("joints", JOINT_READINGS)])
 
 
 def _record(layout: Layout, functions: dict[str, Function], one: Interaction, called: str) -> None:

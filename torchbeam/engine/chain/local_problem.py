@@ -288,6 +288,7 @@ class LocalProblems:
             across=known(2, constants.across),
             moves=joints.moves.detach(),
             balls=replace(constants.balls, at=(0,)) if kind.ball else None,
+            behind=0,
             **numbers,
         )
 

@@ -5,7 +5,7 @@ called.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from torch import Tensor
 
@@ -89,6 +89,7 @@ class JointKind(NamedTuple):
     shifts: tuple[tuple[float | None, ...], ...]
     parts: tuple[tuple[tuple[float, ...], ...], ...]
     ball: bool = False
+    multiplied: ClassVar[bool] = True  # whether it has forces of constraints
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -104,6 +105,7 @@ class StretchKind(NamedTuple):
     ends: tuple[EndKind | None, EndKind | None]
     elastic: bool
     rubs: bool
+    multiplied: ClassVar[bool] = False
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -145,19 +147,22 @@ class PairKind(NamedTuple):
     damps: bool
     surface: type | None
     tapers: bool
+    multiplied: ClassVar[bool] = False
 
     sides = property(lambda self: PAIR_SIDES)
 
 
 class CouplingKind(NamedTuple):
     """What code of an `Interaction` depends on: what holds its nodes; its number among the loads in
-    `CommonConditions`.
+    `CommonConditions`; its row of `Couplings.held`, () = it has no unknowns.
     """
 
     ends: tuple[EndKind, ...]
     load: int
+    held: tuple[float, ...] = ()
 
     sides = property(lambda self: PAIR_SIDES[: len(self.ends)])
+    multiplied = property(lambda self: bool(self.held))
 
 
 def _sides(ends: tuple[EndKind | None, ...]) -> tuple[str, ...]:
@@ -190,16 +195,21 @@ class Kinds(NamedTuple):
         """Those of each of `INTERACTIONS`."""
         return self.joints, self.stretches, self.pairs, self.couplings
 
+    @property
+    def multiplied(self) -> bool:
+        """Whether there are forces of constraints."""
+        return any(kind.multiplied for own in self.between for kind in own)
+
     @classmethod
     def of(
         cls,
         nodes: list[NodeKind],
         model: Model,
         loads: Callable[[int], tuple[int, ...]],
-        several: dict[int, tuple[int, ...]],
+        several: dict[int, ActingLoad],
     ) -> Kinds:
         """From those of all nodes of a model, and the numbers of the loads between those of each
-        element; several: the nodes of those that act on several.
+        element; several: those that act on several nodes.
         """
         held, topology = [node.end for node in nodes], model.topology
         ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
@@ -207,8 +217,10 @@ class Kinds(NamedTuple):
         joints, stretches = _of_joints(model, held), _of_stretches(model, held)
         pairs, touching = _of_pairs(model, held)
         runs = MANNERS if touching else manners_of(model)  # pairs come and go
+        w = model.space.unknowns
         couplings = tuple(
-            CouplingKind(tuple(held[node] for node in own), k) for k, own in several.items()
+            CouplingKind(tuple(held[node] for node in act.node), k, _own(act.load.unknowns, w))
+            for k, act in several.items()
         )
         return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching, couplings)
 
@@ -217,6 +229,11 @@ class Kinds(NamedTuple):
         kinds = Kinds(*(tuple(dict.fromkeys(own)) for own in self))
         kinds = kinds._replace(pairs=kinds.touching)
         return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
+
+
+def _own(count: int, w: int) -> tuple[float, ...]:
+    """Which of w numbers so many unknowns are; () = none."""
+    return tuple(float(k < count) for k in range(w)) if count else ()
 
 
 def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
@@ -294,7 +311,7 @@ def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:
 def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) -> Kinds:
     """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
-    several = {k: act.node for k, act in enumerate(loads) if isinstance(act.node, tuple)}
+    several = {k: act for k, act in enumerate(loads) if isinstance(act.node, tuple)}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
     for support, fixed in zip(
         model.scene.supports, map(tuple, model.constraints.fixed.tolist()), strict=True

@@ -37,10 +37,13 @@ class Connectivity(NamedTuple):
 
 
 class Constraint(NamedTuple):
-    """Forces of one edge: the units that it holds, None = the ground, and how many there are."""
+    """Forces of one edge: the units that it holds, None = the ground, and how many there are;
+    whether it is firm, see `Edge`.
+    """
 
     ends: tuple[int | None, ...]
     held: int
+    firm: bool = False
 
 
 class Order(NamedTuple):
@@ -139,7 +142,8 @@ def _units(
             together.add(frozenset([*there, unit] if has_own else there))
             together |= {frozenset((unit - 1, unit))} if edge.chained else set()
             if edge.held is not None:
-                constraints[unit] = Constraint(tuple(map(place.get, edge.nodes)), edge.held)
+                ends = tuple(map(place.get, edge.nodes))
+                constraints[unit] = Constraint(ends, edge.held, edge.firm)
             unit += has_own
         every.append(tuple(own))
     return tuple(every), constraints, together

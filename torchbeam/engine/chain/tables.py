@@ -17,7 +17,7 @@ from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
 from .interaction import INTERACTIONS, LAST, OWN, Edge, Edges, Interaction
-from .layout import ELEMENT_PLACES, ENTRIES, INTERFACE, NODE_PLACES, SIGNS
+from .layout import ELEMENT_PLACES, ENTRIES, INTERFACE, MULTIPLIERS, NODE_PLACES, SIGNS
 from .order import Connectivity, Order, connectivity_of, order_of
 
 # tables of integers that code reads, and numbers, by name
@@ -26,12 +26,14 @@ LISTS = (
     *(f"{one.constants}_{what}" for one in INTERACTIONS for what in ("kinds", "table")),
     *("element_nodes", "left_elements", "right_elements", "node_places", "element_places"),
     *("kept_nodes", "kept_elements", "interface", "direct", "elimination", "substitution"),
+    "multipliers",
     *("forward", "backward", "bordered", "following"),
 )
 COUNTS = (
     *("nodes", "kept_node_count", "kept_element_count", "interface_count", "direct_count"),
     *("forward_count", "backward_count", "bordered_count", "following_count"),
     *(*(f"{one.constants}_count" for one in INTERACTIONS), "entry_count", "group_count"),
+    "multipliers_count",
     *("first_groups", "last_groups", "last_table"),
     *("shared_groups", "shared_table", "shared_first", "shared_size"),
     *("own_nodes", "own_interface", "own_edges"),
@@ -44,6 +46,7 @@ WIDTH = {
     "backward": 7,
     "bordered": 16,
     "following": 20,
+    "multipliers": 1,
     **{one.constants: one.width for one in INTERACTIONS},
 }
 NONE = (-1, -1)  # the place of a block that is not there
@@ -87,6 +90,7 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
     groups, moves, equation = _equations(order, len(nodes), w)
     units = len(equation)
     at_nodes = {node: k for k, node in enumerate(nodes)}
+    multipliers = {unit: k for k, unit in enumerate(order.constraints)}
     blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
     blocks += [(equation[node], node) for node in range(len(nodes))]
     # what a following run goes on from, also where the node's equation stands elsewhere
@@ -115,8 +119,9 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
             there = None not in at and (block != "oo" or equation[own] == own)  # a weld has none
             table += between(*at) if there else NONE
         if own is None:
-            return [*table, *NONE, -1] if one.unknowns else table
-        return [*table, *pattern.right(equation[own]), pattern.solution(own)]
+            return [*table, *NONE, -1, -1] if one.unknowns else table
+        table += *pattern.right(equation[own]), pattern.solution(own)
+        return [*table, multipliers.get(own, -1)]
 
     def follow(unit: int, run: Run, place: int) -> list[int]:
         """A run that goes on from a node which is eliminated, to the other one."""
@@ -186,6 +191,7 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
             f"{one.constants}_table": table(one, own_edges, units) if own_edges else []
             for one, own_edges, units in zip(INTERACTIONS, edges, order.own, strict=True)
         },
+        "multipliers": [pattern.solution(unit) for unit in order.constraints],
         "elimination": np.concatenate((np.empty(0, int), *pattern.elimination)),
         "substitution": flat(pattern.substitution),
     }
@@ -208,7 +214,7 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
     for table, width in WIDTH.items():
         numbers[f"{table}_count"] = len(lists.get(f"{table}_table", lists.get(table, ()))) // width
     flags = pattern.size // BYTES + 1  # one a number, in bytes
-    rows = {INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
+    rows = {INTERFACE: len(nodes), ENTRIES: pattern.size + flags, MULTIPLIERS: len(multipliers)}
     for one, own_edges in zip(INTERACTIONS, edges, strict=True):
         rows[one.rows] = len(own_edges)
         if one.of is not None:
@@ -252,7 +258,7 @@ def _equations(
     parts, moves = [], []
     equation = {unit: unit for group in order.groups for unit in group}
     for group in order.groups:
-        if group[0] < nodes and [order.constraints[unit].held for unit in group[1:]] == [w]:
+        if group[0] < nodes and [order.constraints[unit].firm for unit in group[1:]] == [True]:
             node, weld = group
             equation |= {node: weld, weld: node}
             parts += [(node,), (weld,)]
