@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from ..math.quaternions import matrix as axes_of
 from ..scene.effects.load_point import OWN, POSITION, ROTATION, LoadPoint
 from ..topology.places import added
 from .acting import ActingLoad
-from .between_nodes import BetweenNodes, NodeMotion
+from .between_nodes import BetweenNodes, NodeMotion, Rates
 from .conditions import Conditions
 from .coordinates.spatial import Spatial
 from .loads import MotionJacobian, Nodes, chained, changes, load_point, wrench, wrench_by
@@ -23,19 +23,34 @@ from .multipliers import Multipliers, stacked
 from .sample_check import check_samples, tried
 
 
-def points(
-    space: Spatial, nodes: Nodes, now: Conditions, own: Tensor | None = None
-) -> Iterator[tuple[ActingLoad, LoadPoint]]:
-    """Each with its nodes, of those without unknowns; or of those that have some, which are the
-    first ones of rows `own` (..., C, w).
+class Inner(NamedTuple):
+    """What interactions have beside nodes: rows (..., C, w) whose first ones are own unknowns of
+    those that have some, and what each remembers (..., I, m), None = nothing yet; dt (...) s.
     """
-    acts = [act for act in now.interactions if bool(act.load.unknowns) is (own is not None)]
-    for k, acting in enumerate(acts):
-        at, place = list(acting.node), {}
+
+    own: Tensor | None = None
+    memory: Tensor | None = None
+    dt: Tensor | None = None
+
+
+def points(
+    space: Spatial, nodes: Nodes, now: Conditions, inner: Inner, constrained: bool | None = None
+) -> Iterator[tuple[ActingLoad, LoadPoint]]:
+    """Each with its nodes; constrained: of those with own unknowns, or of those without."""
+    row = 0
+    for k, acting in enumerate(now.interactions):
+        at, place, load = list(acting.node), {"dt": inner.dt}, acting.load
+        own, row = row, row + bool(load.unknowns)
+        if constrained not in (None, bool(load.unknowns)):
+            continue
         if nodes.frame is not None:
             place["axes"] = axes_of(space.public_frame(nodes.frame)).mT
-        if own is not None:
-            place["own"] = own[..., k, : acting.load.unknowns]
+        if load.unknowns:
+            place["own"] = inner.own[..., own, : load.unknowns]
+        if load.memory:
+            memory = nodes.position.new_zeros(k + 1, load.memory)
+            memory = memory if inner.memory is None else inner.memory
+            place["internal"] = memory[..., k, : load.memory]
         of_nodes = nodes.of(at, acting.reads)
         point = load_point(space.of_nodes(at), acting.load, acting.reads, of_nodes, **place)
         if acting.functions and not tried(acting.functions):
@@ -48,12 +63,13 @@ def at_nodes(
     nodes: Nodes,
     now: Conditions,
     total: Tensor | float = 0.0,
-    own: Tensor | None = None,
+    inner: Inner | None = None,
+    constrained: bool = False,
 ) -> Tensor | float:
     """The sum of their forces and moments (..., N+1, w), added to a total; 0.0 where there is none.
-    own: see `points`.
+    constrained: of those with own unknowns.
     """
-    for acting, point in points(space, nodes, now, own):
+    for acting, point in points(space, nodes, now, inner or Inner(), constrained):
         of_nodes = space.of_nodes(list(acting.node))
         push = wrench(of_nodes, acting.load, point, now.t, now.inputs)
         total = total + added(None, acting.node, push, nodes.position.shape[-2], 1)
@@ -61,12 +77,18 @@ def at_nodes(
 
 
 def blocks(
-    space: Spatial, nodes: Nodes, now: Conditions, by: MotionJacobian, own: Tensor | None = None
+    space: Spatial,
+    nodes: Nodes,
+    now: Conditions,
+    by: MotionJacobian,
+    inner: Inner,
+    constrained: bool = False,
 ) -> Iterator[tuple[tuple[int, ...], Any, Tensor | float, dict[str, Tensor]]]:
     """The nodes of each, itself, the derivative (..., n, n, w, w) of its wrenches by their moves,
-    which change their motion as `by` says, and all its derivatives; own: see `points`.
+    which change their motion as `by` says, and all its derivatives; constrained: of those with own
+    unknowns.
     """
-    for acting, point in points(space, nodes, now, own):
+    for acting, point in points(space, nodes, now, inner, constrained):
         at, total = list(acting.node), 0.0
         of_node = space.of_nodes(at)
         of_nodes = {
@@ -103,45 +125,49 @@ class Couplings(BetweenNodes):
     def multipliers(self) -> Multipliers:
         return Multipliers() if self.held is None else Multipliers(self.held, self.size)
 
-    def own(self, stress: Tensor) -> Tensor:
-        """(..., C, w) of the stress."""
-        return stress.narrow(-2, stress.shape[-2] - self.count, self.count)
+    def inner(self, stress: Tensor | None, motion: NodeMotion) -> Inner:
+        """Own unknowns are of the stress, None = there are none."""
+        own = stress
+        if stress is not None:
+            own = stress.narrow(-2, stress.shape[-2] - self.count, self.count)
+        return Inner(own, None if motion.state is None else motion.state.memory, motion.dt)
 
     def balance(
         self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
     ) -> tuple[Tensor, Tensor]:
         now, seen = motion.now, motion.nodes(motion.now.reads)
-        nodes = nodes - motion.raised(at_nodes(self.space, seen, now))
+        inner = self.inner(stress, motion)
+        nodes = nodes - motion.raised(at_nodes(self.space, seen, now, inner=inner))
         if not self.count:
             return nodes, gap
-        own = self.own(stress)
-        nodes = nodes - at_nodes(self.space, seen, now, own=own)
+        nodes = nodes - at_nodes(self.space, seen, now, inner=inner, constrained=True)
         rows = [
             self._padded(act.load.residual(point, now.t, now.inputs))
-            for act, point in points(self.space, _ends(motion, seen), now, own)
+            for act, point in points(self.space, _ends(motion, seen), now, inner, True)
         ]
         return nodes, stacked(gap, *(row[..., None, :] for row in rows))
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
         share = 1.0 if motion.share is None else motion.share[..., None, None, None]
-        matrix = self._tied(matrix, motion, motion.by(motion.now.reads), -share)
+        inner = self.inner(stress, motion)
+        matrix = self._tied(matrix, motion, motion.by(motion.now.reads), -share, inner)
         if not self.count:
             return matrix
         first = matrix.framework.node_count + (0 if matrix.held is None else len(matrix.held))
         held = self.held if matrix.held is None else torch.cat((matrix.held, self.held))
-        ties, parts = zip(*self._constraints(motion, self.own(stress)), strict=True)
+        ties, parts = zip(*self._constraints(motion, inner), strict=True)
         ties = tuple((*nodes, first + k) for k, nodes in enumerate(ties))
         return matrix.tied_too(ties, stacked(*parts, axis=-3), held)
 
     def _constraints(
-        self, motion: NodeMotion, own: Tensor
+        self, motion: NodeMotion, inner: Inner
     ) -> Iterator[tuple[tuple[int, ...], Tensor]]:
         """Of each with unknowns its nodes, and blocks (..., (n + 1)^2, w, w) of the balances of
         these and its own residual.
         """
         now, seen = motion.now, motion.nodes(motion.now.reads)
-        whole = blocks(self.space, seen, now, motion.by(now.reads), own)
-        at_end = points(self.space, _ends(motion, seen), now, own)
+        whole = blocks(self.space, seen, now, motion.by(now.reads), inner, True)
+        at_end = points(self.space, _ends(motion, seen), now, inner, True)
         for k, ((nodes, load, block, by), (_, point)) in enumerate(zip(whole, at_end, strict=True)):
             of_node = self.space.of_nodes(list(nodes))
             pull = self._padded(of_node.project(by[OWN].mT), -2).mT
@@ -178,15 +204,38 @@ class Couplings(BetweenNodes):
         moved = motion.moved(motion.now.reads)
         if not any(act.reads.intersection(moved) for act in motion.now.interactions):
             return None
-        own = self._tied(matrix(), motion, moved, -1.0)
-        return self._tied(own, motion, motion.by(motion.now.reads), 1.0)
+        inner = self.inner(None, motion)
+        own = self._tied(matrix(), motion, moved, -1.0, inner)
+        return self._tied(own, motion, motion.by(motion.now.reads), 1.0, inner)
+
+    def finished(
+        self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
+    ) -> dict[str, Any]:
+        now, seen = motion.now, motion.nodes(motion.now.reads)
+        size = max((act.load.memory for act in now.interactions), default=0)
+        if not size:
+            return fields
+        inner, rows = self.inner(fields["stress"], motion), []
+        ends = seen._replace(position=motion.after[0], rotation=motion.after[1], axes=None)
+        for act, point in points(self.space, ends, now, inner):
+            load, row = act.load, motion.after[0].new_zeros(size)
+            if load.memory:
+                row = load.remember(point, now.t, now.inputs)
+                row = pad(row, (0, size - load.memory))
+            rows.append(row[..., None, :])
+        return fields | {"memory": stacked(*rows)}
 
     def _tied(
-        self, matrix: Any, motion: NodeMotion, by: MotionJacobian, share: Tensor | float
+        self,
+        matrix: Any,
+        motion: NodeMotion,
+        by: MotionJacobian,
+        share: Tensor | float,
+        inner: Inner,
     ) -> Any:
         """A matrix of balances with a share of their blocks, which is taken from balances."""
         now = motion.now
-        for own, _, block, _ in blocks(self.space, motion.nodes(now.reads), now, by):
+        for own, _, block, _ in blocks(self.space, motion.nodes(now.reads), now, by, inner):
             if isinstance(block, Tensor):
                 matrix = matrix.tied_too((own,), share * block.flatten(-4, -3))
         return matrix

@@ -15,17 +15,19 @@ from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
 from .call import Call, Field, ProgramInstance, empty_like, fixed_fields, like
 from .chain_constants import Trees, flattened
+from .interaction import INTERACTIONS
+from .interactions import kept
 from .layout import FORCES
 from .native import NativeProgram
 
 OF_MULTIPLIERS = {FORCES: ("multiplier_state", "last_force")}
-OF_JOINTS = {"joints": ("joint_state", "joints")}
 OF_TENDONS = {"tendons": ("tendon_state", "tendons")}
 WHOLE = ("stress", "reaction")  # parts of a state whose cotangents have records of their own
 
 
 def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
     """Record and field of what a program's steps change."""
+    kinds = program.kinds
     return {
         **{name: ("state", name) for name in program.state},
         "stress": ("start_stress", "stress"),
@@ -33,7 +35,7 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
         **{name: ("element_state", name) for name in program.element_state},
         **{name: ("sample", name) for name in program.sample_state},
         **(OF_MULTIPLIERS if program.kinds.multiplied else {}),
-        **(OF_JOINTS if program.kinds.joints else {}),
+        **{one.kept: (f"{one.name}_state", one.kept) for one in INTERACTIONS if kept(kinds, one)},
         **(OF_TENDONS if program.kinds.stretches else {}),
     }
 

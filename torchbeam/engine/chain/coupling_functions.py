@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ...equations.balance_problem import BalanceProblem
 from ...nodal import interactions
@@ -30,11 +31,17 @@ class CouplingFunctions(LocalProblems):
         return of_ends(problem, x, problem.model.couplings, kind.sides, own)
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
-        """Its work over the step, and its forces."""
+        """Its work over the step, its forces, and what it remembers."""
         problem, x = self.of_coupling(fields, kind)
-        work = problem.work(problem.node_balance(problem.apply_supports(x))[0])
-        force = {"force": fields["force"]} if kind.multiplied else {}
-        return {"work": problem.t.new_zeros(()) + work} | force
+        kinematics = problem.node_balance(problem.apply_supports(x))[0]
+        outputs = {"work": problem.t.new_zeros(()) + problem.work(kinematics)}
+        outputs |= {"force": fields["force"]} if kind.multiplied else {}
+        if not kind.kept:
+            return outputs
+        given, motion = {"stress": x.stress}, problem.node_motion(kinematics)
+        memory = problem.model.couplings.finished(given, motion, None, None).get("memory")
+        memory = x.stress.new_zeros(1, 0) if memory is None else memory
+        return outputs | {"memory": pad(memory[0], (0, kind.kept - memory.shape[-1]))}
 
     def coupling_solution(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """The unknown forces of a step (w), from those that have acted in it."""
@@ -48,6 +55,7 @@ class CouplingFunctions(LocalProblems):
         if kind.multiplied:
             held = fields["force"].new_tensor([kind.held])
             own, given = (held, held.new_ones(())), given | {"stress": fields["force"][None]}
+        given |= {"memory": fields["memory"][None]} if kind.kept else {}
         rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space, *own))
         problem, x = self._problem(rows, None, ends.common, given, now)
         if ends.common.before is not None:

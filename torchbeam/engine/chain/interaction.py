@@ -71,7 +71,7 @@ class Interaction(NamedTuple):
     are called; edges: those of a model; unknowns: whether it has some of its own; chained: whether
     these are coupled to those of the one before; more: integers of a row of its table beside nodes
     and places; of: rows of what several may be of, by the last of these; celled: whether there may
-    be some where a structure is made of cells.
+    be some where a structure is made of cells; kept: the field of a state that has rows of it.
     """
 
     name: str
@@ -85,6 +85,7 @@ class Interaction(NamedTuple):
     more: int = 0
     of: str | None = None
     celled: bool = False
+    kept: str | None = None
 
     @property
     def blocks(self) -> tuple[str, ...]:
@@ -107,7 +108,10 @@ class Interaction(NamedTuple):
 
 
 JOINT = Interaction(
-    *("joint", "joint", JOINTS, ("joint_state",), SIDES[1], _of_joints), unknowns=True, celled=True
+    *("joint", "joint", JOINTS, ("joint_state",), SIDES[1], _of_joints),
+    unknowns=True,
+    celled=True,
+    kept="joints",
 )
 TIE = Interaction(
     *("tie", "stretch", STRETCHES, ("pull", "told", "at_stretch"), SIDES[1], _of_stretches),
@@ -118,7 +122,9 @@ TIE = Interaction(
 )
 PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES, _of_pairs)
 COUPLING = Interaction(
-    *("coupling", "coupling", COUPLINGS, (), PAIR_SIDES, _of_couplings), unknowns=True
+    *("coupling", "coupling", COUPLINGS, ("coupling_state",), PAIR_SIDES, _of_couplings),
+    unknowns=True,
+    kept="memory",
 )
 INTERACTIONS = JOINT, TIE, PAIR, COUPLING
 FINISHED = PAIR, COUPLING, JOINT  # those with functions of their own at the end of a step

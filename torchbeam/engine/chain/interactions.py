@@ -6,11 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
-from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
+from .interaction import INTERACTIONS, PAIR, TIE, Interaction
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
-from .layout import FLAGS, FORCES, JOINTS, MULTIPLIERS, ONE, PAIRS, Layout, largest
+from .layout import FLAGS, FORCES, MULTIPLIERS, ONE, PAIRS, Layout, largest
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, distinct
 from .tracing import Tracing
@@ -27,6 +26,11 @@ def all_kinds(kinds: Kinds, one: Interaction) -> tuple[Any, ...]:
 def present(kinds: Kinds) -> list[Interaction]:
     """Those that there are."""
     return [one for one in INTERACTIONS if all_kinds(kinds, one)]
+
+
+def kept(kinds: Kinds, one: Interaction) -> int:
+    """How many numbers a state has of each."""
+    return max((kind.kept for kind in all_kinds(kinds, one)), default=0)
 
 
 def kinds_of(kinds: Kinds, one: Interaction) -> list[tuple[int, Any]]:
@@ -119,6 +123,7 @@ def record(
     layout: Layout,
     functions: dict[str, Function],
     one: Interaction,
+    kinds: Kinds,
     constants: list[tuple[str, int]],
     w: int,
 ) -> None:
@@ -132,8 +137,8 @@ def record(
     before = largest(functions, f"before {one.name}")
     if before:
         layout.record(f"before {one.name}", one.rows, before.items())
-    if one is JOINT:
-        layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS)])
+    if kept(kinds, one):
+        layout.record(f"{one.name}_state", one.rows, [(one.kept, kept(kinds, one))])
 
 
 def record_multipliers(layout: Layout, w: int) -> None:
@@ -157,16 +162,16 @@ def record_adjoint_of_multipliers(layout: Layout, functions: dict[str, Function]
 
 
 def record_adjoint(
-    layout: Layout, functions: dict[str, Function], one: Interaction, w: int
+    layout: Layout, functions: dict[str, Function], one: Interaction, kinds: Kinds
 ) -> None:
     """Records of the adjoint, but for those of constants."""
     _record(layout, functions, one, f"{one.name} blocks")
     layout.record(f"{one.name} change", ONE, [("rise", 1)])
     for name in (f"{one.name} bar", f"finish {one.name} bar"):
         layout.record(f"of {one.name}", ONE, largest(functions, name).items())
-    if one is JOINT:
-        for name in ("joint_state", "joint_state_bar", "joint_state_grad", "joint_start_bar"):
-            layout.record(name, JOINTS, [("joints", JOINT_READINGS)])
+    if kept(kinds, one):
+        for name in ("state", "state_bar", "state_grad", "start_bar"):
+            layout.record(f"{one.name}_{name}", one.rows, [(one.kept, kept(kinds, one))])
 
 
 def _record(layout: Layout, functions: dict[str, Function], one: Interaction, called: str) -> None:

@@ -537,7 +537,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
         right = fields.pop("force_bar", None)
         outputs = transposed(getattr(self, name)(kind, **fields), reactions)
-        if right is None:
+        if not kind.multiplied:
             return outputs
         right = right * right.new_tensor(kind.held)
         return outputs | {"right": right + outputs.get("right", 0.0)}

@@ -408,6 +408,7 @@ class LocalProblems:
             frame=common.frame,
             internal=given.get(INTERNAL),
             joints=given.get("joints"),
+            memory=given.get("memory"),
         )
         x = self.UNKNOWNS(given.get("u"), given.get("m"), stress)
         return self._stepping(rows, start, common, given, now, C), x

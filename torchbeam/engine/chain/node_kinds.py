@@ -13,6 +13,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.centreline import piece_nodes
 from ...nodal.fixed_touching import FixedTouching
 from ...nodal.model import Model
+from ...state.instant import READINGS
 from .interaction import PAIR_SIDES, SIDES
 from .order import MANNERS, manners_of
 
@@ -90,6 +91,7 @@ class JointKind(NamedTuple):
     parts: tuple[tuple[tuple[float, ...], ...], ...]
     ball: bool = False
     multiplied: ClassVar[bool] = True  # whether it has forces of constraints
+    kept: ClassVar[int] = READINGS  # how many numbers a state has of it
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -106,6 +108,7 @@ class StretchKind(NamedTuple):
     elastic: bool
     rubs: bool
     multiplied: ClassVar[bool] = False
+    kept: ClassVar[int] = 0
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -148,18 +151,21 @@ class PairKind(NamedTuple):
     surface: type | None
     tapers: bool
     multiplied: ClassVar[bool] = False
+    kept: ClassVar[int] = 0
 
     sides = property(lambda self: PAIR_SIDES)
 
 
 class CouplingKind(NamedTuple):
     """What code of an `Interaction` depends on: what holds its nodes; its number among the loads in
-    `CommonConditions`; its row of `Couplings.held`, () = it has no unknowns.
+    `CommonConditions`; its row of `Couplings.held`, () = it has no unknowns; the most numbers that
+    one of a scene remembers.
     """
 
     ends: tuple[EndKind, ...]
     load: int
     held: tuple[float, ...] = ()
+    kept: int = 0
 
     sides = property(lambda self: PAIR_SIDES[: len(self.ends)])
     multiplied = property(lambda self: bool(self.held))
@@ -219,7 +225,12 @@ class Kinds(NamedTuple):
         runs = MANNERS if touching else manners_of(model)  # pairs come and go
         w = model.space.unknowns
         couplings = tuple(
-            CouplingKind(tuple(held[node] for node in act.node), k, _own(act.load.unknowns, w))
+            CouplingKind(
+                tuple(held[node] for node in act.node),
+                k,
+                _own(act.load.unknowns, w),
+                model.scene.memory[1],
+            )
             for k, act in several.items()
         )
         return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching, couplings)

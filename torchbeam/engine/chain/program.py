@@ -249,7 +249,8 @@ class NewtonProgram(NativeProgram):
         if INTERFACE in self.kinds.runs:
             layout.record("push", NODES, [("push", w)])
         for one in interactions.present(self.kinds):
-            interactions.record(layout, self.functions, one, inputs(one.constants), w)
+            given = self.kinds, inputs(one.constants), w
+            interactions.record(layout, self.functions, one, *given)
         if self.kinds.multiplied:
             interactions.record_multipliers(layout, w)
         if self.kinds.stretches:

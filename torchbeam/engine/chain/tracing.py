@@ -88,7 +88,7 @@ class Tracing:
         self.stretch |= of_stretch()
         self.pair = {**self.constants["pair"], **self.constants["common"]}
         self.pair |= _at_sides(own | free, PAIR_SIDES)
-        self.coupling = self.pair | forces
+        self.coupling = self.pair | forces | {"memory": (local.model.scene.memory[1],)}
 
         own = [x for one in local.common.captured for x, _ in flattened(one)]
         self.captured = {

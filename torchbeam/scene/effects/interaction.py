@@ -51,10 +51,15 @@ class Interaction(LoadEffect):
     grow, N or N m; a class may write another one. It is there whatever the loads are, and does no
     work but for what the constraint bends in a step.
 
+    A class with a `memory` of so many numbers has them kept by `State.memory`: at the end of a
+    step, in an equilibrium too, `remember(point, t, inputs)` (..., memory) gives them, of a point
+    with those of its start, 0 at first (`internal`), its length `dt`, places and turns at its end,
+    and velocities and own unknowns as they act. The wrench knows them as `internal`, too.
+
     Raises:
         ValueError: for fewer than two nodes, or more than six, one twice, or one that is not there.
         TypeError: when the class is defined, for one that depends on an acceleration, or has
-            unknowns and no residual, or more than six.
+            unknowns and no residual, or more than six, or a memory that nothing fills.
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -77,6 +82,7 @@ class Interaction(LoadEffect):
 
     kind = "interaction"
     unknowns = 0  # how many it has of its own
+    memory = 0  # how many numbers it remembers
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -84,6 +90,10 @@ class Interaction(LoadEffect):
             raise TypeError(
                 f"{cls.__name__} depends on an acceleration; an interaction may on "
                 "POSITION, ROTATION, VELOCITY, SPIN"
+            )
+        if cls.memory and cls.remember is Interaction.remember:
+            raise TypeError(
+                f"{cls.__name__} with a memory was given; a `remember` that fills it is wanted"
             )
         if cls.unknowns and (
             cls.residual is Interaction.residual or not 0 < cls.unknowns <= MOST_UNKNOWNS
@@ -118,6 +128,10 @@ class Interaction(LoadEffect):
 
     def residual(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """(..., unknowns) m or rad, what is zero at the end of a step, of a class with unknowns."""
+        raise NotImplementedError
+
+    def remember(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """(..., memory) at the end of a step, of a class with a memory."""
         raise NotImplementedError
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
