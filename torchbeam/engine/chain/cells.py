@@ -29,8 +29,8 @@ class Cells(NamedTuple):
 
 
 def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
-    """The most cells that a structure is made of, None = it is not, or something couples them: a
-    tendon, a joint that closes a loop within a cell. kinds: of all rows.
+    """The most cells that a structure is made of, None = it is not, or something couples them, or
+    closes a loop within a cell. kinds: of all rows.
     """
     framework = connectivity.framework
     others = [
@@ -65,7 +65,7 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
 
 
 def _components(parts: list[int], joined: list[set[int]]) -> list[list[int]]:
-    """Of these parts, by joints between them."""
+    """Of these parts, by what couples them."""
     root = {part: part for part in parts}
     for pair in joined:
         there = [part for part in pair if part in root]

@@ -227,7 +227,7 @@ class DriverCode:
             )
         return self._first_of(("element", "stress", "law", "element_state"), field, e)
 
-    def _at_joint_node(self, name: str, node: str) -> str:
+    def _at_end_node(self, name: str, node: str) -> str:
         """A field of a node that something connects to others."""
         return self.at("free", node, name) if name == "free" else self._of_node(name, node)
 

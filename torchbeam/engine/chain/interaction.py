@@ -71,7 +71,9 @@ class Interaction(NamedTuple):
     are called; edges: those of a model; unknowns: whether it has some of its own; chained: whether
     these are coupled to those of the one before; more: integers of a row of its table beside nodes
     and places; of: rows of what several may be of, by the last of these; celled: whether there may
-    be some where a structure is made of cells; kept: the field of a state that has rows of it.
+    be some where a structure is made of cells; far: whether some may be too far to act; hoisted:
+    whether what does not depend on the unknowns is found before the iterations; kept: the field of
+    a state that has rows of it.
     """
 
     name: str
@@ -85,6 +87,8 @@ class Interaction(NamedTuple):
     more: int = 0
     of: str | None = None
     celled: bool = False
+    far: bool = False
+    hoisted: bool = False
     kept: str | None = None
 
     @property
@@ -111,6 +115,7 @@ JOINT = Interaction(
     *("joint", "joint", JOINTS, ("joint_state",), SIDES[1], _of_joints),
     unknowns=True,
     celled=True,
+    hoisted=True,
     kept="joints",
 )
 TIE = Interaction(
@@ -120,7 +125,7 @@ TIE = Interaction(
     more=3,
     of=TENDONS,
 )
-PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES, _of_pairs)
+PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES, _of_pairs, far=True)
 COUPLING = Interaction(
     *("coupling", "coupling", COUPLINGS, ("coupling_state",), PAIR_SIDES, _of_couplings),
     unknowns=True,

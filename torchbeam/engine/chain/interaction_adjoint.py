@@ -7,7 +7,7 @@ from functools import partial
 
 from ..compiler.derivative import bar
 from .driver_code import Place, Places
-from .interaction import FINISHED, PAIR
+from .interaction import FINISHED
 from .interaction_driver import Entry, InteractionCode
 from .layout import FORCES
 
@@ -58,7 +58,6 @@ class InteractionAdjoint(InteractionCode):
 
     def _solutions(self) -> None:
         """Forces of constraints between the states of a step, and which pairs are far."""
-        self._each_of(PAIR, lambda entry: None, look=True)
 
         def solution(entry: Entry) -> None:
             if entry.own is not None:
@@ -70,8 +69,8 @@ class InteractionAdjoint(InteractionCode):
                 self._call(name, lambda f: self._of_interaction(f, entry), places=places)
 
         for one in self.interactions:
-            if one.unknowns:
-                self._each_of(one, solution)
+            if one.unknowns or one.far:
+                self._each_of(one, solution, look=True)
 
     def _interaction_energies(self) -> None:
         """To what the energy rises by: less the work of what acts in them."""

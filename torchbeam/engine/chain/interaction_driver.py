@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ..compiler.function import Output
 from ..compiler.split import HOISTED
 from .driver_code import DriverCode, Places
-from .interaction import OWN, PAIR, TIE, Interaction
+from .interaction import OWN, Interaction
 from .interactions import SUMS, all_kinds, kinds_of, present
 from .node_kinds import alike
 
@@ -62,7 +62,7 @@ class InteractionCode(DriverCode):
         if one not in self.interactions:
             return
         code = self.code
-        if one is not PAIR:
+        if not one.far:
             with code.loop(*self._range(one.constants, shared)) as number:
                 self._by_kind(one, number, then)
             return
@@ -74,8 +74,8 @@ class InteractionCode(DriverCode):
         code.store(0, count, NUMBER)
 
         def near(entry: Entry) -> None:
-            self._call_of(f"far pair {entry.function}", entry, "pair blocks")
-            far = self.at("pair blocks", entry.number, "far")
+            self._call_of(f"far {one.name} {entry.function}", entry, f"{one.name} blocks")
+            far = self.at(f"{one.name} blocks", entry.number, "far")
             code.call("all", far, result := code.slot())
             with code.when(code.compare("eq", code.load(result), 0)):
                 k = self._integer(count)
@@ -83,7 +83,7 @@ class InteractionCode(DriverCode):
                     code.store(code.new(f"trunc i64 {value} to {NUMBER}"), to, NUMBER)
                 then(entry)
 
-        with code.loop(0, self.args["pair_count"]) as number:
+        with code.loop(0, self.args[f"{one.constants}_count"]) as number:
             self._by_kind(one, number, near)
 
     def _each_row(self, one: Interaction, then: Callable[[str], None]) -> None:
@@ -103,7 +103,7 @@ class InteractionCode(DriverCode):
         own = all_kinds(self.kinds, one)
         with self._each(f"{one.constants}_kinds", len(own), number) as kinds:
             for k in kinds:
-                function = alike(own, k, one.name) if one is TIE else k
+                function = alike(own, k, one.name)
                 mine = code.load(code.at(row, one.width - 1)) if own[k].multiplied else None
                 then(Entry(one, number, row, nodes, function, own[k].sides, mine))
 
@@ -116,7 +116,7 @@ class InteractionCode(DriverCode):
         one, number = entry.of, entry.number
         side, _, name = field.partition(".")
         if side in one.sides:
-            return self._at_joint_node(name, entry.nodes[side])
+            return self._at_end_node(name, entry.nodes[side])
         for record in MULTIPLIED:
             if entry.own is not None and field in self.layout.fields(record):
                 return self.at(record, entry.own, field)
@@ -139,7 +139,10 @@ class InteractionCode(DriverCode):
         return self.functions[name].outputs
 
     def _part(self) -> int | None:
-        return min((self.coupled(PAIR, k) for k, _ in kinds_of(self.kinds, PAIR)), default=None)
+        sizes = {
+            self.coupled(one, k) for one in self.interactions for k, _ in kinds_of(self.kinds, one)
+        }
+        return min(sizes - {self.width}, default=None)
 
     @property
     def width(self) -> int:
@@ -215,7 +218,7 @@ class InteractionCode(DriverCode):
 
     def _interaction_reactions(self, support: str, node: str) -> None:
         """What interactions add to the reaction of a support, at a node. Where cells share nodes,
-        there are joints alone.
+        there are no others than those that cells have.
         """
         code, to = self.code, self.at("support", support, "reaction")
         total = to if self.cells == 1 else self.at("end_reaction", 0, "total")

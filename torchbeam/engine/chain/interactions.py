@@ -7,9 +7,9 @@ from functools import partial
 from typing import Any
 
 from ..compiler.function import Function
-from .interaction import INTERACTIONS, PAIR, TIE, Interaction
+from .interaction import FINISHED, INTERACTIONS, Interaction
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
-from .layout import FLAGS, FORCES, MULTIPLIERS, ONE, PAIRS, Layout, largest
+from .layout import FLAGS, FORCES, MULTIPLIERS, ONE, Layout, largest
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, distinct
 from .tracing import Tracing
@@ -35,8 +35,7 @@ def kept(kinds: Kinds, one: Interaction) -> int:
 
 def kinds_of(kinds: Kinds, one: Interaction) -> list[tuple[int, Any]]:
     """Those whose functions are not those of an earlier one, with their numbers."""
-    own = all_kinds(kinds, one)
-    return distinct(own, one.name) if one is TIE else [*enumerate(own)]
+    return distinct(all_kinds(kinds, one), one.name)
 
 
 def of_interaction(
@@ -51,10 +50,17 @@ def of_interaction(
     functions = {}
     for k, kind in kinds_of(kinds, one):
         functions[f"{one.name} {k}"] = own = function(kind)
+        if one.far:
+            functions[f"far {one.name} {k}"] = _far(local, traced, one, kind)
         if held:
             functions |= _free(local, traced, f"free {one.name} {k}", own, kind.sides)
             functions |= _reactions(local, traced, f"{one.name} reaction {k}", own, kind.sides)
     return functions
+
+
+def _far(local: LocalFunctions, traced: Tracing, one: Interaction, kind: Any) -> Function:
+    """Whether one of a kind is too far to act."""
+    return traced(partial(getattr(local, f"far_{one.name}"), kind), getattr(traced, one.constants))
 
 
 def _free(
@@ -106,10 +112,9 @@ def adjoint_of_interaction(
         whole = traced(partial(getattr(local, one.name), kind), fields)
         asked = [f"{side}.push" for side in kind.sides] + ["right"] * kind.multiplied
         functions[f"{one.name} bar {k}"] = derivative(whole.only(asked), by)
-        if one is PAIR:
-            far = traced(partial(local.far_pair, kind), fields)
-            functions[f"far pair {k}"] = far.only(["far"])
-        if one is TIE:
+        if one.far:
+            functions[f"far {one.name} {k}"] = _far(local, traced, one, kind).only(["far"])
+        if one not in FINISHED:
             continue
         finish = traced(partial(getattr(local, f"finish_{one.name}"), kind), fields)
         own = derivative(finish, [*by, *moves, "force"])
@@ -179,6 +184,6 @@ def _record(layout: Layout, functions: dict[str, Function], one: Interaction, ca
     for name in (called, f"far {one.name}"):
         layout.record(f"{one.name} blocks", one.rows, largest(functions, name).items())
     layout.record(f"free {one.name}", ONE, largest(functions, f"free {one.name}").items())
-    if one is PAIR:
-        layout.record("near", PAIRS, [("pair", 1)])  # numbers of those that are not far
+    if one.far:
+        layout.record("near", one.rows, [("number", 1)])  # numbers of those that are not far
         layout.record("near_count", ONE, [("count", 1)])

@@ -129,13 +129,13 @@ class StretchKind(NamedTuple):
         }
 
 
-def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
+def alike(kinds: tuple[Any, ...], k: int, word: str) -> int:
     """The first of the kinds that has the same functions of this word as kind k."""
-    own = [kind.parts()[word] for kind in kinds]
+    own = [kind.parts()[word] if hasattr(kind, "parts") else kind for kind in kinds]
     return own.index(own[k])
 
 
-def distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, StretchKind]]:
+def distinct(kinds: tuple[Any, ...], word: str) -> list[tuple[int, Any]]:
     """Those whose functions of this word are not those of an earlier one, with their numbers."""
     return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
 

@@ -17,7 +17,7 @@ from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk, structure
 from .driver import SQUARES, SUMS
-from .interaction import FINISHED, INTERACTIONS, JOINT, TIE, Interaction
+from .interaction import FINISHED, INTERACTIONS, TIE, Interaction
 from .layout import (
     ELEMENTS,
     FLAGS,
@@ -151,17 +151,15 @@ class NewtonProgram(NativeProgram):
         for one in INTERACTIONS:
             own = partial(self._of_interaction, traced, local, one)
             functions |= interactions.of_interaction(local, traced, one, kinds, self.held, own)
-        changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
-        for k in range(len(kinds.joints)):
-            joint = functions[f"joint {k}"]
-            _split(functions, f"joint {k}", joint, (*changing, "force", *self.varying))
+            changing = [f"{side}.{name}" for side in one.sides for name in self.unknown]
+            for k, _ in interactions.kinds_of(kinds, one) if one.hoisted else ():
+                name = f"{one.name} {k}"
+                _split(functions, name, functions[name], (*changing, "force", *self.varying))
         if kinds.multiplied:
             numbers = {"force": (w,), "move": (w,)}
             functions["multiplier update"] = traced(local.multiplier_update, numbers)
         shapes = dict.fromkeys(self.varying, ()) | stretches.TOLD
         functions |= stretches.of_tensions(local, traced, kinds.stretches, shapes)
-        for k, kind in enumerate(kinds.pairs):
-            functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
         return functions
 
     def _of_loads_between(
