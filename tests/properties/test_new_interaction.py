@@ -547,3 +547,13 @@ def test_a_finer_mesh_has_it_at_the_same_places():
     scene = tb.Scene(tb.Beam.straight(1.0, 2, SECTION), [tb.Gravity(G), Tie((1, -1), 300.0)])
     chosen = tb.remesh(scene, 4)
     assert chosen.interactions[0].nodes == (2, 4)
+
+
+def test_along_a_path_it_goes_with_a_support_that_the_load_moves():
+    """The slope by the factor is the eager one: the corrections that are left are rounding."""
+    pushed = tb.Support(-1, rotation="", displacement=(-0.05, 0.2, 0.0))
+    tied = [Tie((2, 4), 300.0)]
+    scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), tied, supports=[tb.Support(0), pushed])
+    ways = [tb.path(scene, steps=4, engine=engine) for engine in ("eager", "compiled")]
+    assert_close(*(way.factor for way in ways), rtol=0, atol=1e-14)
+    assert_close(*(way.state.position for way in ways), rtol=0, atol=1e-13)

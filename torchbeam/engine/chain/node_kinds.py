@@ -120,7 +120,7 @@ class StretchKind(NamedTuple):
         """Whether its tension depends on where the other stretches are."""
         return self.elastic or self.rubs
 
-    def parts(self) -> dict[str, tuple[Any, ...]]:
+    def by_word(self) -> dict[str, tuple[Any, ...]]:
         """What each of its functions depends on, by the first word of their names."""
         return {
             "stretch": (self.ends, self.coupled, self.rubs),
@@ -131,7 +131,7 @@ class StretchKind(NamedTuple):
 
 def alike(kinds: tuple[Any, ...], k: int, word: str) -> int:
     """The first of the kinds that has the same functions of this word as kind k."""
-    own = [kind.parts()[word] if hasattr(kind, "parts") else kind for kind in kinds]
+    own = [kind.by_word()[word] if hasattr(kind, "by_word") else kind for kind in kinds]
     return own.index(own[k])
 
 
