@@ -370,7 +370,9 @@ def test_what_has_unknowns_or_a_memory_says_how():
         tb.Stepper(hinged(four(TIPS, 1.0), plane="xy"), 0.01)
     with pytest.raises(ValueError, match="a Mainspring with unknowns or a memory"):
         beam = tb.Beam.straight(1.0, 2, SECTION)
-        tb.simulate(tb.Scene(beam, Mainspring((0, 2), 1.0)), torch.zeros(2), method="dopri5")
+        tb.simulate(
+            tb.Scene(beam, Mainspring((0, 2), 1.0)), torch.tensor([0.0, 0.1]), method="dopri5"
+        )
 
 
 def test_the_explicit_form_takes_it():
