@@ -53,7 +53,7 @@ class TendonCode(InteractionCode):
         """
         side, _, name = field.partition(".")
         if side in SIDES[1]:
-            return self._at_joint_node(name, self._stretch_node(s, side))
+            return self._at_end_node(name, self._stretch_node(s, side))
         if side in ("own", "last"):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":
