@@ -233,9 +233,8 @@ SCENES = {
     "braced in a plane": lambda k: braced(k, plane="xy"),
     "braced, small": lambda k: braced(k, small=True),
     "linked": linked,
-    "linked in a plane": lambda k: linked(k, plane="xy"),
     "racked": racked,
-    "halved": halved,
+    "halved in a plane": lambda k: halved(k, plane="xy"),
     "wound in a plane": lambda k: wound(k, plane="xy"),
 }
 
