@@ -232,9 +232,9 @@ SCENES = {
     "braced": braced,
     "braced in a plane": lambda k: braced(k, plane="xy"),
     "braced, small": lambda k: braced(k, small=True),
-    "linked": linked,
+    "linked in a plane": lambda k: linked(k, plane="xy"),
     "racked": racked,
-    "halved in a plane": lambda k: halved(k, plane="xy"),
+    "halved": halved,
     "wound in a plane": lambda k: wound(k, plane="xy"),
 }
 
