@@ -190,7 +190,7 @@ def _grid(
 
 def _beside(scene: Scene, state: State) -> Iterator[Beside]:
     """Tendons, obstacles at the state's instant, and surfaces of bodies."""
-    state = of_mesh(state, scene.beam, "a state")
+    state = of_mesh(state, scene, "a state")
     for tendon in scene.tendons:
         eyelets = tendon.at(state.position.detach(), state.rotation.detach())
         steps = np.arange(eyelets.shape[-2] - 1)

@@ -221,7 +221,7 @@ def _critical_load(
     frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
     slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)
     nan = torch.full_like(frequency, torch.nan)
-    shape = upright(v[..., : model.constraints.count - model.joints.held_count])[0].real
+    shape = upright(v[..., : model.constraints.count - model.multipliers.held_count])[0].real
     return Critical(
         torch.where(kind == STABLE, nan, factor),
         kind,

@@ -69,7 +69,7 @@ class AdjointProgram(NativeProgram):
         functions |= self._eliminating(traced, local, [*nodes.values()], elements, loads)
         for one in INTERACTIONS:
             by = [f"{side}.{name}" for side in one.sides for name in start]
-            by += [*self.wanted, "joints", "last_force", "tension"]
+            by += [*self.wanted, "last_force", "tension", *[one.kept] * bool(one.kept)]
             functions |= interactions.adjoint_of_interaction(
                 local, traced, one, self.kinds, self.held, by, _derivative
             )
@@ -220,7 +220,9 @@ class AdjointProgram(NativeProgram):
             for name in ("reaction_bar", "reaction_grad", "last_bar"):
                 layout.record(name, SUPPORTS, [("reaction", w)])
         for one in interactions.present(self.kinds):
-            interactions.record_adjoint(layout, self.functions, one, w)
+            interactions.record_adjoint(layout, self.functions, one, self.kinds)
+        if self.kinds.multiplied:
+            interactions.record_adjoint_of_multipliers(layout, self.functions, w)
         if self.kinds.stretches:
             stretches.record_adjoint(layout, self.functions)
         return layout

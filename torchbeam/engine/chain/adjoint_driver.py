@@ -17,7 +17,8 @@ from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .node_kinds import SIDES, without_side
+from .interaction import SIDES
+from .node_kinds import without_side
 from .tendon_adjoint import TendonAdjoint
 
 
@@ -65,7 +66,7 @@ class AdjointDriver(TendonAdjoint, Elimination):
         for to, source in zip(self._of_samples("_bar"), self._of_samples("_grad"), strict=True):
             self._add(("sample", 0, to), ("sample", 0, source))
         self._add_tendons()
-        self._add_joints()
+        self._add_states()
         self._fill(("nothing", 0))
         with code.loop(0, self._move_of(nodes, self.order)) as j:
             for record in ("asked", "push", "move", "found"):
@@ -114,7 +115,7 @@ class AdjointDriver(TendonAdjoint, Elimination):
                 source = (starts[to], k) if to in starts else ("nothing", 0)
                 self._take((to, k), source, good)
         self._take_tendons(good)
-        self._take_joints(good)
+        self._take_states(good)
 
     def _transposed(self) -> None:
         """The transposed system, and the cotangents of the balances."""

@@ -17,8 +17,9 @@ from ..compiler.loop_text import Code
 from ..compiler.shared_ends import END
 from .cell_sums import CellSums
 from .conserving_functions import ENERGIES
+from .interaction import SIDES
 from .layout import INTERFACE, MIDDLE, Layout
-from .node_kinds import SIDES, Kinds
+from .node_kinds import Kinds
 from .tables import COUNTS, LISTS, WIDTH
 from .transfers import Transfers
 
@@ -226,7 +227,7 @@ class DriverCode:
             )
         return self._first_of(("element", "stress", "law", "element_state"), field, e)
 
-    def _at_joint_node(self, name: str, node: str) -> str:
+    def _at_end_node(self, name: str, node: str) -> str:
         """A field of a node that something connects to others."""
         return self.at("free", node, name) if name == "free" else self._of_node(name, node)
 
@@ -301,11 +302,11 @@ class DriverCode:
             yield k, self._integers(table, k)
 
     def _range(self, what: str, shared: bool | None = None) -> tuple[str | int, str]:
-        """Numbers of entries, or joints: first and end; see `_entries`."""
+        """Numbers of entries, or edges: first and end; see `_entries`."""
         count = self.args[f"{what}_count"]
         if shared is None:
             return 0, count
-        own = self.args["own_interface" if what == "interface" else "own_joints"]
+        own = self.args["own_interface" if what == "interface" else "own_edges"]
         return (own, count) if shared else (0, own)
 
     @property

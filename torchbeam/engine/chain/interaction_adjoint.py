@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 from ..compiler.derivative import bar
 from .driver_code import Place, Places
-from .interaction import FINISHED, JOINT, PAIR
+from .interaction import FINISHED
 from .interaction_driver import Entry, InteractionCode
+from .layout import FORCES
 
-STATE = "joint_state_bar"
-# where cotangents of what a joint reads are added up
-OF_JOINT = {
-    "force": ("joint_asked", "force"),
-    "joints": ("joint_start_bar", "joints"),
-    "last_force": ("joint_start_bar", "joint_force"),
-}
+# where cotangents of forces of constraints are added up
+OF_FORCES = {"force": ("multiplier_asked", "force"), "last_force": ("multiplier_start_bar", FORCES)}
+MULTIPLIER = "multiplier"
 
 
 class InteractionAdjoint(InteractionCode):
@@ -23,8 +23,8 @@ class InteractionAdjoint(InteractionCode):
         """Blocks of the transposed matrix, and what is asked of the moves of its ends."""
         nodes, to = {side: self._move_of(entry.nodes[side]) for side in entry.sides}, entry.name
         places: Places = {f"{side}.reaction": ("push", node) for side, node in nodes.items()}
-        if entry.of is JOINT:
-            places["force_bar"] = ("joint_asked", entry.number)
+        if entry.own is not None:
+            places["force_bar"] = ("multiplier_asked", entry.own)
         self._call_of(f"{to} blocks {entry.function}", entry, f"{to} blocks", places)
         size = self.coupled(entry.of, entry.function)
         for side, node in nodes.items() if self.held else ():
@@ -32,26 +32,45 @@ class InteractionAdjoint(InteractionCode):
             self._add(("asked", node), asked, size)
 
     def _clear_interactions(self) -> None:
-        """Cotangents of their constants, and of joints' states."""
+        """Cotangents of their constants, and of their states."""
         for one in self.interactions:
             self._clear(one, f"{one.constants}_bar")
-        self._clear(JOINT, STATE)
+        for name, each in self._states().items():
+            each(lambda k, name=name: self._fill((f"{name}_state_bar", k)))
 
-    def _add_joints(self) -> None:
+    def _states(self) -> dict[str, Callable[[Callable[[str], None]], None]]:
+        """What has a state, by name, and loops over its rows."""
+        states = {
+            one.name: partial(self._each_row, one)
+            for one in self.interactions
+            if f"{one.name}_state_bar" in self.layout.records
+        }
+        return states | ({MULTIPLIER: self._each_multiplier} if self.kinds.multiplied else {})
+
+    def _add_states(self) -> None:
         """To the cotangents of their states those of what a step has made."""
-        for record in ("joint_start_bar", "joint_asked"):
-            self._clear(JOINT, record)
-        self._each_row(JOINT, lambda k: self._add((STATE, k), ("joint_state_grad", k)))
+        self._clear_multipliers("multiplier_asked")
+        for name, each in self._states().items():
+            each(lambda k, name=name: self._fill((f"{name}_start_bar", k)))
+            each(
+                lambda k, name=name: self._add((f"{name}_state_bar", k), (f"{name}_state_grad", k))
+            )
 
     def _solutions(self) -> None:
-        """Forces of joints between the states of a step, and which pairs are far."""
-        self._each_of(PAIR, lambda entry: None, look=True)
+        """Forces of constraints between the states of a step, and which pairs are far."""
 
         def solution(entry: Entry) -> None:
-            after: Places = {"after_force": ("joint_after", entry.number)}
-            self._call_of(f"joint solution {entry.function}", entry, "joint_unknown", after)
+            if entry.own is not None:
+                places: Places = {
+                    "after_force": ("multiplier_after", entry.own),
+                    "> force": (MULTIPLIER, entry.own),
+                }
+                name = f"{entry.name} solution {entry.function}"
+                self._call(name, lambda f: self._of_interaction(f, entry), places=places)
 
-        self._each_of(JOINT, solution)
+        for one in self.interactions:
+            if one.unknowns or one.far:
+                self._each_of(one, solution, look=True)
 
     def _interaction_energies(self) -> None:
         """To what the energy rises by: less the work of what acts in them."""
@@ -73,9 +92,10 @@ class InteractionAdjoint(InteractionCode):
             places: Places = {bar("work"): ("sample", 0, bar("work"))}
             if "energy" in self.layout.records:
                 places[bar("rise")] = ("energy", 0, bar("rise"))
-            if entry.of is JOINT:
-                names = {"force": "joint_force", "joints": "joints"}
-                places |= {bar(f): (STATE, entry.number, x) for f, x in names.items()}
+            state = f"{entry.name}_state_bar"
+            places |= {bar(f): (state, entry.number, f) for f in self.layout.fields(state)}
+            if entry.own is not None:
+                places[bar("force")] = ("multiplier_state_bar", entry.own)
             self._bar_of(f"finish {entry.name} bar {entry.function}", entry, places)
 
         for one in FINISHED:
@@ -86,8 +106,8 @@ class InteractionAdjoint(InteractionCode):
 
         def bars(entry: Entry) -> None:
             places = self._pushed_bars(entry)
-            if entry.of is JOINT:
-                places[bar("right")] = self._solution_of(JOINT, entry.number)
+            if entry.own is not None:
+                places[bar("right")] = self._solution_of(entry)
             self._bar_of(f"{entry.name} bar {entry.function}", entry, places)
 
         for one in FINISHED:
@@ -99,9 +119,14 @@ class InteractionAdjoint(InteractionCode):
             bar(f"{side}.push"): ("found", self._move_of(entry.nodes[side])) for side in entry.sides
         }
 
-    def _take_joints(self, good: str) -> None:
+    def _take_states(self, good: str) -> None:
         """Cotangents of their states at the start, of what has gone well."""
-        self._each_row(JOINT, lambda k: self._take((STATE, k), ("joint_start_bar", k), good))
+        for name, each in self._states().items():
+            each(
+                lambda k, name=name: self._take(
+                    (f"{name}_state_bar", k), (f"{name}_start_bar", k), good
+                )
+            )
 
     def _bar_of(self, name: str, entry: Entry, places: Places) -> None:
         """A derivative, with cotangents at `places`, and what it gives added to those of where its
@@ -121,7 +146,9 @@ class InteractionAdjoint(InteractionCode):
         side, _, own = field.partition(".")
         if side in entry.of.sides:
             return self._bar_place(own, entry.nodes[side])
-        if field in OF_JOINT:
-            record, field = OF_JOINT[field]
-            return record, entry.number, field
+        if entry.own is not None and field in OF_FORCES:
+            record, field = OF_FORCES[field]
+            return record, entry.own, field
+        if field in self.layout.fields(f"{entry.name}_start_bar"):
+            return f"{entry.name}_start_bar", entry.number, field
         return self._bar_place(field, entry.number)

@@ -17,6 +17,9 @@ JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
 STRETCHES, TENDONS = "stretches", "tendons"  # of tendons their stretches, and themselves
 PAIRS = "pairs"  # of what may touch
 COUPLINGS = "couplings"  # interactions of a class of their own
+# what these are called beside the stress of elements, whose rows they follow in a state
+FORCES = "multiplier_force"
+MULTIPLIERS = "multipliers"  # forces of constraints, see `nodal.multipliers`
 # where what nodes and elements give is held: by turns while a run of nodes is eliminated, and of
 # those at the interface for as long as the elimination takes
 NODE_PLACES, ELEMENT_PLACES = "node places", "element places"

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from .driver import Driver
-from .interaction import JOINT
 
 PIVOT = "pivot"
 
@@ -109,7 +108,7 @@ class LoadDriver(RestDriver):
         with self.code.loop(0, self.args["nodes"]) as j:
             self._take(("kept", j), ("unknown", j), good)
         self._keep_forces(good)
-        self._keep_joints(good)
+        self._keep_multipliers(good)
 
 
 class PathDriver(RestDriver):
@@ -129,7 +128,7 @@ class PathDriver(RestDriver):
         """The changes that are asked for: those of stresses and forces from zero."""
         with self.code.loop(0, self.args["elements"]) as e:
             self._fill(("stress", e))
-        self._clear(JOINT, "joint_unknown")
+        self._clear_multipliers("multiplier")
         self._back()
 
     def _condensed(self, e: str) -> None:

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from functools import partial
 
 from ..compiler.function import Function
+from .interaction import SIDES
 from .layout import ONE, STRETCHES, TENDONS, Layout
 from .local_functions import LocalFunctions
-from .node_kinds import SIDES, StretchKind, distinct
+from .node_kinds import StretchKind, distinct
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 

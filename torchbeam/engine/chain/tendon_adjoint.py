@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from ..compiler.derivative import bar
 from .driver_code import Place, Places
-from .interaction import TIE
+from .interaction import SIDES, TIE
 from .interaction_adjoint import InteractionAdjoint
 from .interaction_driver import Entry
-from .node_kinds import SIDES
 from .tendon_driver import FIRST, LAST, TENDON, TendonCode
 from .tendon_functions import SUMMED
 
