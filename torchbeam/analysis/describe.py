@@ -322,7 +322,7 @@ def _frequencies(scene: Scene) -> tuple[str, ...]:
     """
     in_vibration = [
         e
-        for e in (load.in_free_vibration() for load in scene.loads)
+        for e in (load.in_free_vibration() for load in (*scene.loads, *scene.interactions))
         if e is not None and constant(e)
     ]
     springs = [e for e in in_vibration if POSITION in e.depends]

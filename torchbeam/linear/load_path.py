@@ -126,8 +126,11 @@ class LoadPath:
         return unheld(discretise(scene), t, inputs, (0,) * len(self.batch_shape(factor)))[1]
 
     def equilibrium(self, factor: Tensor, start: State | None) -> State:
-        """At a factor (...), from a shape on."""
+        """At a factor (...), from a shape on; supports that turn lead there from the beginning, as
+        a shape does not tell how often they have.
+        """
         scene, inputs = self.scene(factor)
+        start = None if any(support.turn is not None for support in scene.supports) else start
         with warnings.catch_warnings():
             # of unstable branches: they are what is looked for
             warnings.simplefilter("ignore", RuntimeWarning)

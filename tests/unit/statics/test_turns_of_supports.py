@@ -35,10 +35,3 @@ def test_a_shaft_is_twisted_by_all_of_it(how, turn):
     state = FOUND[how](shaft(turn))
     assert int(state.status) == 0
     assert_close(state.reaction[0, 3], torch.tensor(-0.7 * turn), rtol=0.02, atol=0)
-
-
-def test_a_shaft_goes_on_from_where_it_is():
-    """From 11 to 12 rad in one step, not from the beginning again."""
-    before = tb.equilibrium(shaft(11.0))
-    state = tb.equilibrium(shaft(12.0), initial=before)
-    assert_close(state.reaction[0, 3], tb.equilibrium(shaft(12.0)).reaction[0, 3])
