@@ -340,3 +340,19 @@ def test_a_finer_mesh_has_it_at_the_same_places():
     scene = tb.Scene(tb.Beam.straight(1.0, 2, SECTION), [tb.Gravity(G), Tie((1, -1), 300.0)])
     chosen = tb.remesh(scene, 4)
     assert chosen.interactions[0].nodes == (2, 4)
+
+
+def test_what_it_leaves_in_a_free_vibration_is_described():
+    """By `in_free_vibration`, as that of a load: its frequencies are those of `modes`."""
+
+    @dataclass(frozen=True)
+    class Left(Gear):
+        def in_free_vibration(self):
+            return self
+
+    beam = tb.Beam.straight(1.0, 4, SECTION)
+    first = f"{float(tb.modes(tb.Scene(beam, []), count=1).frequency):.4g}"
+    geared = tb.Scene(beam, [Left((-1, 2), stiffness=50.0)])
+    found = f"{float(tb.modes(geared, count=1).frequency):.4g}"
+    assert first in str(tb.describe(tb.Scene(beam, [])))
+    assert found != first and f"frequencies  {found}" in str(tb.describe(geared))
