@@ -39,6 +39,7 @@ from .payload import PayloadEnv, PayloadVectorEnv
 from .peg import PegEnv, PegVectorEnv
 from .plant import aluminium_strip, silicone_rod
 from .reach import holding_action
+from .reach_obstacles import ReachObstaclesEnv, ReachObstaclesVectorEnv
 from .sensors import Observed
 from .single import SingleEnv
 from .slew import SlewEnv, SlewVectorEnv
@@ -56,10 +57,11 @@ __all__ = [
     "UNCERTAIN", "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv",
     "FlutterHoldVectorEnv", "FollowTargetEnv", "FollowTargetVectorEnv", "GripperEnv",
     "GripperVectorEnv", "InverseKinematicsEnv", "InverseKinematicsVectorEnv", "Observed",
-    "Parameter", "PayloadEnv", "PayloadVectorEnv", "PegEnv", "PegVectorEnv", "Sb3VecEnv",
-    "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task", "TipForce", "TipReachEnv",
-    "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "TwoLinkEnv", "TwoLinkVectorEnv",
-    "aluminium_strip", "functional", "holding_action", "silicone_rod",
+    "Parameter", "PayloadEnv", "PayloadVectorEnv", "PegEnv", "PegVectorEnv", "ReachObstaclesEnv",
+    "ReachObstaclesVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task",
+    "TipForce", "TipReachEnv", "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv",
+    "TwoLinkEnv", "TwoLinkVectorEnv", "aluminium_strip", "functional", "holding_action",
+    "silicone_rod",
 ]
 # fmt: on
 LAZY = {"Sb3VecEnv": "sb3"}  # what wants an extra, by module
@@ -99,6 +101,7 @@ for _task, _module, _steps in (
     ("Slew", "slew", 100),
     ("TwoLink", "two_link", 100),
     ("FollowTarget", "follow_target", 500),
+    ("ReachObstacles", "reach_obstacles", 50),
     ("Peg", "peg", 100),
     ("Gripper", "gripper", 100),
 ):

@@ -10,9 +10,8 @@ from torch import Tensor
 
 from .core import BeamVectorEnv
 from .episodes import Episodes
-from .manipulator import NEAR, Manipulator, ManipulatorConfig
+from .manipulator import Manipulator, ManipulatorConfig
 from .noise import uniform
-from .reach import distance
 from .single import SingleEnv
 
 STREAM = 0x3C6EF372FE94F82A  # by which a key's numbers are not those of the sensors' noise
@@ -20,18 +19,15 @@ STREAM = 0x3C6EF372FE94F82A  # by which a key's numbers are not those of the sen
 
 @dataclass(frozen=True, kw_only=True)
 class FollowTargetConfig(ManipulatorConfig):
-    """speed (m/s), turns, smooth (m): see `FollowTargetVectorEnv`; the rest as in
-    `ManipulatorConfig`.
-    """
+    """speed (m/s), turns: see `FollowTargetVectorEnv`; the rest as in `ManipulatorConfig`."""
 
     speed: float = 0.5
     turns: float = 0.025
-    smooth: float = 0.0
     max_episode_steps: int | None = 500
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.check_numbers("speed", "smooth", least=0.0)
+        self.check_numbers("speed", least=0.0)
         self.check_numbers("turns", least=0.0, most=1.0)
 
 
@@ -89,18 +85,6 @@ class FollowTarget(Manipulator):
     def target_observation(self, now: Episodes, tip: Tensor | None) -> Tensor:
         place, velocity = (x[:, self.vector] for x in self.moving(now))
         return torch.cat((self.command(now), place, velocity), -1)
-
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        return {"distance": distance(now.target[:, 0], now.beam.position[:, -1])}
-
-    def cost(self, now: Episodes) -> Tensor:
-        d, width = now.measures["distance"], self.config.smooth
-        if width:
-            bonus = 1.5 * torch.sigmoid((NEAR - d) / width)
-            bonus = bonus + 0.5 * torch.sigmoid((2 * NEAR - d) / width)
-        else:
-            bonus = torch.where(d < NEAR, 2.0, torch.where(d < 2 * NEAR, 0.5, 0.0))
-        return d.square() - bonus
 
 
 class FollowTargetVectorEnv(BeamVectorEnv):

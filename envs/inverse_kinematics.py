@@ -77,9 +77,10 @@ class InverseKinematics(Manipulator):
 
     def cost(self, now: Episodes) -> Tensor:
         d, off = (now.measures[name] for name in ("distance", "misaligned"))
-        near = torch.where(off > 0.1, 1.0, 1.5) - 0.5 * off
-        at = torch.where(off > 0.1, 4.0, torch.where(off < 0.05, 6.0, 4.5)) - 2 * off
-        bonus = torch.where(d < NEAR, at, torch.where(d < 2 * NEAR, near, 0.0))
+        straight, straighter = self.below(off, 0.1), self.below(off, 0.05)
+        near = 1 + 0.5 * straight - 0.5 * off
+        at = 4 + 0.5 * straight + 1.5 * straighter - 2 * off
+        bonus = near * self.below(d, 2 * NEAR) + (at - near) * self.below(d, NEAR)
         return d.square() + 0.5 * off.square() - bonus
 
 
@@ -113,6 +114,7 @@ class InverseKinematicsVectorEnv(BeamVectorEnv):
         - d^2 - o^2 / 2 + bonus
         bonus, d < 0.05:         6 - 2 o where o < 0.05, 4 - 2 o where o > 0.1, else 4.5 - 2 o
         bonus, 0.05 <= d < 0.1:  1 - o / 2 where o > 0.1, else 1.5 - o / 2
+    With smooth > 0 the steps in d and o are logistic functions of that width, as in FollowTarget.
     failure_reward = -10 in an interval in which the solver fails.
 
     ## Starting state

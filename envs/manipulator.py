@@ -1,5 +1,5 @@
-"""Manipulator: the upright soft arm, bent by changes of its natural curvature, that FollowTarget
-and InverseKinematics share.
+"""Manipulator: the upright soft arm, bent by changes of its natural curvature, that FollowTarget,
+InverseKinematics and ReachObstacles share.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from torchbeam.extend import shown
 from .actuators import Actuator, driven
 from .config import BeamEnvConfig
 from .episodes import Episodes
+from .reach import distance
 from .sensors import Observed
 from .task import Task
 
@@ -32,7 +33,7 @@ NEAR = 0.05  # m, of the bonuses
 
 @dataclass(frozen=True, kw_only=True)
 class ManipulatorConfig(BeamEnvConfig):
-    """radius (m), young (Pa), density (kg/m^3), change and bend (rad): see
+    """radius (m), young (Pa), density (kg/m^3), change and bend (rad), smooth (m): see
     `FollowTargetVectorEnv`; the rest as in `BeamEnvConfig`.
     """
 
@@ -44,6 +45,7 @@ class ManipulatorConfig(BeamEnvConfig):
     density: float = 1000.0
     change: float = 0.05
     bend: float = 2.0
+    smooth: float = 0.0
     gravity: Sequence[float] | None = (0.0, 0.0, -9.8)
     damping: float | None = 0.05
     delay: int = 0
@@ -55,6 +57,7 @@ class ManipulatorConfig(BeamEnvConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check_numbers("radius", "young", "density", "change", "bend", above=0.0)
+        self.check_numbers("smooth", least=0.0)
         for name in OWN:
             if self.is_given(name):
                 raise ValueError(f"{name} was given; the manipulator has its own, none is wanted")
@@ -163,6 +166,22 @@ class Manipulator(Task):
     def _seen(self, sensor: Any, high: float) -> tuple[Observed, str]:
         whole = self.plane is None
         return Observed(sensor if whole else sensor[self.vector], 1.0, high), ""
+
+    # What it is worth
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        return {"distance": distance(now.target[:, 0], now.beam.position[:, -1])}
+
+    def cost(self, now: Episodes) -> Tensor:
+        d = now.measures["distance"]
+        return d.square() - 1.5 * self.below(d, NEAR) - 0.5 * self.below(d, 2 * NEAR)
+
+    def below(self, x: Tensor, bound: float) -> Tensor:
+        """1 where x (...) is below the bound, else 0; or a logistic function of width `smooth`."""
+        width = self.config.smooth
+        if width:
+            return torch.sigmoid((bound - x) / width)
+        return (x < bound).to(x)
 
     def in_box(self, stream: np.random.Generator) -> np.ndarray:
         """(3,) m, uniform."""

@@ -334,8 +334,9 @@ class Simulation:
 
     def _idle(self, scene: tb.Scene, count: int) -> dict[str, Tensor]:
         """The scene's inputs without action."""
+        own, like = self.task.idle_inputs(), self.task.speed
         return {
-            name: torch.zeros(count, size, dtype=self.task.dtype, device=self.task.device)
+            name: own[name].expand(count, size) if name in own else like.new_zeros(count, size)
             for name, size in scene.inputs.items()
         }
 

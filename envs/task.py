@@ -55,6 +55,7 @@ class Task:
         next_memory(now, action)    (n, m): an interval later
         RANDOM                      whether that draws random numbers: `noise.uniform` of `now.key`
         inputs(action, now)         of the scene over an interval, or a list of them, one a substep
+        idle_inputs()               of the scene at rest without action, those that are not zero
         target(now, ahead)          (n, ahead + 1, 3) m: where the tip is to be, now and at the ends
                                     of the next intervals; None
         target_high()               bounds of `target_observation`
@@ -236,6 +237,9 @@ class Task:
         statics.
         """
         return driven(self.drives, action, now)
+
+    def idle_inputs(self) -> dict[str, Tensor]:
+        return {}
 
     def tip_force(self, now: Episodes) -> Tensor | None:
         """(n, 3) N, frame a: the tip force of the actions that act, to be drawn; None where no

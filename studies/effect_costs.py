@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from cases.rows import ROWS, Row
 from torchbeam.analysis.trials import change, operations, repeated, seconds
 from torchbeam.core.measurement import progress
 from torchbeam.extend.commands import table as markdown_table
@@ -68,46 +69,8 @@ def scene(
     return tb.Scene(beam, (tb.TipLoad(force=force), *more), **options)
 
 
-def _wind(position: Tensor, t: Tensor) -> Tensor:
-    return torch.stack(
-        (
-            torch.zeros_like(position[..., 0]),
-            5 * position[..., 0],
-            torch.zeros_like(position[..., 0]),
-        ),
-        -1,
-    )
-
-
-def _user(x: None, R: None, v: Tensor, w: None, t: Tensor) -> tuple[Tensor, None]:
-    return -0.05 * v, None
-
-
-def _along(elements: int, **given: float) -> tb.Tendon:
-    return tb.Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
-
-
-def _floor(height: float) -> tb.Contact:
-    plane = tb.Plane((0.0, 0, height), (0.0, 0, 1))
-    return tb.Contact(plane, thickness=3e-3, force=20.0, friction=0.3, slip_speed=0.1)
-
-
-def _lagged(x: Tensor, R: None, v: None, w: None, t: Tensor, z: Tensor) -> tuple[Tensor, None]:
-    return z, None
-
-
-def _lag(z: Tensor, x: Tensor, R: None, v: None, w: None, t: Tensor) -> Tensor:
-    return (-x * x.new_tensor([0.0, 1, 1]) - z) / 0.02
-
-
 def table(elements: int) -> list[tuple[str, str, Any]]:
     """(effect, what of it, a function that makes the scene)."""
-
-    def has(effect: Any) -> Any:
-        return lambda: scene(elements, effect())
-
-    def along(s: Tensor, t: Tensor) -> Tensor:
-        return torch.stack((0 * s, 0.1 * torch.sin(s - t), 0 * s), -1)
 
     def shaken(t: Tensor) -> Tensor:
         return torch.stack((0 * t, 0 * t, 0.01 * torch.sin(6.283 * t)))
@@ -117,41 +80,14 @@ def table(elements: int) -> list[tuple[str, str, Any]]:
             *(torch.tensor(x, dtype=torch.float64) for x in (1e4, 4e3, 0.8, 1.0, 0.2))
         )
 
-    y, spin = (0, 0.1, 0), (0.0, 0, 1)
-    rubbing = dict(stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
-    lag = dict(internal=3, rate=_lag, of=("position",))
+    def with_effect(row: Row) -> Any:
+        return lambda: scene(elements, row.make(row.cost[2], elements))
+
     # fmt: off
     return [
-        ("TipLoad, dead", "force 0.1 N along y", has(lambda: tb.TipLoad(force=y))),
-        ("TipLoad, follower", "force 0.1 N along its y",
-         has(lambda: tb.TipLoad(force=y, follower=True))),
-        ("LineLoad, dead", "0.1 N/m along y", has(lambda: tb.LineLoad(force=y))),
-        ("LineLoad of s and t", "0.1 sin(s - t) N/m along y",
-         has(lambda: tb.LineLoad(force=tb.Along(along)))),
-        ("Gravity", "9.81 m/s^2 along -z", has(lambda: tb.Gravity((0, 0, -9.81)))),
-        ("Damping, one tau", "0.2 ms", has(lambda: tb.Damping(2e-4))),
-        ("Damping, six", "0.2 ms each", has(lambda: tb.Damping((2e-4,) * 6))),
-        ("MassDamping", "1 1/s", has(lambda: tb.MassDamping(1.0))),
-        ("Drag", "air, 1.2 kg/m^3, d = 1 cm", has(lambda: tb.Drag(1.2, 0.01))),
-        ("Drag in a flow", "air, a wind 5 x along y", has(lambda: tb.Drag(1.2, 0.01, flow=_wind))),
-        ("Drag, added mass", "water, d = 1 cm", has(lambda: tb.Drag(1000.0, 0.01, added_mass=1.0))),
-        ("PointMass", "20 g on the tip", has(lambda: tb.PointMass(0.02))),
-        ("PointMass with offset", "20 g, 5 cm off the tip",
-         has(lambda: tb.PointMass(0.02, offset=(0.0, 0, 0.05)))),
-        ("Spring", "1 N/m on the tip", has(lambda: tb.Spring(-1, 1.0, to=(1.0, 0, 0)))),
-        ("RootSpring", "100 N m/rad, 1e4 N/m", has(lambda: tb.RootSpring((1e4, 100.0)))),
-        ("Tendon", "0.5 N, 2 cm above the axis", has(lambda: _along(elements, tension=0.5))),
-        ("Tendon, elastic, friction", "the same with 50 N/m, mu = 0.1",
-         has(lambda: _along(elements, **rubbing))),
-        ("Contact, near", "floor 1 mm below, friction", has(lambda: _floor(-2e-3))),
-        ("Contact, far", "floor 1 m below", has(lambda: _floor(-1.0))),
-        ("Actuation", "curvature 0.1 1/m", has(lambda: tb.Actuation(curvature=(0, 0, 0.1)))),
-        ("Load, on the tip", "-0.05 v", has(lambda: tb.Load(_user, node=-1, of=("velocity",)))),
-        ("Load, along the beam", "-0.05 v",
-         has(lambda: tb.Load(_user, node=None, of=("velocity",)))),
-        ("Load with a lag", "-x after 20 ms", has(lambda: tb.Load(_lagged, node=-1, **lag))),
+        *((*row.cost[:2], with_effect(row)) for row in ROWS.values() if row.cost),
         ("Frame", "turns at 1 rad/s about z",
-         lambda: scene(elements, frame=tb.Frame(angular_velocity=spin))),
+         lambda: scene(elements, frame=tb.Frame(angular_velocity=(0.0, 0, 1)))),
         ("RootMotion", "1 cm along z, 1 Hz",
          lambda: scene(elements, root=tb.RootMotion(displacement=shaken))),
         ("no rotary inertia", "", lambda: scene(elements, section=without_inertia())),

@@ -3,10 +3,12 @@
 import gc
 import json
 import os
+from collections import Counter
 from contextlib import nullcontext
 from importlib import resources
 from pathlib import Path
 from unittest.mock import patch
+from zlib import crc32
 
 import pytest
 import torch
@@ -23,6 +25,7 @@ torch.set_num_threads(THREADS)
 
 pytest_plugins = ["tests.costs"]
 HERE, ENGINE = Path(__file__).parent, "TORCHBEAM_ENGINE"
+IN_TURN = set(json.loads((HERE / "in_turn.json").read_text()))
 EAGER = {HERE / "unit", HERE / "studies"}
 # What is compiled as users have it: the compiler's own tests, both engines over random scenes, and
 # the verification. All else is made at LLVM's level 0, for a quarter of the time.
@@ -33,16 +36,32 @@ OPTIMISED = {
 
 def pytest_addoption(parser):
     parser.addoption("--share", help="K/N: of the chosen tests each N-th, from the K-th (1 to N)")
+    parser.addoption("--turn", default="1/1", help="K/N: the same of each test in in_turn.json")
     parser.addoption("--eager", metavar="FOLDER", help="whose tests step eagerly, as units do")
+
+
+def pytest_report_header(config):
+    return f"rows of tests of in_turn.json: {config.getoption('--turn')} of them (--turn, TURN)"
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """A share of long nets: the N shares together are the whole, each goes through all kinds."""
+    """A share of long nets: the N shares together are the whole, each goes through all kinds. Of
+    what is in in_turn.json, one claim over many scenes or a dear test, N turns together run all.
+    """
+    k, n = map(int, config.getoption("--turn").split("/"))
+    place, waiting = Counter(), set()
+    for item in items:
+        test = item.nodeid.partition("[")[0]
+        if test in IN_TURN and not item.get_closest_marker("always"):
+            start = crc32(test.partition("::")[0].encode())  # a file's dear tests share fixtures
+            waiting |= {item.nodeid} if (start + place[test]) % n != k - 1 else set()
+            place[test] += 1
     if share := config.getoption("--share"):
         k, n = map(int, share.split("/"))
-        config.hook.pytest_deselected(items=[x for i, x in enumerate(items) if i % n != k - 1])
-        items[:] = items[k - 1 :: n]
+        waiting |= {x.nodeid for i, x in enumerate(items) if i % n != k - 1}
+    config.hook.pytest_deselected(items=[x for x in items if x.nodeid in waiting])
+    items[:] = [x for x in items if x.nodeid not in waiting]
 
 
 @pytest.hookimpl(wrapper=True)

@@ -3,7 +3,9 @@ files at the end of a run; all of them, each by its last run of many, in `out/te
 a sentence for each folder that took more than `cost_bounds.json` says. A plugin of `conftest.py`;
 no test fails by it.
 
-After a change that is meant: `.ci/run`, then `python -m tests.costs` makes the bounds anew.
+After a change that is meant: `.ci/run`, then `python -m tests.costs` makes the bounds anew, and
+adds to `in_turn.json` what is dear: one claim over many scenes, of which each turn runs some, or
+what takes seconds by itself.
 """
 
 import json
@@ -20,6 +22,8 @@ HERE = Path(__file__).parent
 BOUNDS, COSTS = HERE / "cost_bounds.json", HERE.parent / "out" / "test_costs.json"
 DEAREST = 15  # files that are shown
 LEAST = 60.0  # CPU seconds of a run that is told of
+IN_TURN = HERE / "in_turn.json"
+DEAR, ALONE, ROWS = 1.2, 2.5, 3  # CPU seconds of so many rows together, or of fewer
 ROOM = 1.3  # by which a bound is more than what was measured, for another processor
 
 
@@ -29,7 +33,7 @@ def cpu_seconds():
 
 
 SPENT = Counter(cpu=cpu_seconds(), compiled=0)  # by this process up to the last report
-FILES, PROCESSES = {}, []  # costs by reports; CPU seconds of whole processes that ran tests
+FILES, TESTS, PROCESSES = {}, {}, []  # costs by reports; CPU seconds of whole processes
 
 
 def counted(make):
@@ -59,9 +63,9 @@ def pytest_runtest_makereport():
 
 
 def pytest_runtest_logreport(report):
-    FILES.setdefault(report.nodeid.partition("::")[0], Counter()).update(
-        cpu=report.cpu, compiled=report.compiled, tests=report.when == "call"
-    )
+    cost = dict(cpu=report.cpu, compiled=report.compiled, tests=report.when == "call")
+    for sums, end in ((FILES, "::"), (TESTS, "[")):
+        sums.setdefault(report.nodeid.partition(end)[0], Counter()).update(cost)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -96,12 +100,17 @@ def beyond(bounds, folders):
     ]
 
 
-def with_others(files):
+def with_others(found, kind="files"):
     """Beside them what the stored runs say of files that did not run now, and are still there."""
-    stored = json.loads(COSTS.read_text())["files"] if COSTS.exists() else {}
-    root = HERE.parent
-    others = {k: Counter(x) for k, x in stored.items() if k not in files and (root / k).exists()}
-    return dict(sorted({**files, **others}.items(), key=lambda row: -row[1]["cpu"]))
+    stored = json.loads(COSTS.read_text()).get(kind, {}) if COSTS.exists() else {}
+    ran = {name.partition("::")[0] for name in found}
+    others = {
+        name: Counter(cost)
+        for name, cost in stored.items()
+        for file in [name.partition("::")[0]]
+        if file not in ran and (HERE.parent / file).exists()
+    }
+    return dict(sorted({**found, **others}.items(), key=lambda row: -row[1]["cpu"]))
 
 
 def pytest_terminal_summary(terminalreporter):
@@ -113,7 +122,8 @@ def pytest_terminal_summary(terminalreporter):
     files = with_others(FILES)
     folders = by_folder(files) | {"all": sum(files.values(), Counter())}
     COSTS.parent.mkdir(exist_ok=True)
-    COSTS.write_text(json.dumps({"folders": folders, "files": files}, indent=1) + "\n")
+    stored = {"folders": folders, "files": files, "tests": with_others(TESTS, "tests")}
+    COSTS.write_text(json.dumps(stored, indent=1) + "\n")
 
     terminalreporter.section(f"dearest test files; all of them: {COSTS.relative_to(HERE.parent)}")
     shown = sorted(FILES.items(), key=lambda row: -row[1]["cpu"])[:DEAREST]
@@ -126,6 +136,10 @@ def pytest_terminal_summary(terminalreporter):
 
 
 if __name__ == "__main__":
-    found = json.loads(COSTS.read_text())["folders"]
-    bounds = {name: 5 * math.ceil(ROOM * cost["cpu"] / 5) for name, cost in found.items()}
+    found = json.loads(COSTS.read_text())
+    bounds = {k: 5 * math.ceil(ROOM * cost["cpu"] / 5) for k, cost in found["folders"].items()}
+    least = {True: DEAR, False: ALONE}
+    dear = {k for k, x in found["tests"].items() if x["cpu"] >= least[x["tests"] >= ROWS]}
+    dear |= set(json.loads(IN_TURN.read_text()))
     BOUNDS.write_text(json.dumps(bounds, indent=1) + "\n")
+    IN_TURN.write_text(json.dumps(sorted(dear), indent=1) + "\n")

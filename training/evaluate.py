@@ -22,6 +22,7 @@ from .policies import load
 from .tuned import HELD_OUT, OUTSIDE, TASKS, Task, widened
 
 EPISODES = 256
+DISCOUNT = 0.99
 Controller = Callable[[torch.Tensor], torch.Tensor]
 """observation (n, o) -> action (n, a); a method `begin(env)`, if it has one, is called after the
 reset of the n episodes
@@ -45,6 +46,8 @@ def evaluate(
     with as many, to be used again.
 
     return           mean of the sum of rewards, and return_deviation over the episodes
+    discounted       mean of the sum of rewards by DISCOUNT from the start, and
+    discounted_mean  of its mean over all instants that an episode could start at, until its end
     success          share of the episodes whose error stays within the task's tolerance over its
                      last `hold` steps
     final_error      mean error over these steps (m), and final_error_median over the episodes
@@ -58,22 +61,26 @@ def evaluate(
     observation, _ = env.reset(seed=first)
     if hasattr(controller, "begin"):
         controller.begin(env)
-    total = torch.zeros(episodes, dtype=torch.float64)
+    lasted = torch.zeros(episodes, dtype=torch.float64)
     within = torch.zeros(2, dtype=torch.float64)
-    errors, failures, over = [], 0, torch.zeros(episodes, dtype=torch.bool)
+    rewards, errors, failures, over = [], [], 0, torch.zeros(episodes, dtype=torch.bool)
     while not over.all():
         observation, reward, terminated, truncated, info = env.step(controller(observation))
-        total, over = total + reward, terminated | truncated
+        rewards.append(reward.double())
+        lasted, over = lasted + ~over, terminated | truncated
         errors.append(error := info[task.error])
         near = torch.stack((error <= task.tolerance, error <= task.tolerance / 2)) & ~terminated
         within += near.double().mean(-1)
         failures += int(info["solver_failed"].sum())
+    total, *discounts = discounted(torch.stack(rewards), lasted)
     last = torch.stack(errors[-task.hold :])
     final = last.mean(0)
     success = (last <= task.tolerance).all(0) & ~terminated
     return {
         "return": total.mean().item(),
         "return_deviation": total.std().item(),
+        "discounted": discounts[0].mean().item(),
+        "discounted_mean": discounts[1].mean().item(),
         "success": success.double().mean().item(),
         "final_error": final.mean().item(),
         "final_error_median": final.median().item(),
@@ -83,6 +90,15 @@ def evaluate(
         "solver_failures": failures,
         "episodes": episodes,
     }
+
+
+def discounted(rewards: torch.Tensor, lasted: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Of rewards (T, n), zero after episodes of `lasted` (n,) intervals: their sums (n,), by
+    DISCOUNT from the start, and the mean of that from all instants on, each until the end.
+    """
+    k = torch.arange(len(rewards), dtype=rewards.dtype)[:, None]
+    weights = DISCOUNT**k, (1 - DISCOUNT ** (k + 1)) / (1 - DISCOUNT) / lasted
+    return rewards.sum(0), *((weight * rewards).sum(0) for weight in weights)
 
 
 def evaluate_outside(

@@ -170,6 +170,10 @@ TASKS["peg"] = Task(  # parts of a step that fails are made by torch operations:
 FOLLOW: dict[str, Any] = dict(tolerance=0.1)
 TASKS["follow"] = Task("follow", "torchbeam/FollowTargetPlanar-v0", **FOLLOW)
 TASKS["follow-3d"] = Task("follow-3d", "torchbeam/FollowTarget-v0", **FOLLOW)
+TASKS["ik"] = Task("ik", "torchbeam/InverseKinematics-v0", tolerance=0.05)
+OBSTACLES: dict[str, Any] = dict(tolerance=0.05)
+TASKS["obstacles"] = Task("obstacles", "torchbeam/ReachObstaclesPlanar-v0", **OBSTACLES)
+TASKS["obstacles-3d"] = Task("obstacles-3d", "torchbeam/ReachObstacles-v0", **OBSTACLES)
 PUBLISHED = ("follow", "follow-3d")
 
 # what the results table is made for unless tasks are named
@@ -262,6 +266,9 @@ SHAC: dict[str, dict[str, Any]] = {
     "peg": dict(teacher="Insert", lessons=8, num_envs=32, deviation=0.1, rate=2e-3),
     "follow": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=32, rate=3e-3),
     "follow-3d": dict(**FOLLOWING, **SMOOTH, lessons=24, horizon=16, rate=2e-3),
+    "ik": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=16, rate=2e-3),
+    "obstacles": dict(**SMOOTH | {"smooth": 0.05}, horizon=12, rate=3e-3, linear=True),
+    "obstacles-3d": dict(**SMOOTH | {"smooth": 0.05}, horizon=12, rate=3e-3, linear=True),
 }
 # in space as in the plane
 PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}

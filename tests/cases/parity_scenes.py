@@ -58,6 +58,19 @@ def all_effects(by, **where):
     return tb.Scene(beam(by), effects, **where)
 
 
+def at_offsets(by):
+    """Beside a beam's axis a force, a mass, and springs of all forms."""
+    at, to = dict(offset=by.near("offset", 0.02, 0.1, -0.05)), (0.2, 0.3, 0.1)
+    forms = {}, dict(length=0.05), dict(damping=0.1), dict(length=0.05, damping=0.1)
+    effects = [
+        tb.TipLoad(force=tb.Input("u", 3)),
+        tb.PointLoad(1, force=by.near("force", 0.1, 0.2, 0.3), **at),
+        tb.PointMass(0.05 * by("point mass"), node=1, **at),
+        *(tb.Spring(1, 5.0 * by("k"), to, **form, **at) for form in forms),
+    ]
+    return tb.Scene(beam(by, 2), effects)
+
+
 def curved(by):
     """Bent in space, coupled, with dead and follower loads; an eigenstrain, springs at the root and
     elsewhere.

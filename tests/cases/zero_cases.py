@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from cases.rows import ROWS
 from torchbeam.extend import quaternions as quat
 
 N = 2
@@ -199,6 +200,9 @@ ROUGH = dict(friction=0.4, slip_speed=0.2, radius=0.01)
 DIAGONAL = section()
 # fmt: off
 CASES = {
+    **{name: effect(lambda x, row=row: row.make(x, N)) for name, row in ROWS.items()
+       if row.numbers and row.zero},
+    "LineLoad.moment follower": effect(lambda x: tb.LineLoad(moment=x, follower=True)),
     "Section.compliance": Case(lambda x: scene(of=tb.Section(DIAGONAL.compliance + bent(x, (0, 3),
         (1, 3), (4, 5)), DIAGONAL.mass)), 3, scale=2e-5),
     "Section.compliance impossible":
@@ -261,21 +265,14 @@ CASES = {
         order=2)), 3, scale=2e-3),
     "Beam.arc direction": Case(lambda x: scene(beam=tb.Beam.arc(0.5, 1.0, N, section(),
         direction=torch.stack((1 + 0 * x[..., 0], x[..., 0], x[..., 1]), -1))), 2, scale=1e-2),
-    "TipLoad.force": effect(lambda x: tb.TipLoad(force=x)),
-    "TipLoad.moment": effect(lambda x: tb.TipLoad(moment=x)),
-    "TipLoad.force follower": effect(lambda x: tb.TipLoad(force=x, follower=True)),
     "TipLoad.force function": effect(lambda x: tb.TipLoad(force=by_time(x))),
     "TipLoad.moment follower": effect(lambda x: tb.TipLoad(moment=x, follower=True)),
-    "PointLoad.force": effect(lambda x: tb.PointLoad(force=x, node=1)),
     "PointLoad.moment": effect(lambda x: tb.PointLoad(moment=x, node=1)),
-    "LineLoad.force": effect(lambda x: tb.LineLoad(force=x)),
-    "LineLoad.moment": effect(lambda x: tb.LineLoad(moment=x, follower=True)),
     "Along.function": effect(lambda x: tb.LineLoad(force=along(x))),
     "PerElement.value": effect(lambda x: tb.LineLoad(force=tb.PerElement(x[..., None, :] *
         torch.tensor([1.0, -1.0])[:, None]))),
     "History.values": effect(lambda x: tb.TipLoad(force=tb.History((0.0, 0.05, 0.1),
         torch.stack((x, 2 * x, 0 * x), -2)))),
-    "Gravity.g": effect(lambda x: tb.Gravity(x)),
     "Damping.tau": effect(lambda x: tb.Damping(x), 1, DYNAMIC, least=True, scale=1e-4),
     "Damping.tau six": Case(lambda x: scene(tb.Damping([x[..., 0], 0.01, 0.02, 0.01, 0.02, 0.01])),
         ways=DYNAMIC, least=True, scale=1e-4),
@@ -344,8 +341,6 @@ CASES = {
     "Box.centre": touching(lambda x: tb.Box(x, (0.08, 0.08, 0.08), 0.03), 3, MOVING),
     "Box.rotation": touching(lambda x: tb.Box(-0.05 * UP, (2.0, 1.0, 0.06), 0.02, rotation=x), 3,
         MOVING),
-    "Actuation.curvature": effect(lambda x: tb.Actuation(curvature=x), scale=1e-2),
-    "Actuation.strain": effect(lambda x: tb.Actuation(strain=x)),
     "Actuation.curvature per element":
         effect(lambda x: tb.Actuation(curvature=tb.PerElement(x[..., None, :] *
         torch.tensor([1.0, -1.0])[:, None])), scale=1e-2),

@@ -11,7 +11,7 @@ from torchbeam_envs import TipReachEnv, TipReachVectorEnv
 from torchbeam_envs.plant import Plant
 
 # published with their rewards: 10 where the simulation fails, whatever is left
-PUBLISHED = "FollowTarget", "InverseKinematics"
+PUBLISHED = "FollowTarget", "InverseKinematics", "ReachObstacles"
 IDS = sorted(
     id
     for id in gymnasium.registry

@@ -19,10 +19,10 @@ SMALL = dict(elements=2, substeps=1)
 ARMS = dict(elements=5, substeps=1)  # of a segment each
 EPISODES = json.loads((Path(__file__).parent / "env_episodes.json").read_text())
 TASKS = [
-    "TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget", "Peg",
-    "Gripper"
+    "TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget",
+    "ReachObstacles", "Peg", "Gripper",
 ]  # fmt: skip
-VERSION = dict.fromkeys(TASKS, 1) | {"Payload": 2, "FollowTarget": 0}
+VERSION = dict.fromkeys(TASKS, 1) | {"Payload": 2, "FollowTarget": 0, "ReachObstacles": 0}
 IDS = [f"torchbeam/{t}{planar}-v{VERSION[t]}" for t in TASKS for planar in ("", "Planar")]
 IDS.append("torchbeam/InverseKinematics-v0")
 # each task in its plane, and one in space: they differ in the beam alone
@@ -35,6 +35,8 @@ ONCE = [
 
 
 def small(id):
+    if "Obstacles" in id:  # of half a second an interval
+        return dict(elements=5, substeps=10)
     return ARMS if "Target" in id or "Kinematics" in id else SMALL
 
 

@@ -116,8 +116,8 @@ def same(kind, place, before, after, push, dt, tolerance):
 
 @pytest.mark.parametrize("kind, place, plane", CASES)
 def test_readings_are_those_of_a_cut(kind, place, plane):
-    """At rest, to what an equilibrium leaves; in the fifth step of half a ms from where it is drawn, by
-    what the hub's momentum has changed, to the square of its turn in a step.
+    """At rest, to what an equilibrium leaves; in the fifth step of half a millisecond from where it
+    is drawn, by what the hub's momentum has changed, to the square of its turn in a step.
     """
     scene, push = scene_of(kind, place, plane)
     if kind not in SWINGS:

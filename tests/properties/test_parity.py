@@ -13,6 +13,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from studies.effect_costs import table
+from tests.broken_on_purpose import BREAKS
 from tests.cases import parity_scenes as scenes
 from tests.cases.compiled_step_cases import moving, straight
 from tests.cases.parity_scenes import Draw
@@ -26,6 +27,7 @@ STEPS = 3
 ROWS = {
     # loads, sections, supports and frames of one beam
     "all_effects": "steps",
+    "at_offsets": "steps",
     "curved": "equilibrium ~steps",
     "bow_in_a_plane": "steps",
     "small_bow": "steps ~equilibrium",
@@ -101,6 +103,7 @@ ROWS |= dict.fromkeys(EFFECTS, "~steps")
 LOOSE |= dict.fromkeys(EFFECTS, 1e-11)
 # Whose derivatives by instants are of accelerations, which the default tolerance tells to 1e-8
 SOLVED_TIGHTLY = ("turning_frame",)
+FINDING = {(one.name, one.ask) for one in BREAKS}  # run at each turn
 METHODS = {
     "steps": {},
     "generalized_alpha": dict(method="generalized_alpha", rho_inf=0.7),
@@ -115,6 +118,7 @@ def rows(path):
             if (ask.lstrip("~") == "path") == path:
                 args = (name,) if path else (name, ask.lstrip("~"))
                 marks = [pytest.mark.long] * ask.startswith("~")
+                marks += [pytest.mark.always] * ((name, ask) in FINDING)
                 yield pytest.param(*args, id="-".join(args), marks=marks)
 
 

@@ -13,6 +13,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from cases.rows import ROWS
 
 DOUBLE = dict(dtype=torch.float64)
 SECTION = tb.Section.from_stiffness(
@@ -65,17 +66,16 @@ def number(made, numbers=(0.3, 0.5), **more) -> Value:
 
 MOTION = dict(given=False)
 VALUES = {
-    "tip force": vector(lambda x: alone(tb.TipLoad(force=x))),
-    "tip moment": vector(lambda x: alone(tb.TipLoad(moment=x))),
-    "following force": vector(lambda x: alone(tb.TipLoad(force=x, follower=True))),
-    "point force": vector(lambda x: alone(tb.PointLoad(1, force=x))),
-    "line force": vector(lambda x: alone(tb.LineLoad(force=x))),
-    "line moment": vector(lambda x: alone(tb.LineLoad(moment=x))),
-    "gravity": vector(lambda x: alone(tb.Gravity(x))),
-    "flow": vector(lambda x: alone(tb.Drag(1.0, 0.05, flow=x)), function=False),
-    "curvature": vector(lambda x: alone(tb.Actuation(curvature=x))),
-    "strain": vector(lambda x: alone(tb.Actuation(strain=x))),
-    "spring's anchor": vector(lambda x: alone(tb.Spring(1, 5.0, x))),
+    **{
+        name: Value(
+            lambda x, row=row: alone(row.make(x, 2)),
+            row.numbers,
+            "function" in row.forms,
+            "input" in row.forms,
+        )
+        for name, row in ROWS.items()
+        if row.numbers
+    },
     "tension": number(lambda x: alone(tb.Tendon(ROPE, tension=x))),
     "length": number(lambda x: alone(tb.Tendon(ROPE, length=x, stiffness=5.0))),
     "support's place": vector(

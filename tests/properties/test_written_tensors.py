@@ -6,9 +6,9 @@ import pytest
 import torch
 
 import torchbeam as tb
+from cases.rows import NEW, OLD, ROWS
 
 FORCE = torch.tensor([0.1, 0.3, 0.2])
-OLD, NEW = "old", "new"
 COMPLIANCE, MASS = (
     torch.diag(torch.tensor(x))
     for x in ([0.01, 0.02, 0.02, 1.0, 1.0, 0.5], [0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3])
@@ -85,6 +85,8 @@ def pressed(obstacle, **numbers):
 # supports and frames are read where they are needed
 # fmt: off
 SCENES = {
+    **{name: (lambda x, row=row: loaded(row.make(x, 2)), row.draw, row.after)
+       for name, row in ROWS.items() if row.draw is not None},
     "nodes": (lambda x: loaded(beam=tb.Beam.from_nodes(x, section())),
               [[0.0, 0, 0], [0.5, 0, 0], [1, 0.1, 0]], OLD),
     "nodes of order 2": (lambda x: loaded(beam=tb.Beam.from_nodes(x, section(), order=2)),
@@ -105,23 +107,12 @@ SCENES = {
                                     [0.01, 1.0], OLD),
     "history": (lambda x: loaded(tb.PointLoad(1, force=tb.History([0.0, 1.0], x))),
                 [[1.0, 2, 3]] * 2, NEW),
-    "force": (lambda x: loaded(tb.TipLoad(force=x)), [0.1, 0.3, 0.2], NEW),
-    "following moment": (lambda x: loaded(tb.TipLoad(moment=x, follower=True)), [0.1, 0.3, 0.2],
-                         NEW),
-    "line load": (lambda x: loaded(tb.LineLoad(force=x)), [0.1, 0.3, 0.2], NEW),
     "function": (lambda x: loaded(tb.TipLoad(force=lambda t: x * (1 + t))), [0.1, 0.3, 0.2], NEW),
-    "gravity": (lambda x: loaded(tb.Gravity(x), tb.PointMass(0.1)), [0.0, 5.0, -5.0], NEW),
-    "point mass": (lambda x: loaded(tb.PointMass(x), tb.Gravity((0, 0, -9.81))), 0.2, OLD),
     "inertia of a point mass": (lambda x: loaded(tb.PointMass(0.2, inertia=x)), torch.eye(3) / 50,
                                 OLD),
     "mass of a body": (lambda x: falling(x), 0.3, OLD),
-    "damping": (lambda x: loaded(tb.Damping(x)), 0.02, NEW),
-    "mass damping": (lambda x: loaded(tb.MassDamping(x)), 2.0, NEW),
-    "drag": (lambda x: loaded(tb.Drag(1000.0, x)), 0.1, NEW),
     "root spring": (lambda x: loaded(tb.RootSpring(stiffness=x)), [5.0] * 6, NEW),
     "spring": (lambda x: loaded(tb.Spring(node=2, to=(1.0, 0.5, 0), stiffness=x)), 5.0, NEW),
-    "anchor": (lambda x: loaded(tb.Spring(node=2, to=x, stiffness=5.0)), [1.0, 0.5, 0], NEW),
-    "actuation": (lambda x: loaded(tb.Actuation(curvature=x)), [0.1, 0.3, 0.2], NEW),
     "turning frame": (lambda x: loaded(frame=tb.Frame(angular_velocity=x)), [1.0, 3.0, 2.0], NEW),
     "support": (lambda x: loaded(supports=[tb.Support(0), tb.Support(2, displacement=x)]),
                 [0.0, 0.01, 0.02], NEW),
@@ -177,8 +168,8 @@ COMPILED = (
     "mass",
     "accelerogram",
     "history",
-    "point mass",
-    "damping",
+    "PointMass.mass",
+    "Damping.tau",
     "spring",
     "turning frame",
     "thickness between beams",

@@ -2,8 +2,9 @@
 
 import json
 from collections import Counter
+from types import SimpleNamespace
 
-from tests import costs
+from tests import conftest, costs
 
 FILES = {
     "tests/docs/test_e.py": Counter(cpu=9.0, tests=1),
@@ -32,3 +33,34 @@ def test_a_run_of_some_files_keeps_what_is_known_of_others(tmp_path, monkeypatch
     assert costs.with_others(now) == now | {"tests/unit/test_costs.py": Counter(cpu=0.5, tests=1)}
     again = {"tests/unit/test_costs.py": Counter(cpu=7.0)}
     assert costs.with_others(again) == again
+
+
+def test_what_runs_in_turn_is_there():
+    for test in conftest.IN_TURN:
+        file, _, name = test.partition("::")
+        assert f"def {name}(" in (costs.HERE.parent / file).read_text(), test
+
+
+def test_turns_together_run_each_row_once_and_what_is_to_run_always_in_each():
+    test, others = sorted(conftest.IN_TURN)[0], ["tests/a.py::test_b[1]", "tests/a.py::test_c"]
+    names = [*(f"{test}[{k}]" for k in range(8)), f"{test}[always]", *others]
+
+    def item(name):
+        return SimpleNamespace(
+            nodeid=name, get_closest_marker=lambda mark: mark == "always" and mark in name
+        )
+
+    def ran(turn):
+        items = [item(name) for name in names]
+        hook = SimpleNamespace(pytest_deselected=lambda items: None)
+        options = {"--turn": turn, "--share": None}
+        config = SimpleNamespace(getoption=options.get, hook=hook)
+        conftest.pytest_collection_modifyitems(config, items)
+        return [x.nodeid for x in items]
+
+    turns = [ran(f"{k}/3") for k in (1, 2, 3)]
+    assert ran("1/1") == names and {len(turn) for turn in turns} == {5, 6}
+    assert all({names[8], *others} < {*turn} for turn in turns)
+    assert Counter(name for turn in turns for name in turn) == Counter(
+        names + 2 * [names[8], *others]
+    )

@@ -164,7 +164,7 @@ def test_physics_reads_rows_and_no_scene():
         assert not arrows[f"torchbeam.{name}"] & wholes, name
 
 
-ABOVE = "torchbeam_envs", "gymnasium", "studies", "training", "examples"
+ABOVE = "torchbeam_envs", "gymnasium", "studies", "training", "examples", "cases"
 
 
 def test_torchbeam_knows_neither_environments_nor_gymnasium():
@@ -194,6 +194,7 @@ DEMO = "torchbeam_envs.demo"
 OUTSIDE = {
     "envs": "torchbeam",
     "training": "",
+    "cases": "",
     "examples": "",
     "tests/properties": "",
     "tests/verification": "",

@@ -16,7 +16,7 @@ from ..core.arguments import count as check_count
 from ..core.arguments import function as check_function
 from ..core.arguments import tolerance as check_tolerance
 from ..core.summary import aligned
-from ..core.validation import shown
+from ..core.validation import refusal, shown
 from ..dynamics.simulate import simulate
 from ..scene.beam import Beam
 from ..scene.effects import Effect
@@ -150,13 +150,12 @@ def advise(
 
     reference = quantity(run(scene).state)
     if not isinstance(reference, Tensor):
-        raise ValueError(f"a quantity that gave {shown(reference)} was given; a tensor is wanted")
+        raise refusal(f"a quantity that gave {shown(reference)}", "a tensor")
     changes = dict(_changes(scene, considered))
     first = {what: _try(scene, alter, run, quantity, reference) for what, alter in changes.items()}
     ran = {what: outcome for what, outcome in first.items() if isinstance(outcome, tuple)}
-    base, *taken = seconds(
-        [lambda s=s: run(s) for s in (scene, *(s for s, _ in ran.values()))], repeats
-    )
+    runs = [lambda s=s: run(s) for s in (scene, *(s for s, _ in ran.values()))]
+    base, *taken = seconds(runs, repeats)
     share = dict(zip(ran, taken, strict=True))
     trials = tuple(
         Trial(what, outcome[1], _over(share[what], base), not outcome[1] <= tolerance)
@@ -179,9 +178,7 @@ def _over(taken: float, base: float) -> float:
 def _try(
     scene: Scene, alter: Change, run: Any, quantity: Any, reference: Tensor
 ) -> tuple[Scene, float] | str:
-    """(the changed scene, how much it changes), or the sentence with which it was refused or
-    failed.
-    """
+    """(changed scene, how much it changes), or the sentence with which it was refused or failed."""
     try:
         changed = alter(scene)
         return changed, change(quantity(run(changed).state), reference)
@@ -213,16 +210,11 @@ def _together(
             which = changes[trial.what](which)
         return which
 
-    outcome_of_all = _try(scene, all_of, run, quantity, reference)
-    if isinstance(outcome_of_all, str):
-        return Trial("all that does not matter", math.nan, math.nan, True, outcome_of_all)
-    base, taken = seconds([lambda: run(scene), lambda: run(outcome_of_all[0])], repeats)
-    return Trial(
-        "all that does not matter",
-        outcome_of_all[1],
-        _over(taken, base),
-        not outcome_of_all[1] <= tolerance,
-    )
+    what, outcome = "all that does not matter", _try(scene, all_of, run, quantity, reference)
+    if isinstance(outcome, str):
+        return Trial(what, math.nan, math.nan, True, outcome)
+    base, taken = seconds([lambda: run(scene), lambda: run(outcome[0])], repeats)
+    return Trial(what, outcome[1], _over(taken, base), not outcome[1] <= tolerance)
 
 
 def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, Change]]:
@@ -260,12 +252,8 @@ def _names(effects: tuple[Effect, ...]) -> list[str]:
 
 def _rigid(beam: Beam, rows: tuple[int, ...]) -> Beam:
     """The beam with these strains made impossible."""
-    keep = torch.ones(6, dtype=beam.compliance.dtype, device=beam.compliance.device)
-    keep = torch.where(
-        torch.tensor([k in rows for k in range(6)], device=keep.device),
-        torch.zeros_like(keep),
-        keep,
-    )
+    like = beam.compliance
+    keep = torch.tensor([float(k not in rows) for k in range(6)]).to(like)
     rigid = tuple(was or k in rows for k, was in enumerate(beam.rigid))
     return replace(beam, compliance=keep[:, None] * beam.compliance * keep, rigid=rigid)
 

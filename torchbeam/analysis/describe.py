@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
@@ -10,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.leaves import batch_shapes, constant, functions, map_leaves
-from ..core.summary import counted
+from ..core.leaves import batch_shapes, constant, functions, sent
+from ..core.summary import counted, span
 from ..dynamics.forms import FORMS, mixed_forms
 from ..dynamics.methods import METHODS
 from ..dynamics.stepper import Stepper
@@ -127,9 +128,7 @@ def _fits(scene: Scene, plane: str) -> bool:
 
 
 def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, str]]:
-    """Size of the state of each form that takes the scene, and for each other form its own reason
-    why not.
-    """
+    """Size of the state of each form that takes the scene, and why each other form does not."""
     tries: dict[str, Callable[[], int]] = {
         f"nodal, {method!r}": lambda method=method: Stepper(scene, 1.0, method) and 2 * free
         for method in METHODS
@@ -160,7 +159,7 @@ def _beam(scene: Scene) -> Iterator[str]:
     length = beam.length.sum(-1)
     order = f" of order {beam.order}" if beam.order > 1 else ""
     shape = ", curved or twisted at rest" if beam.curved else ""
-    yield f"{beam.element_count} elements{order}, {_number(length)} m long{shape}"
+    yield f"{beam.element_count} elements{order}, {span(length)} m long{shape}"
     known = notes(beam)
     if known:
         yield "; ".join(known)
@@ -214,13 +213,8 @@ def _value(value: Any) -> str:
         return f"input {value.name!r}"
     if isinstance(value, (Along, PerElement)):
         held = getattr(value, "value", value)
-        named = (
-            _value(held)
-            if isinstance(held, Input)
-            else "a function"
-            if callable(held)
-            else "values"
-        )
+        named = "a function" if callable(held) else "values"
+        named = _value(held) if isinstance(held, Input) else named
         return f"{type(value).__name__}({named})"
     if isinstance(value, Table):
         return f"a Table of {value.s.shape[-1]} places"
@@ -229,24 +223,12 @@ def _value(value: Any) -> str:
     if callable(value):
         return "a function"
     if hasattr(value, "shape"):
-        few = (
-            value.ndim < 2 and value.size
-            if not isinstance(value, Tensor)
-            else value.ndim < 2 and value.numel()
-        )
-        if few is False or few > NUMBERS:
+        if value.ndim > 1 or math.prod(value.shape) > NUMBERS:
             return f"of shape {tuple(value.shape)}"
-        return (
-            f"{value.tolist():g}"
-            if value.ndim == 0
-            else "(" + ", ".join(f"{x:g}" for x in value.tolist()) + ")"
-        )
+        if value.ndim == 0:
+            return f"{value.tolist():g}"
+        return "(" + ", ".join(f"{x:g}" for x in value.tolist()) + ")"
     return repr(value)
-
-
-def _number(value: Tensor) -> str:
-    least, most = value.min().item(), value.max().item()
-    return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
 
 
 def _support(support: Support) -> str:
@@ -259,11 +241,8 @@ def _support(support: Support) -> str:
         held = f"{position}, {turns.get(len(support.rotation), f'hinged about {about}')}"
     given = {name: getattr(support, name) for name in ("displacement", "turn")}
     moved = [name for name, value in given.items() if callable(value)]
-    still = [
-        word
-        for word, value in zip(("displaced", "turned"), given.values(), strict=True)
-        if value is not None and not callable(value)
-    ]
+    pairs = zip(("displaced", "turned"), given.values(), strict=True)
+    still = [word for word, value in pairs if value is not None and not callable(value)]
     return (
         f"node {support.node}: {held}"
         + (f", moved by its {' and '.join(moved)}" if moved else "")
@@ -320,49 +299,29 @@ def _frequencies(scene: Scene) -> tuple[str, ...]:
     """Of the beam with its masses, springs and added mass, without loads, at rest; in double
     precision, whatever it has.
     """
-    in_vibration = [
-        e
-        for e in (load.in_free_vibration() for load in (*scene.loads, *scene.interactions))
-        if e is not None and constant(e)
-    ]
-    springs = [e for e in in_vibration if POSITION in e.depends]
+    acts = (*scene.loads, *scene.interactions)
+    vibrating = (act.in_free_vibration() for act in acts)
+    in_vibration = [e for e in vibrating if e is not None and constant(e)]
+    springs = [e for e in in_vibration if POSITION in e.depends and e.kind == "load"]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
-    held = (
-        None
-        if any(e.frees_root for e in in_vibration)
-        else tuple(replace(s, displacement=None, turn=None) for s in scene.supports)
-    )
-    bare = _double(
-        replace(scene, effects=(*scene.bodies, *in_vibration), frame=None, root=None, supports=held)
-    )
+    held: Any = tuple(replace(s, displacement=None, turn=None) for s in scene.supports)
+    if any(e.frees_root for e in in_vibration):
+        held = None
+    effects = (*scene.bodies, *in_vibration)
+    bare = replace(scene, effects=effects, frame=None, root=None, supports=held)
+    bare = sent(bare, torch.float64)
     try:
         model = discretise(bare)
-        count, loose = unheld(
-            model, bare.beam.nodes.new_zeros(()), {}, (0,) * len(bare.batch_shape)
-        )
+        batch = (0,) * len(bare.batch_shape)
+        count, loose = unheld(model, bare.beam.nodes.new_zeros(()), {}, batch)
         if loose and springs:
             return (f"a mechanism: nothing holds {loose}",)
         at = equilibrium(bare) if springs else rest(bare)
-        frequencies = modes(bare, at, count=min(3 + count, model.constraints.count)).frequency[
-            ..., count:
-        ]
+        most = min(3 + count, model.constraints.count)
+        frequencies = modes(bare, at, count=most).frequency[..., count:]
     except (ValueError, RuntimeError) as error:
         return (f"not found: {error}",)
-    numbers = (
-        ", ".join(
-            map(
-                _number,
-                frequencies.flatten(0, -2).unbind(-1) if frequencies.ndim > 1 else frequencies,
-            )
-        )
-        + " rad/s, without loads"
-    )
+    each = frequencies.flatten(0, -2).unbind(-1) if frequencies.ndim > 1 else frequencies
+    numbers = f"{', '.join(map(span, each))} rad/s, without loads"
     return (f"a mechanism: nothing holds {loose}; beside that {numbers}" if loose else numbers,)
-
-
-def _double(of: Any) -> Any:
-    """A scene with its tensors in double precision."""
-    return map_leaves(
-        lambda value, axes: value.double() if isinstance(value, Tensor) else value, of
-    )

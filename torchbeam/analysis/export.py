@@ -158,13 +158,8 @@ def _grid(
     connectivity = np.concatenate([nodes for nodes, *_ in cells])
     ends = np.cumsum([len(nodes) for nodes, *_ in cells])
     first = np.arange(samples)[:, None]
-    root = ElementTree.Element(
-        "VTKFile",
-        type="UnstructuredGrid",
-        version="1.0",
-        byte_order="LittleEndian",
-        header_type="UInt64",
-    )
+    form = dict(byte_order="LittleEndian", header_type="UInt64")
+    root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="1.0", **form)
     piece = ElementTree.SubElement(ElementTree.SubElement(root, "UnstructuredGrid"), "Piece")
     parts = np.array([part for _, part, _ in cells])
     groups: dict[str, dict[str, Any]] = {
@@ -290,14 +285,8 @@ def _array(parent: ElementTree.Element, name: str, values: np.ndarray) -> None:
     """Numbers in base64, behind how many bytes they are."""
     values = np.ascontiguousarray(values)
     width = values.shape[-1] if values.dtype == np.float64 else 1
-    element = ElementTree.SubElement(
-        parent,
-        "DataArray",
-        type=TYPES[str(values.dtype)],
-        Name=name,
-        NumberOfComponents=str(width),
-        format="binary",
-    )
+    about = dict(type=TYPES[str(values.dtype)], Name=name, NumberOfComponents=str(width))
+    element = ElementTree.SubElement(parent, "DataArray", **about, format="binary")
     data = values.astype(values.dtype.newbyteorder("<")).tobytes()
     element.text = base64.b64encode(np.array(len(data), "<u8").tobytes() + data).decode()
 

@@ -22,6 +22,7 @@ from .validation import (
     finite,
     positive,
     real,
+    refusal,
     scalars,
     shown,
 )
@@ -67,7 +68,7 @@ def not_here(name: str, value: Any, call: str) -> None:
 def whole(name: str, value: int) -> int:
     """`value` if it is a whole number; ValueError otherwise."""
     if not _whole(value):
-        raise ValueError(f"{name} = {shown(value)} was given; a whole number is wanted")
+        raise refusal(f"{name} = {shown(value)}", "a whole number")
     return int(value)
 
 
@@ -98,16 +99,14 @@ def count(name: str, value: int, least: int = 1) -> int:
         4
     """
     if not _whole(value) or value < least:
-        raise ValueError(
-            f"{name} = {shown(value)} was given; a whole number of at least {least} is wanted"
-        )
+        raise refusal(f"{name} = {shown(value)}", f"a whole number of at least {least}")
     return int(value)
 
 
 def boolean(name: str, value: bool) -> bool:
     """`value` if it is True or False; ValueError otherwise."""
     if not isinstance(value, BOOLEANS):
-        raise ValueError(f"{name} = {shown(value)} was given; True or False is wanted")
+        raise refusal(f"{name} = {shown(value)}", "True or False")
     return bool(value)
 
 
@@ -129,9 +128,7 @@ def choice(name: str, value: Any, known: Iterable[Any]) -> Any:
 def function(name: str, value: Any, *arguments: str, named: Iterable[str] = ()) -> Any:
     """`value` if it can be called, with these arguments; ValueError otherwise."""
     if not callable(value):
-        raise ValueError(
-            f"{name} = {shown(value)} was given; a function{_of(arguments, named)} is wanted"
-        )
+        raise refusal(f"{name} = {shown(value)}", f"a function{_of(arguments, named)}")
     if arguments or named:
         try:
             inspect.signature(value).bind(*arguments, **dict.fromkeys(named))
@@ -164,17 +161,14 @@ def listed(value: Any) -> tuple[Any, ...]:
 def batch(name: str, value: Any) -> torch.Size:
     """Batch axes: a sequence of whole numbers that are not negative; ValueError otherwise."""
     if not isinstance(value, (list, tuple)):
-        raise ValueError(f"{name} = {shown(value)} was given; a sequence of sizes is wanted")
+        raise refusal(f"{name} = {shown(value)}", "a sequence of sizes")
     return torch.Size(count(f"an axis of {name}", size, least=0) for size in value)
 
 
 def instance(name: str, value: Any, wanted: type) -> Any:
     """`value` if it is an object of torchbeam's class `wanted`; ValueError otherwise."""
     if not isinstance(value, wanted):
-        raise ValueError(
-            f"{name} of type {type(value).__name__} was given; a torchbeam.{wanted.__name__} is "
-            "wanted"
-        )
+        raise refusal(f"{name} of type {type(value).__name__}", f"a torchbeam.{wanted.__name__}")
     return value
 
 
@@ -182,10 +176,7 @@ def number(name: str, value: Any, *, infinite: bool = False) -> float:
     """One finite real number, of Python, NumPy or a tensor, as Python's; ValueError otherwise."""
     parsed = converted(value, torch.float64) if value is not None else torch.empty(0)
     if parsed.ndim or not (torch.isfinite(parsed) or (infinite and torch.isinf(parsed))):
-        raise ValueError(
-            f"{name} = {shown(value)} was given; one {'' if infinite else 'finite '}number is "
-            "wanted"
-        )
+        raise refusal(f"{name} = {shown(value)}", f"one {'' if infinite else 'finite '}number")
     return parsed.item()
 
 
@@ -193,7 +184,7 @@ def level_of(name: str, value: Any) -> float:
     """A probability in (0, 1); ValueError otherwise."""
     level = number(name, value)
     if not 0 < level < 1:
-        raise ValueError(f"{name} = {level:g} was given; a probability between 0 and 1 is wanted")
+        raise refusal(f"{name} = {level:g}", "a probability between 0 and 1")
     return level
 
 
@@ -214,7 +205,7 @@ def accuracy(name: str, value: Any) -> float:
 def some(name: str, value: Tensor) -> Tensor:
     """`value` if it has a number at all; ValueError otherwise."""
     if not value.numel():
-        raise ValueError(f"{name} of shape {tuple(value.shape)} was given; a number is wanted")
+        raise refusal(f"{name} of shape {tuple(value.shape)}", "a number")
     return value
 
 
@@ -227,7 +218,7 @@ def instant(name: str, value: Any, like: Tensor) -> Tensor:
     """A time (0-dim) s likewise; ValueError for more than one."""
     one = instants(name, value, like)
     if one.ndim:
-        raise ValueError(f"{name} of shape {tuple(one.shape)} was given; one instant is wanted")
+        raise refusal(f"{name} of shape {tuple(one.shape)}", "one instant")
     return one
 
 
@@ -240,7 +231,7 @@ def mask(name: str, value: Any, like: Tensor) -> Tensor:
         value = torch.as_tensor(np.array(value), device=like.device)
     if not isinstance(value, Tensor) or value.dtype != torch.bool:
         kind = f"of {value.dtype}" if isinstance(value, Tensor) else f"= {shown(value)}"
-        raise ValueError(f"{name} {kind} was given; booleans, one a sample, are wanted")
+        raise refusal(f"{name} {kind}", "booleans, one a sample,", are=True)
     what = f"{name} and samples"
     if value.ndim > like.ndim or broadcast(what, value.shape, like.shape) != like.shape:
         raise ValueError(
@@ -256,22 +247,18 @@ def tolerance(name: str, value: Any, *, zero: bool = False, each: bool = False) 
     """
     if isinstance(value, Tensor):
         if value.ndim and not each:
-            raise ValueError(
-                f"{name} of shape {tuple(value.shape)} was given; one number is wanted"
-            )
+            raise refusal(f"{name} of shape {tuple(value.shape)}", "one number")
         return positive(name, some(name, real(value)), zero=zero)
     if not _real(value) or not (0 < value < math.inf or (zero and value == 0)):
         wanted = "a non-negative" if zero else "a positive"
-        raise ValueError(f"{name} = {shown(value)} was given; {wanted} finite number is wanted")
+        raise refusal(f"{name} = {shown(value)}", f"{wanted} finite number")
     return value
 
 
 def step_size(name: str, value: float) -> float:
     """`value` if it is a positive finite Python number; ValueError otherwise."""
     if not _real(value) or not (0 < value < math.inf):
-        raise ValueError(
-            f"{name} = {shown(value)} was given; a positive finite number of seconds is wanted"
-        )
+        raise refusal(f"{name} = {shown(value)}", "a positive finite number of seconds")
     return float(value)
 
 
@@ -287,8 +274,7 @@ def duration(name: str, value: float | Tensor, dtype: torch.dtype, device: torch
     if not isinstance(value, Tensor):
         return torch.as_tensor(step_size(name, value), dtype=dtype, device=device)
     if value.ndim or value.is_complex() or value.dtype == torch.bool:
-        raise ValueError(
-            f"{name} of shape {tuple(value.shape)} and {value.dtype} was given; one number of "
-            "seconds is wanted"
+        raise refusal(
+            f"{name} of shape {tuple(value.shape)} and {value.dtype}", "one number of seconds"
         )
     return positive(name, dense(value).to(dtype=dtype, device=device))

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers
+from .validation import Value, as_tensor, axis_last, common_dtype, has_dtype, numbers, refusal
 from .validation import finite as check_finite
 from .validation import positive as check_positive
 
@@ -61,9 +61,7 @@ def _sized(name: str, value: Tensor | np.ndarray, size: tuple[int, ...]) -> Tens
         axis_last(name, value, size[-1])
     if size[1:] and tuple(value.shape[-len(size) :]) != size:
         wanted = ", ".join(map(str, size))
-        raise ValueError(
-            f"{name} of shape {tuple(value.shape)} was given; (..., {wanted}) is wanted"
-        )
+        raise refusal(f"{name} of shape {tuple(value.shape)}", f"(..., {wanted})")
     return value
 
 
@@ -99,9 +97,7 @@ def _declared(kind: Any) -> tuple[tuple[str, str, Check, bool], ...]:
 def one_of(tree: Any, *names: str) -> None:
     """ValueError where none of these fields is there."""
     if all(getattr(tree, name) is None for name in names):
-        raise ValueError(
-            f"{tree.called} with neither {' nor '.join(names)} was given; one of them is wanted"
-        )
+        raise refusal(f"{tree.called} with neither {' nor '.join(names)}", "one of them")
 
 
 def together(tree: Any, *pairs: tuple[str, str]) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from .validation import shown
+from .validation import refusal, shown
 
 PART = re.compile(r".+\.\d+-[0-9a-f]{8}\.part(\.\w+)?")  # as `_part` names them
 ABANDONED = 3600.0  # s since a file was last written to, after which nobody will rename it
@@ -47,7 +47,7 @@ def file_of(name: str, value: Any, *endings: str, of: str = "") -> Path:
             "wanted"
         )
     if not path.stem.strip("."):
-        raise ValueError(f"{name} = {shown(value)} was given; a file with a name is wanted")
+        raise refusal(f"{name} = {shown(value)}", "a file with a name")
     return path
 
 

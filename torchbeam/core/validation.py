@@ -21,6 +21,14 @@ ROUNDING = 1e-6  # relative, of moments of inertia
 LONGEST = 80  # characters of what was given, in a sentence about it
 
 
+def refusal(given: str, wanted: str, *, were: bool = False, are: bool = False) -> ValueError:
+    """The error that says in one sentence what was given, or `were`, and what is wanted, or `are`:
+    "a length of -1 m was given; a positive one is wanted".
+    """
+    verbs = "were" if were else "was", "are" if are else "is"
+    return ValueError(f"{given} {verbs[0]} given; {wanted} {verbs[1]} wanted")
+
+
 def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
     """float64, to which `values` are taken whatever they come in, and the device of the tensors
     among them, the CPU where there is none.
@@ -33,9 +41,7 @@ def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
         _known(leaf)
         if isinstance(leaf, Tensor):
             if device not in (None, leaf.device):
-                raise ValueError(
-                    f"tensors on {device} and {leaf.device} were given; one device is wanted"
-                )
+                raise refusal(f"tensors on {device} and {leaf.device}", "one device", were=True)
             device = leaf.device
     return torch.float64, device or torch.device("cpu")
 
@@ -43,7 +49,7 @@ def common_dtype(*values: Value) -> tuple[torch.dtype, torch.device]:
 def precision(dtype: torch.dtype) -> torch.dtype:
     """`dtype` if it is float32 or float64; ValueError otherwise."""
     if dtype not in (torch.float32, torch.float64):
-        raise ValueError(f"{dtype} was given; torch.float32 or torch.float64 is wanted")
+        raise refusal(dtype, "torch.float32 or torch.float64")
     return dtype
 
 
@@ -98,7 +104,7 @@ def converted(value: Value, dtype: torch.dtype, device: torch.device | None = No
 def real(value: Tensor) -> Tensor:
     """`value` if it holds real numbers; ValueError for others, and as of `dense`."""
     if value.dtype == torch.bool or value.dtype.is_complex:
-        raise ValueError(f"a tensor of {value.dtype} was given; real numbers are wanted")
+        raise refusal(f"a tensor of {value.dtype}", "real numbers", are=True)
     return dense(value)
 
 
@@ -110,7 +116,7 @@ def dense(value: Tensor) -> Tensor:
     if value.layout != torch.strided or value.is_meta or coarse:
         kind = value.dtype if coarse else f"the layout {value.layout}"
         kind = "the device meta" if value.is_meta else kind
-        raise ValueError(f"a tensor of {kind} was given; a dense one with numbers is wanted")
+        raise refusal(f"a tensor of {kind}", "a dense one with numbers")
     return value
 
 
@@ -134,7 +140,7 @@ def numbers(value: Value, kinds: str = "fiu") -> Plain:
         or not array.size
         or any(isinstance(leaf, BOOLEANS) for leaf in scalars(value))
     ):
-        raise ValueError(f"{shown(value)} was given; numbers or a tensor are wanted")
+        raise refusal(shown(value), "numbers or a tensor", are=True)
     return array.astype(np.complex128 if array.dtype.kind == "c" else np.float64, order="C").view(
         Plain
     )
@@ -224,7 +230,7 @@ def unmapped(what: str, value: Tensor) -> Tensor:
 def axis_last(name: str, value: Any, size: int) -> Any:
     """`value` if its last axis has `size` entries; ValueError otherwise."""
     if value.ndim == 0 or value.shape[-1] != size:
-        raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., {size}) is wanted")
+        raise refusal(f"{name} of shape {tuple(value.shape)}", f"(..., {size})")
     return value
 
 
@@ -240,7 +246,7 @@ def positive(name: str, value: Tensor, *, infinite: bool = False, zero: bool = F
     bad = bad if infinite else bad | torch.isinf(numbers)
     wanted = "a non-negative" if zero else "a positive"
     wanted = f"{wanted} {'or infinite' if infinite else 'finite'} number"
-    raise ValueError(f"{name} = {numbers[bad].flatten()[0].item():g} was given; {wanted} is wanted")
+    raise refusal(f"{name} = {numbers[bad].flatten()[0].item():g}", wanted)
 
 
 def finite(name: str, value: Tensor) -> Tensor:
@@ -257,14 +263,12 @@ def finite(name: str, value: Tensor) -> Tensor:
 def rotations(name: str, value: Tensor) -> Tensor:
     """`value` (..., 3, 3) if its columns are right-handed, orthonormal to 1e-5; else ValueError."""
     if value.ndim < 2 or value.shape[-2:] != (3, 3):
-        raise ValueError(f"{name} of shape {tuple(value.shape)} was given; (..., 3, 3) is wanted")
+        raise refusal(f"{name} of shape {tuple(value.shape)}", "(..., 3, 3)")
     R = concrete(finite(name, value)).detach()
     if ((R.mT @ R - torch.eye(3, dtype=R.dtype, device=R.device)).abs() > 1e-5).any():
-        raise ValueError(
-            f"{name} that are not orthonormal were given; rotation matrices are wanted"
-        )
+        raise refusal(f"{name} that are not orthonormal", "rotation matrices", were=True, are=True)
     if (torch.linalg.det(R) < 0).any():
-        raise ValueError(f"{name} with left-handed axes were given; right-handed ones are wanted")
+        raise refusal(f"{name} with left-handed axes", "right-handed ones", were=True, are=True)
     return value
 
 
@@ -292,10 +296,7 @@ def inertia(name: str, J: Tensor, size: Tensor) -> Tensor:
 def increasing(name: str, value: Tensor) -> Tensor:
     """`value` if it is a strictly increasing series of two or more numbers; else ValueError."""
     if value.ndim != 1 or value.numel() < 2:
-        raise ValueError(
-            f"{name} of shape {tuple(value.shape)} was given; a series of two or more instants "
-            "is wanted"
-        )
+        raise refusal(f"{name} of shape {tuple(value.shape)}", "a series of two or more instants")
     numbers = concrete(unmapped(name, value)).tolist()
     if not all(map(math.isfinite, numbers)):
         finite(name, value)  # says which

@@ -15,9 +15,7 @@ class SlowPathWarning(UserWarning):
 
     Examples:
         >>> import warnings
-        >>> warnings.simplefilter(
-        ...     "error", tb.SlowPathWarning
-        ... )  # an eager step is a mistake here
+        >>> warnings.simplefilter("error", tb.SlowPathWarning)  # an eager step is a mistake here
     """
 
 

@@ -1,6 +1,4 @@
-"""Block tridiagonal matrices, of constants: products, sums, and solutions of many right-hand sides,
-O(n).
-"""
+"""Block tridiagonal matrices of constants: products, sums and solutions, O(n)."""
 
 from __future__ import annotations
 

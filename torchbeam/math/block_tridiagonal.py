@@ -98,9 +98,7 @@ def finite_pivots(D: Tensor, L: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def in_unit(blocks: Tensor, unit: Tensor | None) -> Tensor:
-    """Blocks (..., n, k, k) of a quadratic form, by unknowns measured in `unit` (..., k), None = as
-    they are.
-    """
+    """Blocks (..., n, k, k) of a quadratic form, unknowns in `unit` (..., k) or as they are."""
     return blocks if unit is None else unit[..., None, :, None] * blocks * unit[..., None, None, :]
 
 

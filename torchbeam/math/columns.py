@@ -1,6 +1,4 @@
-"""Columns: products with a matrix that moves numbers, and changes their signs at most, without a
-product.
-"""
+"""Columns: matrices that move numbers, and change their signs at most, applied as slices."""
 
 from __future__ import annotations
 

@@ -7,9 +7,7 @@ from torch._C import _functorch as functorch
 
 
 def concrete(x: Tensor) -> Tensor:
-    """The numbers in x, to decide by: those of every sample, where torch.func.vmap shows one at a
-    time.
-    """
+    """The numbers in x, to decide by: of every sample where torch.func.vmap shows one."""
     while functorch.is_functorch_wrapped_tensor(x):
         x = functorch.get_unwrapped(x)
     return x

@@ -63,9 +63,7 @@ def _finite(x: Tensor) -> bool:
 
 
 def _beside(V: Tensor, W: Tensor) -> Tensor:
-    """W made orthonormal, and orthogonal to V, even where nothing is left of it but rounding:
-    projected twice.
-    """
+    """W made orthonormal and orthogonal to V, even of rounding alone: projected twice."""
     for _ in range(2):
         W = torch.linalg.qr(W - V @ (V.mT @ W)).Q
     return W

@@ -21,9 +21,7 @@ IN_ORDER = ContextVar("IN_ORDER", default=False)  # while `solve_in_order` solve
 
 
 def solve(A: Tensor, B: Tensor) -> Tensor:
-    """A^-1 B for (..., n, n) and (..., n, m). Raises torch.linalg.LinAlgError where a sample is
-    singular.
-    """
+    """A^-1 B for (..., n, n) and (..., n, m). Raises torch.linalg.LinAlgError if singular."""
     return _by_sample(torch.linalg.solve, A, B)
 
 

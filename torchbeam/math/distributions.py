@@ -101,10 +101,8 @@ def binomial_interval(hits: float, n: float, level: float) -> tuple[float, float
     least as often as `level` says. (Clopper and Pearson 1934.)
     """
     tail = (1 - level) / 2
-    return (
-        0.0 if hits <= 0 else beta_quantile(tail, hits, n - hits + 1),
-        1.0 if hits >= n else beta_quantile(1 - tail, hits + 1, n - hits),
-    )
+    low = beta_quantile(tail, hits, n - hits + 1) if hits > 0 else 0.0
+    return low, beta_quantile(1 - tail, hits + 1, n - hits) if hits < n else 1.0
 
 
 def binomial_ranks(q: float, n: int, level: float) -> tuple[int, int]:
@@ -124,9 +122,7 @@ def binomial_ranks(q: float, n: int, level: float) -> tuple[int, int]:
 
 
 def _first(true: Callable[[int], bool], low: int, high: int) -> int:
-    """Least whole number from low to high for which a condition that stays true is; `high` where it
-    never is.
-    """
+    """Least whole number from low to high for which a lasting condition is true; else `high`."""
     while low < high:
         middle = (low + high) // 2
         low, high = (low, middle) if true(middle) else (middle + 1, high)

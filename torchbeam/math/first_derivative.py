@@ -1,6 +1,4 @@
-"""First derivatives of which there are no second ones: whoever asks for those gets an error, never
-a number.
-"""
+"""First derivatives without second ones: asking for those is an error, never a number."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Unit quaternions (..., 4), scalar first: the rotations of nodes. R(q) maps section axes to frame
-a.
-"""
+"""Unit quaternions (..., 4), scalar first: rotations. R(q) maps section axes to frame a."""
 
 from __future__ import annotations
 

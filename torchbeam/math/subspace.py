@@ -65,10 +65,8 @@ def subspace(
         if last is not None:
             # of K, by the motion and those mixed with it; of the projection, by the largest
             weighted = unknown * value
-            mixed, spread = (
-                (weighted * weighted.amax(-1, True)).sqrt(),
-                SPREAD * eps * value[..., :1] / value,
-            )
+            mixed = (weighted * weighted.amax(-1, True)).sqrt()
+            spread = SPREAD * eps * value[..., :1] / value
             done = ((value - before).abs() <= value * (weighted + spread).clamp(min=change)) & (
                 left <= (mixed + spread).clamp(min=residual)
             )

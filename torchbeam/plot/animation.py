@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, tolerance
 from ..core.files import file_of, folder, written
+from ..core.validation import refusal
 from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State
@@ -204,9 +205,7 @@ def _writer(path: Path, fps: float) -> tuple[Any, dict[str, Any]]:
     ffmpeg.
     """
     if path.suffix not in (".gif", ".mp4"):
-        raise ValueError(
-            f"the file {path.name!r} was given; one that ends in .gif or .mp4 is wanted"
-        )
+        raise refusal(f"the file {path.name!r}", "one that ends in .gif or .mp4")
     with matplotlib_wanted():
         from matplotlib.animation import FFMpegWriter, PillowWriter
     if path.suffix == ".gif":

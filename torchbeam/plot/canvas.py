@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, count, listed, tolerance
 from ..core.files import file_of, folder, written
-from ..core.validation import shown
+from ..core.validation import refusal, shown
 
 Axes = Any  # matplotlib.axes.Axes; matplotlib is imported where something is drawn
 GREY = "0.6"
@@ -38,21 +38,21 @@ def drawn_on(ax: Axes | None) -> Axes:
 def check_axes(ax: Any) -> Axes:
     """`ax`; ValueError for what is no axes of matplotlib's."""
     if not (hasattr(ax, "figure") and hasattr(ax, "get_lines")):
-        raise ValueError(f"ax = {shown(ax)} was given; axes of matplotlib's are wanted")
+        raise refusal(f"ax = {shown(ax)}", "axes of matplotlib's", are=True)
     return ax
 
 
 def drawable(name: str, value: Any, kind: str, *needed: str) -> Any:
     """`value` if it has what is drawn of it; ValueError, that names the kind, otherwise."""
     if isinstance(value, type) or not all(hasattr(value, one) for one in needed):
-        raise ValueError(f"{name} = {shown(value)} was given; {kind} is wanted")
+        raise refusal(f"{name} = {shown(value)}", kind)
     return value
 
 
 def check_label(label: Any) -> Any:
     """`label` if it is a text or None; ValueError otherwise."""
     if not isinstance(label, (str, type(None))):
-        raise ValueError(f"label = {shown(label)} was given; a text is wanted")
+        raise refusal(f"label = {shown(label)}", "a text")
     return label
 
 
@@ -90,9 +90,7 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
     path, figure = file_of("path", path), check_axes(ax).figure
     tolerance("dpi", dpi)
     if path.suffix[1:].lower() not in figure.canvas.get_supported_filetypes():
-        raise ValueError(
-            f"the file {path.name!r} was given; one that ends in .png, .pdf, .svg ... is wanted"
-        )
+        raise refusal(f"the file {path.name!r}", "one that ends in .png, .pdf, .svg ...")
     folder(path.parent)
     with written(path) as part:
         figure.savefig(part, dpi=dpi, format=path.suffix[1:])
@@ -153,7 +151,7 @@ def _figure(size: tuple[float, float]) -> Any:
         from matplotlib.figure import Figure
     size = tuple(tolerance("a length of size", length) for length in listed(size))
     if len(size) != 2:
-        raise ValueError(f"size = {shown(size)} was given; two lengths, in inches, are wanted")
+        raise refusal(f"size = {shown(size)}", "two lengths, in inches,", are=True)
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     return figure

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import instance, listed, number
-from ..core.validation import converted, finite, shown
+from ..core.validation import converted, finite, refusal, shown
 from ..sensors import Sensor
 from ..state.solution import Solution
 from .canvas import GREY, Axes, check_label, drawable, drawn_on, line_style, numbers
@@ -73,11 +73,15 @@ def energies(solution: Solution, ax: Axes | None = None) -> Axes:
             f"a batch {tuple(energy.kinetic.shape[1:])} of solutions was given to energies; one "
             "sample is wanted"
         )
-    ax.plot(t, numbers(energy.kinetic), color="C0", lw=1, label="kinetic")
-    ax.plot(t, numbers(energy.strain), color="C1", lw=1, label="strain")
-    ax.plot(t, numbers(energy.kinetic + energy.strain), color="k", lw=1.8, label="kinetic + strain")
-    if energy.work is not None:
-        ax.plot(t, numbers(energy.work), color="C3", lw=1.5, ls="--", label="work of the loads")
+    total = energy.kinetic + energy.strain
+    for x, text, look in (
+        (energy.kinetic, "kinetic", dict(color="C0", lw=1)),
+        (energy.strain, "strain", dict(color="C1", lw=1)),
+        (total, "kinetic + strain", dict(color="k", lw=1.8)),
+        (energy.work, "work of the loads", dict(color="C3", lw=1.5, ls="--")),
+    ):
+        if x is not None:
+            ax.plot(t, numbers(x), label=text, **look)
     ax.set(xlabel="time / s", ylabel="energy / J")
     ax.margins(x=0)
     return _legend(ax)
@@ -157,8 +161,7 @@ def campbell(
     Examples:
         >>> speed = torch.tensor([0.0, 10.0, 20.0])  # rad/s
         >>> rotating = tb.Scene(
-        ...     beam,
-        ...     frame=tb.Frame(angular_velocity=speed[:, None] * torch.tensor([0, 0, 1.0])),
+        ...     beam, frame=tb.Frame(angular_velocity=speed[:, None] * torch.tensor([0, 0, 1.0]))
         ... )
         >>> ax = tb.plot.campbell(speed, tb.modes(rotating, count=3).frequency)
     """
@@ -176,7 +179,7 @@ def campbell(
     if names is not None and (
         len(names) < y.shape[1] or not all(isinstance(n, str) for n in names)
     ):
-        raise ValueError(f"names = {shown(names)} was given; {y.shape[1]} texts are wanted")
+        raise refusal(f"names = {shown(names)}", f"{y.shape[1]} texts", are=True)
     for k, curve in enumerate(y.T):
         ax.plot(x, curve, color=f"C{k % 10}", lw=1.6, label=None if names is None else names[k])
     top = 1.05 * y.max()

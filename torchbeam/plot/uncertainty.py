@@ -126,9 +126,7 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
         ValueError: for a y of several numbers.
 
     Examples:
-        >>> ax = tb.plot.tornado(
-        ...     tb.tornado(deflection, laws, by_name=True), name="deflection / m"
-        ... )
+        >>> ax = tb.plot.tornado(tb.tornado(deflection, laws, by_name=True), name="deflection / m")
     """
     drawable("table", table, "a torchbeam.Tornado", "names", "base", "rows")
     ax = axes((6.0, 1.2 + 0.35 * len(table.names))) if ax is None else check_axes(ax)

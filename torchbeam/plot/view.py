@@ -18,7 +18,7 @@ from torch import Tensor
 from ..core.arguments import count, instance
 from ..core.files import file_of, folder, reason, write
 from ..core.leaves import sent
-from ..core.validation import positive, shown
+from ..core.validation import positive, refusal, shown
 from ..math import quaternions as quat
 from ..scene.effects.obstacle import Obstacle
 from ..scene.effects.obstacles import Sphere
@@ -86,7 +86,7 @@ def view(
     count("samples", samples)
     count("port", port, 0)
     if not isinstance(host, str) or not host:
-        raise ValueError(f"host = {shown(host)} was given; an address is wanted")
+        raise refusal(f"host = {shown(host)}", "an address")
     if isinstance(what, Scene):
         what, scene = rest(what), what
     states = what.state if isinstance(what, Solution) else what.map(lambda x: x[None])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..core.validation import concrete, positive, rotations
+from ..core.validation import concrete, positive, refusal, rotations
 from ..math import quaternions as quat
 from ..math.quadratic import at_points, threes
 from .curve import transported
@@ -28,16 +28,13 @@ def axes_along(direction: Tensor, up: Tensor | None) -> Tensor:
     x = direction / length
     if up is None:
         y, z = x.new_tensor([0.0, 1, 0]), x.new_tensor([0.0, 0, 1])
-        up = torch.where(
-            torch.linalg.vector_norm(x[..., :2], dim=-1, keepdim=True) <= PARALLEL, y, z
-        )
+        flat = torch.linalg.vector_norm(x[..., :2], dim=-1, keepdim=True)
+        up = torch.where(flat <= PARALLEL, y, z)
     x, up = torch.broadcast_tensors(x, up)
     across = up - (up * x).sum(-1, keepdim=True) * x
     size = torch.linalg.vector_norm(across, dim=-1, keepdim=True)
     if concrete(size <= PARALLEL * torch.linalg.vector_norm(up, dim=-1, keepdim=True)).any():
-        raise ValueError(
-            "an up vector parallel to the beam's direction was given; one that leaves it is wanted"
-        )
+        raise refusal("an up vector parallel to the beam's direction", "one that leaves it")
     z = across / size
     return torch.stack((x, torch.linalg.cross(z, x), z), -1)
 
@@ -60,7 +57,7 @@ def orthonormal(frames: Tensor, *counts: int) -> Tensor:
     """`frames` (..., n, 3, 3), n one of `counts`, if they are rotations; ValueError otherwise."""
     if frames.ndim < 3 or frames.shape[-3] not in counts or frames.shape[-2:] != (3, 3):
         wanted = " or ".join(f"(..., {n}, 3, 3)" for n in counts)
-        raise ValueError(f"frames of shape {tuple(frames.shape)} were given; {wanted} is wanted")
+        raise refusal(f"frames of shape {tuple(frames.shape)}", wanted, were=True)
     return rotations("frames", frames)
 
 
@@ -87,10 +84,7 @@ def parabolas(nodes: Tensor) -> tuple[Tensor, Tensor]:
     r_1, r_2, r_3 = threes(nodes)
     off = torch.linalg.vector_norm(r_1 + r_3 - 2 * r_2, dim=-1)
     if concrete(off > HALF_WAY * torch.linalg.vector_norm(r_3 - r_1, dim=-1)).any():
-        raise ValueError(
-            "a node far from the middle of its element of order 2 was given; one about half way "
-            "is wanted"
-        )
+        raise refusal("a node far from the middle of its element of order 2", "one about half way")
     along = (at_points(nodes)[1] @ torch.stack((r_1, r_2, r_3), -2)).flatten(-3, -2)
     # at the ends of the elements
     first, last = (4 * r_2 - 3 * r_1 - r_3) / 2, (r_1 - 4 * r_2 + 3 * r_3) / 2

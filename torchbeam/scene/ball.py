@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.declared import own, parameter, plain, together
 from ..core.leaves import leaf
-from ..core.validation import Value, concrete, finite, positive
+from ..core.validation import Value, concrete, finite, positive, refusal
 from .effects.values import OfTime, load_value
 from .joint import VECTOR, CoordinateLaw, Joint
 
@@ -29,9 +29,7 @@ def _matrix(name: str, value: Any) -> Tensor | np.ndarray:
     finite(name, K)
     size = K.abs().amax((-1, -2), keepdim=True)
     if ((K - K.mT).abs() > SYMMETRIC * size).any():
-        raise ValueError(
-            "a Ball with a stiffness that is not symmetric was given; K = K^T is wanted"
-        )
+        raise refusal("a Ball with a stiffness that is not symmetric", "K = K^T")
     least = torch.linalg.eigvalsh(K)[..., :1, None]
     positive(f"{name} along an eigenvector", (least + SYMMETRIC * size), zero=True)
     return own(value)
@@ -84,7 +82,7 @@ class Ball(Joint):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.limit is not None and concrete(torch.as_tensor(self.limit) >= torch.pi).any():
-            raise ValueError("a Ball with a limit of half a turn was given; less is wanted")
+            raise refusal("a Ball with a limit of half a turn", "less")
         together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
 
     def law(self, coordinate: int) -> CoordinateLaw:

@@ -13,7 +13,16 @@ from torch.nn.functional import pad
 from ..core.arguments import function as check_function
 from ..core.leaves import leaf
 from ..core.summary import counted, kind, lines, point, span
-from ..core.validation import Value, as_tensor, axis_last, common_dtype, concrete, finite, positive
+from ..core.validation import (
+    Value,
+    as_tensor,
+    axis_last,
+    common_dtype,
+    concrete,
+    finite,
+    positive,
+    refusal,
+)
 from ..math import quaternions as quat
 from ..topology.framework import Framework
 from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
@@ -161,9 +170,7 @@ class Beam(BeamRows):
             angle = check_function("twist", twist, "s")(length[..., None] * s)
             angle = as_tensor(angle, length.dtype, length.device)
             if angle.shape[-1:] != (N + 1,):
-                raise ValueError(
-                    f"a twist of shape {tuple(angle.shape)} was given; (..., {N + 1}) is wanted"
-                )
+                raise refusal(f"a twist of shape {tuple(angle.shape)}", f"(..., {N + 1})")
         else:
             tip = as_tensor(twist, length.dtype, length.device)
             warn_of_batch("a twist", tip.shape, N, order, section, nodes.shape[:-2])
@@ -267,14 +274,13 @@ class Beam(BeamRows):
         # lengths and axes are of these
         nodes = finite("nodes", axis_last("nodes", as_tensor(nodes, dtype, device), 3)).clone()
         if nodes.ndim < 2 or nodes.shape[-2] < 2:
-            raise ValueError(
-                f"nodes of shape {tuple(nodes.shape)} were given; (..., N+1, 3) with N >= 1 is "
-                "wanted"
+            raise refusal(
+                f"nodes of shape {tuple(nodes.shape)}", "(..., N+1, 3) with N >= 1", were=True
             )
         if up is not None:
             up = finite("up", axis_last("up", as_tensor(up, dtype, device), 3))
             if frames is not None:
-                raise ValueError("frames and up were given; one of them is wanted")
+                raise refusal("frames and up", "one of them", were=True)
         if order == 2:
             return cls._parabolas(section, nodes, frames, up)
         chord = nodes.diff(dim=-2)
@@ -320,10 +326,7 @@ class Beam(BeamRows):
             section, direction, up, root, radius=radius, angle=angle
         )
         if concrete(angle > 2 * math.pi * (1 + 1e-6)).any():
-            raise ValueError(
-                f"angle = {concrete(angle).max().item():g} was given; an arc of up to 2 pi is "
-                "wanted"
-            )
+            raise refusal(f"angle = {concrete(angle).max().item():g}", "an arc of up to 2 pi")
         s = torch.linspace(0, 1, N + 1, dtype=angle.dtype, device=angle.device) * angle[..., None]
         circle = torch.stack((torch.sin(s), 1 - torch.cos(s), torch.zeros_like(s)), -1)
         nodes = root[..., None, :] + (radius[..., None, None] * circle) @ axes.mT

@@ -9,7 +9,16 @@ from torch import Tensor
 
 from ..core.arguments import count, instance
 from ..core.memory import check_memory
-from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, positive, shown
+from ..core.validation import (
+    Value,
+    as_tensor,
+    axis_last,
+    common_dtype,
+    finite,
+    positive,
+    refusal,
+    shown,
+)
 from ..core.warning import warn
 from .axes import axes_along
 from .element_stations import STATIONS
@@ -34,9 +43,7 @@ def intervals(elements: int, order: int) -> int:
 def check_order(order: int) -> int:
     """`order` if there are such elements; ValueError otherwise."""
     if type(order) is not int or order not in STATIONS:
-        raise ValueError(
-            f"order = {shown(order)} was given; {' or '.join(map(str, STATIONS))} is wanted"
-        )
+        raise refusal(f"order = {shown(order)}", " or ".join(map(str, STATIONS)))
     return order
 
 
@@ -48,11 +55,8 @@ def placed(
     """
     given = (direction, up, root, *sizes.values())
     dtype, device = dtype_with(section, *(x for x in given if not callable(x) and x is not None))
-    values = [
-        positive(name, as_tensor(x, dtype, device))
-        for name, x in sizes.items()
-        if not name.startswith("_")
-    ]
+    known = [(name, x) for name, x in sizes.items() if not name.startswith("_")]
+    values = [positive(name, as_tensor(x, dtype, device)) for name, x in known]
 
     def vector(name: str, value: Value) -> Tensor:
         return finite(name, axis_last(name, as_tensor(value, dtype, device), 3))

@@ -78,9 +78,8 @@ class Body(Tree):
     def frame(self) -> Tensor:
         """Quaternion (..., 4), body's axes -> frame a, of a body whose numbers are tensors."""
         if self.rotation is None:
-            return quat.identity(
-                self.position.shape[:-1], self.position.dtype, self.position.device
-            )
+            at = self.position
+            return quat.identity(at.shape[:-1], at.dtype, at.device)
         return quat.from_matrix(self.rotation)
 
     def mass_at(self, node: int) -> PointMass:

@@ -28,7 +28,7 @@ from ..core.leaves import (
     with_values,
 )
 from ..core.summary import kind, lines
-from ..core.validation import as_tensor, axis_last, broadcast, precision, shown
+from ..core.validation import as_tensor, axis_last, broadcast, precision, refusal, shown
 from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .beam import Beam
@@ -101,9 +101,7 @@ class Scene(Tree):
         >>> pinned = tb.Scene(
         ...     beam, supports=[tb.Support(0, rotation=""), tb.Support(-1, rotation="")]
         ... )
-        >>> many = tb.Scene(
-        ...     beam, [tb.TipLoad(force=torch.rand(100, 3))]
-        ... )  # a batch of a hundred
+        >>> many = tb.Scene(beam, [tb.TipLoad(force=torch.rand(100, 3))])  # a batch of a hundred
         >>> many.batch_shape
         torch.Size([100])
     """
@@ -127,15 +125,11 @@ class Scene(Tree):
         instance("a beam", self.beam, Beam)
         super().__post_init__()
         if self.small and self.plane is not None:
-            raise ValueError(
-                f"plane = {self.plane!r} and small=True were given; one of them is wanted"
-            )
+            raise refusal(f"plane = {self.plane!r} and small=True", "one of them", were=True)
         precision(self.beam.nodes.dtype)
         asked = vars(self).pop("dtype")
         if not isinstance(asked, torch.dtype | None):
-            raise ValueError(
-                f"dtype = {shown(asked)} was given; torch.float32 or torch.float64 is wanted"
-            )
+            raise refusal(f"dtype = {shown(asked)}", "torch.float32 or torch.float64")
         dtype = precision(asked or torch.float64)
         set_(self, "beam", with_recipe_of(sent(self.beam, dtype), self.beam))
         if self.beam.parts and self.root is not None:
@@ -330,12 +324,10 @@ class Scene(Tree):
             row = self.beam.row(support.node, "the node of a support")
             row = row if self.beam.parts else row % count
             if row in by_node:
-                raise ValueError(f"two supports of node {row} were given; one is wanted")
+                raise refusal(f"two supports of node {row}", "one", were=True)
             by_node[row] = support
         if freed and 0 in by_node and any(by_node[0].held):
-            raise ValueError(
-                "a RootSpring and a support that holds node 0 were given; one of them is wanted"
-            )
+            raise refusal("a RootSpring and a support that holds node 0", "one of them", were=True)
         if self.root is not None and not freed:
             clamp, motion = by_node.get(0), (self.root.displacement, self.root.rotation)
             moves = clamp is not None and (clamp.displacement, clamp.turn)
@@ -397,9 +389,7 @@ class Scene(Tree):
         """
         given = {} if given is None else given
         if not isinstance(given, dict):
-            raise ValueError(
-                f"inputs = {shown(given)} was given; a dictionary of values by name is wanted"
-            )
+            raise refusal(f"inputs = {shown(given)}", "a dictionary of values by name")
         if isinstance(given.get("inputs"), dict):
             others = {name: value for name, value in given.items() if name != "inputs"}
             given = merge_inputs(given["inputs"], others)
@@ -449,10 +439,7 @@ def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
     """
     inputs = {} if inputs is None else inputs
     if not isinstance(inputs, dict):
-        raise ValueError(
-            f"inputs of type {type(inputs).__name__} was given; a dictionary of values by name "
-            "is wanted"
-        )
+        raise refusal(f"inputs of type {type(inputs).__name__}", "a dictionary of values by name")
     for name in more:
         if name in inputs:
             raise ValueError(f"the input {name!r} was given twice; once is wanted")

@@ -23,6 +23,7 @@ from ..core.validation import (
     inertia,
     positive,
     present,
+    refusal,
 )
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
@@ -286,9 +287,7 @@ def _pair(
 ) -> tuple[Tensor, Tensor]:
     if isinstance(value, (list, tuple)):
         if len(value) != 2:
-            raise ValueError(
-                f"{name} with {len(value)} entries was given; one value or a pair (y, z) is wanted"
-            )
+            raise refusal(f"{name} with {len(value)} entries", "one value or a pair (y, z)")
         return as_tensor(value[0], dtype, device), as_tensor(value[1], dtype, device)
     one = as_tensor(value, dtype, device)
     return one, one
@@ -323,16 +322,14 @@ def _symmetric(name: str, matrix: Tensor, given: torch.dtype) -> Tensor:
     printed digits; `given` in float32 it is a thousand times its rounding.
     """
     if matrix.ndim < 2 or matrix.shape[-2:] != (6, 6):
-        raise ValueError(
-            f"a {name} of shape {tuple(matrix.shape)} was given; (..., 6, 6) is wanted"
-        )
+        raise refusal(f"a {name} of shape {tuple(matrix.shape)}", "(..., 6, 6)")
     matrix = axis_last(name, finite(name, matrix), 6)
     asymmetry = max(1e-6, 1e3 * torch.finfo(given).eps)
     root = matrix.detach().diagonal(dim1=-2, dim2=-1).abs().sqrt()
     if concrete(
         (matrix - matrix.mT).abs() > asymmetry * root[..., :, None] * root[..., None, :]
     ).any():
-        raise ValueError(f"a {name} that is not symmetric was given; a symmetric one is wanted")
+        raise refusal(f"a {name} that is not symmetric", "a symmetric one")
     return (matrix + matrix.mT) / 2
 
 

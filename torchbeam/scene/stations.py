@@ -13,7 +13,7 @@ from torch.nn.functional import pad
 from ..core.arguments import count, instance, listed
 from ..core.arguments import function as check_function
 from ..core.leaves import Tree, leaf, option
-from ..core.validation import as_tensor, broadcast, common_dtype, concrete, finite
+from ..core.validation import as_tensor, broadcast, common_dtype, concrete, finite, refusal
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from .element_stations import STATIONS
@@ -53,8 +53,8 @@ class Table(Tree):
         shape = s.shape[-1:] if self.width is None else (*s.shape[-1:], self.width)
         if values.ndim < len(shape) or values.shape[values.ndim - len(shape) :] != shape:
             wanted = f"(..., {', '.join(map(str, shape))})"
-            raise ValueError(
-                f"a Table's values of shape {tuple(values.shape)} were given; {wanted} are wanted"
+            raise refusal(
+                f"a Table's values of shape {tuple(values.shape)}", wanted, were=True, are=True
             )
 
     def __call__(self, s: Tensor) -> Tensor:
@@ -114,10 +114,7 @@ class Stations(Tree):
             raise ValueError(f"{given} sections were given for {n} stations; one each is wanted")
         zero = section.compliance.diagonal(dim1=-2, dim2=-1) == 0
         if (zero.any(-2) != zero.all(-2)).any():
-            raise ValueError(
-                "a strain that is impossible at some stations was given; at all or at none is "
-                "wanted"
-            )
+            raise refusal("a strain that is impossible at some stations", "at all or at none")
         vars(self).update(s=s, section=section)
 
     def __call__(self, s: Tensor) -> Section:
@@ -146,7 +143,7 @@ def _sections(given: Any) -> tuple[Section, ...]:
     for section in sections:
         instance("a section", section, Section)
     if not sections:
-        raise ValueError("no sections were given; one for each station is wanted")
+        raise refusal("no sections", "one for each station", were=True)
     return sections
 
 
@@ -198,9 +195,9 @@ def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Secti
         given = type(sections).__name__
         if isinstance(sections, Section):
             given = f"of batch shape {tuple(sections.batch_shape)}"
-        raise ValueError(
-            f"a function of s that gave a section {given} for {places.shape[-1]} places was given; "
-            "one Section with a last batch axis of that many is wanted"
+        raise refusal(
+            f"a function of s that gave a section {given} for {places.shape[-1]} places",
+            "one Section with a last batch axis of that many",
         )
     return sections
 
@@ -248,9 +245,7 @@ def _warn_of_sharp_tapers(S: Tensor, element: Tensor, N: int) -> None:
 
 
 def _gathered(x: Tensor, weights: Tensor, element: Tensor, N: int) -> Tensor:
-    """Sums (..., N, 6, 6) over the places of each element of weights (..., m) times x
-    (..., m or 1, 6, 6).
-    """
+    """Sums (..., N, 6, 6) by element of weights (..., m) times x (..., m or 1, 6, 6)."""
     parts = weights[..., None, None] * x
     return parts.new_zeros(*parts.shape[:-3], N, 6, 6).scatter_add(
         -3, element[..., None, None].expand(parts.shape), parts

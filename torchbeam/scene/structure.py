@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.leaves import bound, leaves, with_values
 from ..core.summary import kind, lines, point, span
-from ..core.validation import broadcast, common_dtype, shown
+from ..core.validation import broadcast, common_dtype, refusal, shown
 from ..math import quaternions as quat
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import Framework
@@ -191,10 +191,7 @@ class Structure(Beam):
         if on is not None:
             part = part_of(self.parts, on)
             if part.body and not effect.by_mass:
-                raise ValueError(
-                    f"{effect.called} with on = {on!r} was given; that is a body, and a beam is "
-                    "wanted"
-                )
+                raise refusal(f"{effect.called} with on = {on!r}", "that is a body, and a beam")
 
     def spans(self, effect: Effect) -> tuple[Span, ...] | None:
         if effect.on is not None:
@@ -219,14 +216,13 @@ def _sorted(given: dict[str, Beam | Body]) -> tuple[dict[str, Beam], dict[str, B
     """(beams, bodies)"""
     for name, part in given.items():
         if not isinstance(name, str) or not name:
-            raise ValueError(f"a part with the name {shown(name)} was given; text is wanted")
+            raise refusal(f"a part with the name {shown(name)}", "text")
         if isinstance(part, Structure) or not isinstance(part, (Beam, Body)):
-            raise ValueError(
-                f"{name!r} of type {type(part).__name__} was given; a torchbeam.Beam or "
-                "torchbeam.Body is wanted"
+            raise refusal(
+                f"{name!r} of type {type(part).__name__}", "a torchbeam.Beam or torchbeam.Body"
             )
     if not given:
-        raise ValueError("no parts were given; a beam or a body is wanted")
+        raise refusal("no parts", "a beam or a body", were=True)
     return tuple(
         {name: part for name, part in given.items() if isinstance(part, wanted)}
         for wanted in (Beam, Body)

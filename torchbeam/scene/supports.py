@@ -11,7 +11,7 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.declared import real_numbers
 from ..core.leaves import Tree, leaf, option
-from ..core.validation import Value, shown
+from ..core.validation import Value, refusal, shown
 from .parts import Place, check_node
 
 AXES = "xyz"
@@ -116,9 +116,7 @@ class Support(Tree):
         ...     tb.Support(0, rotation="xz"),
         ...     tb.Support(-1, position="yz", rotation=""),
         ... )
-        >>> bridge = tb.Scene(
-        ...     beam, [tb.PointLoad(2, force=(0, 0, -1.0))], supports=[hinge, roller]
-        ... )
+        >>> bridge = tb.Scene(beam, [tb.PointLoad(2, force=(0, 0, -1.0))], supports=[hinge, roller])
         >>> tb.equilibrium(bridge).reaction_of(1).force[2]  # N, half of the load
         tensor(0.5000)
     """
@@ -134,14 +132,11 @@ class Support(Tree):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.displacement is not None and not self.position:
-            raise ValueError(
-                "a displacement of a node whose position is free was given; held components are "
-                "wanted"
+            raise refusal(
+                "a displacement of a node whose position is free", "held components", are=True
             )
         if self.turn is not None and len(self.rotation) < 3:
-            raise ValueError(
-                f"turn with rotation = {self.rotation!r} was given; rotation = 'xyz' is wanted"
-            )
+            raise refusal(f"turn with rotation = {self.rotation!r}", "rotation = 'xyz'")
 
     @property
     def held(self) -> tuple[bool, ...]:

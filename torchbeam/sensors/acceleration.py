@@ -55,9 +55,7 @@ class NodeAcceleration(_OfNode):
             constraints that a state does not hold), or a state of another form.
 
     Examples:
-        >>> accelerometer = tb.sensors.NodeAcceleration(
-        ...     -1, scene, body=True, proper=(0, 0, -9.81)
-        ... )
+        >>> accelerometer = tb.sensors.NodeAcceleration(-1, scene, body=True, proper=(0, 0, -9.81))
         >>> accelerometer(solution.state).shape  # m/s^2, in section axes
         torch.Size([6, 3])
     """

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import is_integer
-from ..core.validation import Value, as_tensor, concrete, finite, shown
+from ..core.validation import Value, as_tensor, concrete, finite, refusal, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
 from ..nodal.constitutive_law import without_residual_bending
@@ -64,9 +64,7 @@ class _Along(OnPart):
                 scene = Scene(scene.beam.part(self.on), small=scene.small)
             object.__setattr__(self, "beam", scene.beam)
         if not isinstance(self.beam, Beam):
-            raise ValueError(
-                f"a beam of type {type(self.beam).__name__} was given; the torchbeam.Beam is wanted"
-            )
+            raise refusal(f"a beam of type {type(self.beam).__name__}", "the torchbeam.Beam")
         small = getattr(scene, "small", False)
         object.__setattr__(self, "space", coordinates(self.beam, self.beam.topology, None, small))
         if self.element is not None:
@@ -254,9 +252,7 @@ class Gauge(_Strains):
     see `_Along`.
 
     Examples:
-        >>> gauge = tb.sensors.Gauge(
-        ...     0.05, beam, z=0.001
-        ... )  # 5 cm from the root, on the upper side
+        >>> gauge = tb.sensors.Gauge(0.05, beam, z=0.001)  # 5 cm from the root, on the upper side
         >>> gauge(solution.state)[-1]  # m/m
         tensor([-0.0006])
     """

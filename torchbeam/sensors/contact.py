@@ -292,9 +292,7 @@ class ContactSlip(OfContact):
         ...     slip_speed=0.01,
         ... )
         >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
-        >>> tb.sensors.ContactSlip(lying)(
-        ...     tb.rest(lying)
-        ... ).shape  # mean slip m/s, share that sticks
+        >>> tb.sensors.ContactSlip(lying)(tb.rest(lying)).shape  # mean slip m/s, share that sticks
         torch.Size([2])
     """
 

@@ -56,9 +56,7 @@ class JointCoordinate(_OfCoordinate):
     joints with several coordinates one `component`, of a `Ball` that of its rotation vector.
 
     Examples:
-        >>> door = tb.Scene(
-        ...     {"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))]
-        ... )
+        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))])
         >>> tb.sensors.JointCoordinate(0)(tb.rest(door))  # rad
         tensor([0.])
     """
@@ -74,9 +72,7 @@ class JointRate(_OfCoordinate):
     """Its rate (..., 1), of a `Ball` a component of the spin of its parts against each other.
 
     Examples:
-        >>> door = tb.Scene(
-        ...     {"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))]
-        ... )
+        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))])
         >>> tb.sensors.JointRate(0)(tb.rest(door))  # rad/s
         tensor([0.])
     """
@@ -93,9 +89,7 @@ class JointLoad(_OfJoint):
     a.
 
     Examples:
-        >>> door = tb.Scene(
-        ...     {"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))]
-        ... )
+        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))])
         >>> tb.sensors.JointLoad(0)(tb.rest(door)).shape  # N, N m
         torch.Size([6])
     """

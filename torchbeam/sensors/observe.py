@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean
 from ..core.arguments import function as check_function
-from ..core.validation import Value, as_tensor, broadcast, concrete, finite, shown
+from ..core.validation import Value, as_tensor, broadcast, concrete, finite, refusal, shown
 from .sensor import Sensor
 
 NEIGHBOURS = 5  # instants that a slope is found from: fourth order
@@ -60,10 +60,7 @@ def observe(
     """
     boolean("rate", rate)
     if not (hasattr(solution, "t") and hasattr(solution, "state")):
-        raise ValueError(
-            f"a solution of type {type(solution).__name__} was given; a torchbeam.Solution is "
-            "wanted"
-        )
+        raise refusal(f"a solution of type {type(solution).__name__}", "a torchbeam.Solution")
     t = solution.t.detach().contiguous()
     if len(t) < 2:
         raise ValueError(
@@ -72,11 +69,11 @@ def observe(
     read = sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state")
     values = read(solution.state)
     if not isinstance(values, Tensor):
-        raise ValueError(f"a sensor that gave {shown(values)} was given; one of tensors is wanted")
+        raise refusal(f"a sensor that gave {shown(values)}", "one of tensors")
     if values.shape[:1] != t.shape:
-        raise ValueError(
-            f"a sensor that gave {tuple(values.shape)} for {len(t)} instants was given; time as "
-            "its first axis is wanted"
+        raise refusal(
+            f"a sensor that gave {tuple(values.shape)} for {len(t)} instants",
+            "time as its first axis",
         )
     shape = values.shape[len(solution.state.t.shape) :]
     shape = sensor.shape if isinstance(sensor, Sensor) else shape
@@ -116,11 +113,8 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
 
     def wide(x: Tensor) -> Tensor:
         """x (times, ...) with the axes of readings."""
-        if x.ndim > 1:
-            x = x.reshape(len(x), *(1,) * (axes - x.ndim + 1), *x.shape[1:])
-        else:
-            x = x.reshape(len(x), *(1,) * axes)
-        return x.reshape(*x.shape, *(1,) * (values.ndim - 1 - axes))
+        own = *(1,) * (axes + 1 - x.ndim), *x.shape[1:]
+        return x.reshape(len(x), *own, *(1,) * (values.ndim - 1 - axes))
 
     def taken(x: Tensor, which: Tensor) -> Tensor:
         if which.ndim == 1:

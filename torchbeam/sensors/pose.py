@@ -7,7 +7,15 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..core.validation import Value, as_tensor, axis_last, broadcast, common_dtype, concrete
+from ..core.validation import (
+    Value,
+    as_tensor,
+    axis_last,
+    broadcast,
+    common_dtype,
+    concrete,
+    refusal,
+)
 from ..math import quaternions as quat
 
 
@@ -56,11 +64,9 @@ def pose_from_points(points: Value, measured: Value) -> Pose:
     )
     shape = broadcast("points and measured", points.shape, measured.shape)
     if len(shape) < 2:
-        raise ValueError(f"points of shape {tuple(shape)} were given; (..., n, 3) are wanted")
+        raise refusal(f"points of shape {tuple(shape)}", "(..., n, 3)", were=True, are=True)
     points, measured = points.expand(shape), measured.expand(shape)
-    seen = torch.isfinite(measured).all(-1, keepdim=True) & torch.isfinite(points).all(
-        -1, keepdim=True
-    )
+    seen = (torch.isfinite(measured) & torch.isfinite(points)).all(-1, keepdim=True)
     weight = seen.to(dtype)
     count = weight.sum(-2, keepdim=True).clamp(min=1)
     p, m = (torch.where(seen, x, 0) for x in (points, measured))

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..core.arguments import function as check_function
 from ..core.functions_of_time import rate_along
-from ..core.validation import Value, as_tensor, axis_last, finite
+from ..core.validation import Value, as_tensor, axis_last, finite, refusal
 from ..math import quaternions as quat
 from ..scene.axes import axes_of_nodes, orthonormal
 from ..scene.curve import carried_axes
@@ -33,32 +33,28 @@ def bent(
     def given(name: str, value: Value) -> Tensor:
         value = finite(name, axis_last(name, as_tensor(value, scene.dtype, scene.device), 3))
         if value.ndim < 2 or value.shape[-2] != beam.node_count:
-            raise ValueError(
-                f"{name} of shape {tuple(value.shape)} were given; (..., {beam.node_count}, 3) "
-                "is wanted"
+            raise refusal(
+                f"{name} of shape {tuple(value.shape)}", f"(..., {beam.node_count}, 3)", were=True
             )
         return value
 
     nodes = given("nodes", nodes)
     if frames is not None:
         if twist is not None:
-            raise ValueError("frames and a twist were given; one of them is wanted")
+            raise refusal("frames and a twist", "one of them", were=True)
         frames = as_tensor(frames, scene.dtype, scene.device)
         frames = quat.from_matrix(orthonormal(frames, beam.node_count, beam.station_count))
         rotation = frames if frames.shape[-2] == beam.node_count else axes_of_nodes(frames)
     elif beam.parts:
-        raise ValueError(
-            "nodes of a structure without frames were given; frames of all of its nodes are wanted"
+        raise refusal(
+            "nodes of a structure without frames", "frames of all of its nodes", were=True, are=True
         )
     else:
         s = beam.topology.arclength(beam.length)
         if callable(twist):
             twist = as_tensor(check_function("twist", twist, "s")(s), scene.dtype, scene.device)
             if twist.shape[-1:] != s.shape[-1:]:
-                raise ValueError(
-                    f"a twist of shape {tuple(twist.shape)} was given; (..., {beam.node_count}) "
-                    "is wanted"
-                )
+                raise refusal(f"a twist of shape {tuple(twist.shape)}", f"(..., {beam.node_count})")
         elif twist is not None:
             twist = as_tensor(twist, scene.dtype, scene.device)[..., None] * s / s[..., -1:]
 

@@ -12,7 +12,7 @@ from ..core.derivatives import cached
 from ..core.entry_point import entry_point
 from ..core.leaves import Tree, batch_shapes, map_leaves, sent
 from ..core.summary import kind, lines, point, span, statuses
-from ..core.validation import broadcast, shown
+from ..core.validation import broadcast, refusal, shown
 
 Made = Tensor | Callable[[], Tensor]
 
@@ -142,9 +142,9 @@ class TensorFields(Tree):
         ValueError for what is no sequence of them.
         """
         if not isinstance(states, (list, tuple)) or not all(isinstance(s, cls) for s in states[:]):
-            raise ValueError(f"states = {shown(states)} was given; a list of states is wanted")
+            raise refusal(f"states = {shown(states)}", "a list of states")
         if not states:
-            raise ValueError("states = [] was given; one or more are wanted")
+            raise refusal("states = []", "one or more", are=True)
         broadcast("states", *(state.nodes.shape[:-1] for state in states))
         return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
 

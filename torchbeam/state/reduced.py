@@ -92,14 +92,10 @@ class ReducedStates:
 
     def _of(self, rows: dict[str, slice], nodes: slice = slice(0)) -> Any:
         """With these rows of these fields, and none of the others."""
-        names = (*AT_NODES, "stress", "reaction")
-        cut = [
-            with_values(
-                part,
-                **{name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names},
-            )
-            for part in self.parts
-        ]
+        names, cut = (*AT_NODES, "stress", "reaction"), []
+        for part in self.parts:
+            own = {name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names}
+            cut.append(with_values(part, **own))
         return self.space.of_nodes(nodes).to_public(whole_of(cut))
 
 

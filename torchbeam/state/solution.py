@@ -25,9 +25,7 @@ class Energy(NamedTuple):
 
     Examples:
         >>> (
-        ...     solution.energy.work[-1]
-        ...     - solution.energy.kinetic[-1]
-        ...     - solution.energy.strain[-1]
+        ...     solution.energy.work[-1] - solution.energy.kinetic[-1] - solution.energy.strain[-1]
         ... )  # J, lost by damping
         tensor(0.0349)
     """

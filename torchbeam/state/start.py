@@ -68,13 +68,7 @@ def _judge_velocities(state: State, scene: Any, judged: Tensor) -> None:
 
 
 def _judge(
-    off: Tensor,
-    limit: Tensor,
-    judged: Tensor,
-    support: Support,
-    quantity: str,
-    unit: str,
-    wanted: str,
+    off: Tensor, limit: Tensor, judged: Tensor, support: Support, what: str, unit: str, wanted: str
 ) -> None:
     """ValueError where off (..., 3) is larger than limit (...)."""
     bad = (off.abs() > limit[..., None]).any(-1) & judged
@@ -85,6 +79,6 @@ def _judge(
     axis = int(off.argmax())
     which = f" of sample {wrong.nonzero()[0].tolist()}" if wrong.ndim else ""
     raise ValueError(
-        f"initial{which} was given with the {quantity} {AXES[axis]} of node {support.node}, which "
+        f"initial{which} was given with the {what} {AXES[axis]} of node {support.node}, which "
         f"is held, {off[axis].item():.3g} {unit} off{wanted}"
     )

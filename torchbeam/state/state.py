@@ -153,13 +153,8 @@ class State(Instant):
 
     def at(self, t: float | Tensor) -> State:
         """The same state at another time; its work counts from there, its failures are gone."""
-        return replace(
-            self,
-            t=torch.zeros_like(self.t) + instants("t", t, self.t),
-            work=torch.zeros_like(self.work),
-            defect=torch.zeros_like(self.defect),
-            status=torch.zeros_like(self.status),
-        )
+        zeros = {n: torch.zeros_like(getattr(self, n)) for n in ("work", "defect", "status")}
+        return replace(self, t=torch.zeros_like(self.t) + instants("t", t, self.t), **zeros)
 
     def __getitem__(self, index: Any) -> Any:
         """By the name of a beam of a structure its state, as in a scene of its own (but that `work`
@@ -183,20 +178,12 @@ class State(Instant):
         own = range(part.nodes.start, part.nodes.stop)
         held = [k for k, node in enumerate(self.supports or ()) if node in own]
         rows = {name: getattr(self, name)[..., part.nodes, :] for name in AT_NODES}
-        return replace(
-            self,
-            **rows,
-            stress=self.stress[..., part.stations, :],
-            reaction=self.reaction[..., held, :],
-            supports=tuple(self.supports[k] - part.first_node for k in held),
-            internal=None,
-            parts=(),
-            joints=None,
-            tendons=None,
-            coordinates=(),
-            joined=(),
-            rest_shape=self.rest_shape and self.rest_shape.of_nodes(part.nodes),
-        )
+        rows["stress"] = self.stress[..., part.stations, :]
+        rows["reaction"] = self.reaction[..., held, :]
+        supports = tuple(self.supports[k] - part.first_node for k in held)
+        shape = self.rest_shape and self.rest_shape.of_nodes(part.nodes)
+        none = dict(internal=None, parts=(), joints=None, tendons=None, coordinates=(), joined=())
+        return replace(self, **rows, **none, supports=supports, rest_shape=shape)
 
     def node(self, index: Any) -> Point:
         """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure

@@ -6,7 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..core.validation import broadcast
+from ..core.validation import broadcast, refusal
 from ..scene.beam import Beam
 from .state import State
 
@@ -24,9 +24,8 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
     """
     nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
     if not isinstance(state, State):
-        raise ValueError(
-            f"{name} of type {type(state).__name__} was given; a torchbeam.State, of the nodal "
-            "form, is wanted"
+        raise refusal(
+            f"{name} of type {type(state).__name__}", "a torchbeam.State, of the nodal form,"
         )
     if state.position.shape[-2] != nodes:
         raise ValueError(
@@ -36,9 +35,8 @@ def of_mesh(state: Any, like: Beam | State, name: str) -> State:
     for key, shape in (*((key, (nodes, k)) for key, k in axes.items()), ("stress", (stresses, 6))):
         x = getattr(state, key)
         if x.shape[-2:] != shape:
-            raise ValueError(
-                f"{name} whose {key} is of shape {tuple(x.shape)} was given; (..., {shape[0]}, "
-                f"{shape[1]}) is wanted"
+            raise refusal(
+                f"{name} whose {key} is of shape {tuple(x.shape)}", f"(..., {shape[0]}, {shape[1]})"
             )
     held = [x.dtype for x in vars(state).values() if isinstance(x, Tensor)]
     alike = all([kind == dtype or not kind.is_floating_point for kind in held])

@@ -1,3 +1,1 @@
-"""Uncertainty: laws of random parameters, samples in chunks, answers with errors, sensitivities,
-rare events.
-"""
+"""Uncertainty: laws of random parameters, samples, sensitivities, rare events, with errors."""

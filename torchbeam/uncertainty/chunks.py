@@ -16,6 +16,7 @@ from torch import Tensor
 from ..core.files import folder, save, write
 from ..core.results import versions
 from ..core.surroundings import Surroundings
+from ..core.validation import refusal
 from ..core.warning import warn
 
 FORMAT = 3  # of run.json and the chunks
@@ -136,9 +137,7 @@ class ChunkFolder:
         return self.path / f"chunk-{first:09d}.pt"
 
     def checksum(self, *content: Any) -> str:
-        """Digest of this run's content: of tensors and plain values in sequences, dictionaries and
-        objects.
-        """
+        """Digest of tensors and plain values, in sequences, dictionaries, objects, for this run."""
         sum_ = hashlib.sha256(self.label["run"].encode())
 
         def add(value: Any) -> None:
@@ -226,9 +225,9 @@ def _there(path: Path) -> dict[str, Any] | None:
     if not names:
         return None
     if "run.json" not in names:
-        raise ValueError(
-            f"the folder {str(path)!r}, which holds {min(names)!r} and no run.json, was given; an "
-            "empty or a new one, or that of an earlier run, is wanted"
+        raise refusal(
+            f"the folder {str(path)!r}, which holds {min(names)!r} and no run.json,",
+            "an empty or a new one, or that of an earlier run,",
         )
     try:
         there = json.loads((path / "run.json").read_text())

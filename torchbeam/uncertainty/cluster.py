@@ -24,9 +24,7 @@ class SchedulerLost(CancelledError):
 
 
 class WorkersLost(BrokenExecutor):
-    """Error: a chunk was on several workers that died, as of too little memory or of a crash in the
-    function.
-    """
+    """Error: a chunk was on several workers that died, as of too little memory or a crash."""
 
 
 class Cluster:
@@ -44,9 +42,7 @@ class Cluster:
 
 
 class Waiting:
-    """The future of a chunk that gives up where the client has had no scheduler for PATIENCE
-    seconds.
-    """
+    """Future of a chunk that gives up where the client has no scheduler for PATIENCE seconds."""
 
     def __init__(self, cluster: Cluster, job: Job, future: Future) -> None:
         self.cluster, self.job, self.future = cluster, job, future

@@ -17,6 +17,7 @@ from ..core.command_line import results_folder
 from ..core.files import NotWritten
 from ..core.processes import process_pool
 from ..core.results import table
+from ..core.validation import refusal
 from .cluster import connected
 from .config import Config, read
 from .monte_carlo import monte_carlo
@@ -96,7 +97,7 @@ def _run(config: Config, arguments: argparse.Namespace, out: Path) -> Any:
         )
     n = config.n if arguments.n is None else arguments.n
     if n is None and "theta" not in config.options:
-        raise ValueError("a configuration without n was given; n, or --n, is wanted")
+        raise refusal("a configuration without n", "n, or --n,")
     for trial in range(AGAIN):
         before = _files(out)
         with _executor(arguments, config) as executor:

@@ -1,6 +1,4 @@
-"""Configuration of a run: a Python, JSON or TOML file with a function, laws and options of
-`monte_carlo`.
-"""
+"""Configuration of a run: a Python, JSON or TOML file with options of `monte_carlo`."""
 
 from __future__ import annotations
 
@@ -16,6 +14,7 @@ from typing import Any
 import torch
 
 from ..core.arguments import boolean, keywords, level_of, number
+from ..core.validation import refusal
 from .given_law import of_text
 from .monte_carlo import monte_carlo
 from .monte_carlo_stream import monte_carlo_stream
@@ -68,9 +67,7 @@ def read(path: Path) -> Config:
             entries["laws"] = {name: of_text(name, law) for name, law in entries["laws"].items()}
         if "dtype" in entries:
             if entries["dtype"] not in DTYPES:
-                raise ValueError(
-                    f"dtype = {entries['dtype']!r} was given; float32 or float64 is wanted"
-                )
+                raise refusal(f"dtype = {entries['dtype']!r}", "float32 or float64")
             entries["dtype"] = DTYPES[entries["dtype"]]
         if isinstance(entries.get("correlation"), dict):
             entries["correlation"] = {
@@ -78,20 +75,17 @@ def read(path: Path) -> Config:
                 for pair, value in entries["correlation"].items()
             }
         if isinstance(entries.get("sentences"), dict):
-            codes = [
-                int(code) if code.removeprefix("-").isdecimal() else code
-                for code in entries["sentences"]
-            ]
-            entries["sentences"] = dict(zip(codes, entries["sentences"].values(), strict=True))
+            entries["sentences"] = {
+                int(code) if code.removeprefix("-").isdecimal() else code: text
+                for code, text in entries["sentences"].items()
+            }
         if unknown := [name for name in entries if name not in KNOWN]:
             raise ValueError(
                 f"{unknown[0]!r} was given in {path.name}; {', '.join(KNOWN)} are there"
             )
     for name in ("function", "laws"):
         if entries.get(name) is None:
-            raise ValueError(
-                f"{path.name} without {name} was given; function, laws and n are wanted"
-            )
+            raise refusal(f"{path.name} without {name}", "function, laws and n", are=True)
     if not callable(entries["function"]):
         raise ValueError(
             f"function = {entries['function']!r} was given in {path.name}; a function is wanted"
@@ -106,14 +100,8 @@ def read(path: Path) -> Config:
         )
     level_of("interval", answers.get("interval", Config.interval))
     boolean("keep", answers.get("keep", Config.keep))
-    return Config(
-        entries.pop("function"),
-        entries.pop("laws"),
-        entries.pop("n", None),
-        entries,
-        modules,
-        **answers,
-    )
+    run = [entries.pop(name, None) for name in ("function", "laws", "n")]
+    return Config(*run, entries, modules, **answers)
 
 
 def load(path: Path) -> ModuleType:
@@ -125,9 +113,7 @@ def load(path: Path) -> ModuleType:
     if loaded is not None and getattr(loaded, "__file__", None) == str(path):
         return loaded
     if not name.isidentifier():
-        raise ValueError(
-            f"the file {path.name!r} was given; a name that Python can import is wanted"
-        )
+        raise refusal(f"the file {path.name!r}", "a name that Python can import")
     sys.path.insert(0, str(path.parent))
     importlib.invalidate_caches()
     spec = None if loaded is not None else importlib.util.find_spec(name)
@@ -172,15 +158,13 @@ def _function(path: Path, text: Any) -> tuple[Any, tuple[ModuleType, ...]]:
 
 def _numbers(name: str, values: Any) -> tuple[float, ...]:
     if not isinstance(values, (list, tuple)):
-        raise ValueError(f"{name} = {values!r} was given; a list of numbers is wanted")
+        raise refusal(f"{name} = {values!r}", "a list of numbers")
     return tuple(number(name, x) for x in values)
 
 
 def _parsed(path: Path) -> dict[str, Any]:
     if path.suffix not in (".json", ".toml"):
-        raise ValueError(
-            f"the file {path.name!r} was given; one that ends in .py, .json or .toml is wanted"
-        )
+        raise refusal(f"the file {path.name!r}", "one that ends in .py, .json or .toml")
     try:
         if path.suffix == ".json":
             content = json.loads(path.read_text())
@@ -195,8 +179,7 @@ def _parsed(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(f"{path.name} cannot be read: {error}") from None
     if not isinstance(content, dict):
-        raise ValueError(
-            f"{path.name} that holds a {type(content).__name__} was given; names with values are "
-            "wanted"
+        raise refusal(
+            f"{path.name} that holds a {type(content).__name__}", "names with values", are=True
         )
     return content

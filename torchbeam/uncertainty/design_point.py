@@ -101,16 +101,13 @@ def design_points(limit: LimitState, z: Tensor, steps: int = 60) -> DesignPoints
         new = limit.gradient(z[going])
         y, slope = y.index_put((going,), new[0]), slope.index_put((going,), new[1])
     if not ends.any():
-        blunt = limit.work.joint.without_tails
-        also = (
-            f" (the law of {blunt[0]!r} does not tell values more than 7 deviations up apart)"
-            if blunt
-            else ""
+        blunt = "".join(
+            f" (the law of {name!r} does not tell values more than 7 deviations up apart)"
+            for name in limit.work.joint.without_tails[:1]
         )
         raise ValueError(
-            f"no design point was found from {starts} starts in {steps} steps; a y that is "
-            "smooth and comes to "
-            f'the threshold is wanted{also}, or method="subset"'
+            f"no design point was found from {starts} starts in {steps} steps; a y that is smooth "
+            f'and comes to the threshold is wanted{blunt}, or method="subset"'
         )
     beta = (z * slope / slope.norm(dim=-1, keepdim=True)).sum(-1)
     point = torch.full((starts,), -1)  # that a start led to

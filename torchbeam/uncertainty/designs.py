@@ -1,6 +1,4 @@
-"""Designs: where samples lie. Point i of a design is a function of the design and i alone, whoever
-asks.
-"""
+"""Designs: where samples lie. Point i is a function of the design and i alone, whoever asks."""
 
 from __future__ import annotations
 

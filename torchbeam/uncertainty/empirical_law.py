@@ -31,11 +31,9 @@ class Empirical(TwoTails):
 
     def __post_init__(self) -> None:
         values = finite("Empirical's values", converted(self.values, torch.float64)).cpu()
-        weights = (
-            torch.ones_like(values)
-            if self.weights is None
-            else converted(self.weights, torch.float64).cpu()
-        )
+        weights = torch.ones_like(values)
+        if self.weights is not None:
+            weights = converted(self.weights, torch.float64).cpu()
         if (
             values.ndim != 1
             or not len(values)

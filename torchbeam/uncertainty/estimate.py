@@ -1,6 +1,4 @@
-"""Estimates with their intervals: from independent samples, and from independent replicates of a
-design.
-"""
+"""Estimates with intervals: from independent samples, or independent replicates of a design."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.validation import converted, shown
+from ..core.validation import converted, refusal, shown
 from ..math.distributions import (
     binomial_interval,
     binomial_ranks,
@@ -120,8 +118,8 @@ def probabilities(levels: Any) -> Tensor:
     """Levels of quantiles, () or (K,), float64; ValueError for what are no probabilities."""
     values = converted(levels, torch.float64)
     if values.ndim > 1 or not ((values >= 0) & (values <= 1)).all():
-        raise ValueError(
-            f"levels = {shown(levels)} were given; probabilities, one or a sequence, are wanted"
+        raise refusal(
+            f"levels = {shown(levels)}", "probabilities, one or a sequence,", were=True, are=True
         )
     return values
 
@@ -157,7 +155,8 @@ def quantile(
             )
             for bound, place, side in ((low, q - half, -math.inf), (high, q + half, math.inf)):
                 within = (place >= 0) & (place <= 1)
-                bound[k] = torch.where(within, at_levels(pooled, place.clamp(0, 1)), side)
+                level_rank = place.clamp(0, 1) * (len(pooled) - 1)
+                bound[k] = torch.where(within, between(pooled, level_rank), side)
             methods.add(f"{len(groups)} replicates")
             continue
         ranks = binomial_ranks(q, len(pooled), level)
@@ -189,13 +188,10 @@ def probability(groups: Sequence[Tensor], level: float, reasons: Mapping[str, in
     many = torch.minimum(total, n - total) >= FEW * len(groups)
     low = torch.where(many, centre - half, low).clamp_min(0)
     high = torch.where(many, centre + half, high).clamp_max(1)
-    method = (
-        f"{len(groups)} replicates"
-        if many.all()
-        else "Clopper and Pearson"
-        if not many.any()
-        else (f"{len(groups)} replicates, or Clopper and Pearson where they are few")
-    )
+    method = "Clopper and Pearson"
+    if many.any():
+        fallback = "" if many.all() else f", or {method} where they are few"
+        method = f"{len(groups)} replicates{fallback}"
     return Estimate(centre, low, high, level, n, method, reasons)
 
 
@@ -235,23 +231,19 @@ def bootstrap(
     far = each.new_tensor(
         math.sqrt(len(y) / (len(y) - 1)) * student_quantile((1 + level) / 2, len(y) - 1)
     )
-    low, high = quantile_of_sorted(
-        each.sort(0).values, normal_probability(torch.stack((-far, far)))
-    )
+    ranks = normal_probability(torch.stack((-far, far)))
+    low, high = quantile_of_sorted(each.sort(0).values, ranks)
     return Estimate(centre[0], low, high, level, len(y), "bootstrap", reasons)
 
 
 def _values(statistic: Statistic, samples: Iterable[Tensor]) -> Tensor:
-    """Values (K, ...) of a statistic of K sets of samples; ValueError where they are no tensors of
-    one shape.
-    """
+    """Values (K, ...) of a statistic of K sets of samples; ValueError where shapes differ."""
     values: list[Tensor] = []
     for y in samples:
         value = statistic(y)
         if not isinstance(value, Tensor) or value.is_complex():
-            raise ValueError(
-                f"a statistic that gave a {type(value).__name__} was given; a tensor of real "
-                "numbers is wanted"
+            raise refusal(
+                f"a statistic that gave a {type(value).__name__}", "a tensor of real numbers"
             )
         if values and value.shape != values[0].shape:
             raise ValueError(
@@ -272,11 +264,6 @@ def share_half(shares: Tensor, level: float, n: int) -> Tensor:
     together; where these agree to the last sample, the rule of three.
     """
     return student_half(shares, level).clamp_min(-math.log((1 - level) / 2) / n)
-
-
-def at_levels(y: Tensor, level: Tensor) -> Tensor:
-    """Quantiles (...) of sorted samples (n, ...), each number at a level of its own (...)."""
-    return between(y, level * (len(y) - 1))
 
 
 def between(y: Tensor, place: Tensor) -> Tensor:

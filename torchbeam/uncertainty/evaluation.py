@@ -20,7 +20,7 @@ from ..core.arguments import function as checked_function
 from ..core.files import NotWritten
 from ..core.memory import check_memory
 from ..core.repetition import one_of
-from ..core.validation import precision, shown
+from ..core.validation import precision, refusal, shown
 from .chunks import Chunk, ChunkFolder
 from .designs import SOBOL_POINTS
 from .joint_law import JointLaw
@@ -170,23 +170,19 @@ def called(
     )
     for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
         if not isinstance(value, Tensor):
-            raise ValueError(
-                f"a function that gave {name} as a {type(value).__name__} was given; a tensor "
-                f"{wanted} is wanted"
+            raise refusal(
+                f"a function that gave {name} as a {type(value).__name__}", f"a tensor {wanted}"
             )
         if value.shape[:1] != (n,) or (value is status and value.ndim != 1) or not value.numel():
-            raise ValueError(
-                f"a function that gave {name} {tuple(value.shape)} was given; {wanted} is wanted"
-            )
+            raise refusal(f"a function that gave {name} {tuple(value.shape)}", wanted)
         if value.layout != torch.strided or value.is_meta:
             raise ValueError(
                 f"a function that gave {name} in the layout {value.layout} on {value.device} was "
                 "given; numbers, one beside the other, are wanted"
             )
         if value.is_complex():
-            raise ValueError(
-                f"a function that gave a complex {name.split()[-1]} was given; real numbers are "
-                "wanted"
+            raise refusal(
+                f"a function that gave a complex {name.split()[-1]}", "real numbers", are=True
             )
     if status.is_floating_point() and not (status == status.round()).all():
         raise ValueError(
@@ -206,9 +202,9 @@ def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:
     for first, (_, y, _) in chunks:
         now = (y.dtype, tuple(y.shape[1:]))
         if kind not in (None, now):
-            raise ValueError(
-                f"a function that gave y (N, ...) of {kind} and, from sample {first} on, of {now} "
-                "was given; one kind is wanted"
+            raise refusal(
+                f"a function that gave y (N, ...) of {kind} and, from sample {first} on, of {now}",
+                "one kind",
             )
         kind = now
 
@@ -216,24 +212,16 @@ def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:
 def settings(
     function: Any, n: Any, seed: Any, chunk: Any, executor: Any, dtype: Any, version: Any
 ) -> tuple[int, int, int, torch.dtype]:
-    """n, seed, chunk and dtype, if these and the others are what they should be; ValueError
-    otherwise.
-    """
+    """n, seed, chunk and dtype; ValueError where they, or the others, are not as they should be."""
     checked_function("function", function)
     if executor is not None and not hasattr(executor, "submit"):
-        raise ValueError(
-            f"executor = {shown(executor)} was given; a concurrent.futures.Executor is wanted"
-        )
+        raise refusal(f"executor = {shown(executor)}", "a concurrent.futures.Executor")
     if isinstance(version, bool) or not isinstance(version, (str, int, type(None))):
-        raise ValueError(
-            f"version = {shown(version)} was given; a text or a whole number is wanted"
-        )
+        raise refusal(f"version = {shown(version)}", "a text or a whole number")
     if dtype is not None and not isinstance(dtype, torch.dtype):
-        raise ValueError(
-            f"dtype = {shown(dtype)} was given; torch.float32 or torch.float64 is wanted"
-        )
+        raise refusal(f"dtype = {shown(dtype)}", "torch.float32 or torch.float64")
     if (seed := count("seed", seed, 0)) >= 2**63:
-        raise ValueError(f"seed = {seed} was given; one below 2^63 is wanted")
+        raise refusal(f"seed = {seed}", "one below 2^63")
     if (n := count("n", n)) > SOBOL_POINTS:
         raise ValueError(f"n = {n} was given; the sequence has 2^30 points")
     return n, seed, count("chunk", chunk), precision(dtype or torch.float64)

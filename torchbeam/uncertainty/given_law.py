@@ -10,36 +10,16 @@ from typing import Any
 from torch import Tensor
 
 from ..core.validation import shown
+from . import laws
 from .law_scores import why_none
-from .laws import (
-    Constant,
-    Empirical,
-    Gumbel,
-    Law,
-    LogNormal,
-    Normal,
-    Triangular,
-    Truncated,
-    Uniform,
-    Weibull,
-)
-from .random_field import RandomField
+from .laws import Constant, Law
 
-KINDS = {
-    kind.__name__.lower(): kind
-    for kind in (
-        Constant,
-        Uniform,
-        Normal,
-        LogNormal,
-        Triangular,
-        Weibull,
-        Gumbel,
-        Truncated,
-        Empirical,
-        RandomField,
-    )
-}
+# fmt: off
+KINDS = {name.lower(): getattr(laws, name) for name in (
+    "Constant", "Uniform", "Normal", "LogNormal", "Triangular", "Weibull", "Gumbel", "Truncated",
+    "Empirical", "RandomField",
+)}
+# fmt: on
 
 
 def of_text(label: str, law: Any) -> Law:

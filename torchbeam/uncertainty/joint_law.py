@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import number
-from ..core.validation import converted, finite, shown
+from ..core.validation import converted, finite, refusal, shown
 from ..math.distributions import normal_score
 from .given_law import checked, of_uniform
 from .law_scores import has_tails, of_score
@@ -39,13 +39,11 @@ class JointLaw:
 
     @classmethod
     def of(cls, laws: Any, correlation: Correlation = None) -> JointLaw:
-        """From what a user gives; ValueError where that is no dict of laws, or no correlation of
-        them.
-        """
+        """From what a user gives; ValueError for no dict of laws, or no correlation of them."""
         if not isinstance(laws, Mapping):
-            raise ValueError(f"laws = {shown(laws)} was given; a dict, name -> law, is wanted")
+            raise refusal(f"laws = {shown(laws)}", "a dict, name -> law,")
         if not laws:
-            raise ValueError("no laws were given; one for each parameter is wanted")
+            raise refusal("no laws", "one for each parameter", were=True)
         laws = {name: checked(name, law) for name, law in laws.items()}
         return cls(laws, None if correlation is None else _correlation(correlation, laws))
 
@@ -82,7 +80,7 @@ class JointLaw:
         """Variates of each law that is random; ValueError where none is."""
         random = {name: size for name, size in self.dimensions.items() if size}
         if not random:
-            raise ValueError("laws that are all constant were given; one that is random is wanted")
+            raise refusal("laws that are all constant", "one that is random", were=True)
         return random
 
     def of_uniform(self, u: Tensor) -> Tensor:
@@ -187,9 +185,8 @@ def _correlation(correlation: Correlation, laws: dict[str, Law]) -> Tensor:
                 or any(one not in names for one in pair)
                 or pair[0] == pair[1]
             ):
-                raise ValueError(
-                    f"a correlation of {shown(pair)} was given; two of {', '.join(names)} are "
-                    "wanted"
+                raise refusal(
+                    f"a correlation of {shown(pair)}", f"two of {', '.join(names)}", are=True
                 )
             if pair[::-1] in correlation:
                 raise ValueError(
@@ -211,9 +208,8 @@ def _correlation(correlation: Correlation, laws: dict[str, Law]) -> Tensor:
         )
     least = torch.linalg.eigvalsh(matrix)[0].item()
     if least <= 1e-12:
-        raise ValueError(
-            f"a correlation with the eigenvalue {least:.3g} was given; a positive definite "
-            "matrix is wanted"
+        raise refusal(
+            f"a correlation with the eigenvalue {least:.3g}", "a positive definite matrix"
         )
     for k, (name, law) in enumerate(laws.items()):
         if not JointLaw._mixes(law) and (matrix[k].abs().sum() > 1):

@@ -1,6 +1,4 @@
-"""Normal scores of any law: of the laws here, exact in both tails; of others by their
-probabilities.
-"""
+"""Normal scores of any law: of the laws here exact in both tails, of others by probabilities."""
 
 from __future__ import annotations
 
@@ -49,9 +47,7 @@ def as_own(law: Any) -> Any:
 
 
 def why_none(law: Any) -> str | None:
-    """Why a law with `icdf` is none of one number, as a distribution of torch may be; None where it
-    is one.
-    """
+    """Why a law with `icdf` is not of one number, as a distribution of torch may be; or None."""
     if not isinstance(law, distributions.Distribution):
         return None
     if law.event_shape or law.batch_shape.numel() != 1:
@@ -83,11 +79,8 @@ def of_score(law: Any, z: Tensor) -> Tensor:
     rounding = torch.finfo(z.dtype).eps / 2
     u = normal_probability(z).clamp(torch.finfo(z.dtype).tiny, 1 - rounding)
     x = value(u)
-    lost = (
-        ~torch.isfinite(x)
-        if isinstance(x, Tensor) and x.shape == u.shape
-        else torch.zeros_like(u, dtype=torch.bool)
-    )
+    shaped = isinstance(x, Tensor) and x.shape == u.shape
+    lost = ~torch.isfinite(x) if shaped else torch.zeros_like(u, dtype=torch.bool)
     return value(torch.where(lost, u.clamp_min(rounding), u)) if lost.any() else x
 
 

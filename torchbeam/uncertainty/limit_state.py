@@ -1,6 +1,4 @@
-"""Limit state of a rare event in the space of normal scores: y of a function, there and its
-gradient.
-"""
+"""Limit state of a rare event: y of a function, and its gradient, by normal scores."""
 
 from __future__ import annotations
 

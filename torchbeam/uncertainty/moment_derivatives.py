@@ -1,6 +1,4 @@
-"""Derivatives of moments by the parameters of laws, sample by sample along the path of the
-reparameterisation.
-"""
+"""Derivatives of moments by the parameters of laws, sample by sample (pathwise)."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ from torch import Tensor
 from ..core.arguments import boolean, level_of
 from ..core.arguments import function as checked_function
 from ..core.repetition import one_of
-from ..core.validation import Value, as_tensor, finite
+from ..core.validation import Value, as_tensor, finite, refusal
 from .designs import Sobol
 from .estimate import Estimate, student_half
 from .evaluation import Function, called, points_of, settings
@@ -102,7 +100,7 @@ def moment_derivatives(
     boolean("by_name", by_name)
     q = finite("q", as_tensor(q, torch.float64))
     if q.ndim != 1 or not q.numel():
-        raise ValueError(f"q {tuple(q.shape)} was given; (m,) is wanted")
+        raise refusal(f"q {tuple(q.shape)}", "(m,)")
     q = q.detach().clone().requires_grad_()
     joint = JointLaw.of(laws(q), correlation)
     n, seed, chunk, _ = settings(function, n, seed, chunk, None, None, None)

@@ -1,6 +1,4 @@
-"""Monte Carlo evaluation of a function of random parameters, in chunks that run anywhere and can be
-resumed.
-"""
+"""Monte Carlo evaluation of a function of random parameters, in chunks that can be resumed."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ from torch import Tensor
 from ..core.arguments import boolean, choice
 from ..core.files import path_of
 from ..core.memory import check_memory
-from ..core.validation import Value, as_tensor, finite, shown
+from ..core.validation import Value, as_tensor, finite, refusal, shown
 from .chunk_size import chunk_size, usual_chunk
 from .chunks import ChunkFolder
 from .designs import Given, Plain, Sobol
@@ -129,11 +127,8 @@ def monte_carlo(
     chunk = 1 if auto or usual else chunk
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     n, points = _shares(n, replicates, until, None if theta is None else "theta")
-    plan = (
-        Given(theta.to(dtype))
-        if theta is not None
-        else DESIGNS[design](joint.dimension, seed, points)
-    )
+    plan: Any = DESIGNS[design](joint.dimension, seed, points)
+    plan = plan if theta is None else Given(theta.to(dtype))
     work = Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n)
     if usual:
         chunk = chunk_of(out) or usual_chunk(n)
@@ -146,12 +141,9 @@ def monte_carlo(
     for end in _stages(n, points, until):
         for part in work.chunks(done, end, at):
             if not chunks:
-                size = sum(x[0].numel() * x.element_size() for x in part) * n
-                check_memory(
-                    f"{n} samples of y {tuple(part[1].shape[1:])}",
-                    2 * size,
-                    "monte_carlo_stream keeps none",
-                )
+                size = 2 * n * sum(x[0].numel() * x.element_size() for x in part)
+                what = f"{n} samples of y {tuple(part[1].shape[1:])}"
+                check_memory(what, size, "monte_carlo_stream keeps none")
             chunks.append(part)
         done = end
         firsts = torch.tensor([0, *(len(c[0]) for c in chunks)]).cumsum(0).tolist()
@@ -199,9 +191,7 @@ def _own(
             "a correlation was given beside theta, which holds the samples themselves; one of "
             "the two is wanted"
         )
-    joint = (
-        JointLaw.of(laws) if isinstance(laws, Mapping) else JointLaw(dict.fromkeys(_names(laws)))
-    )
+    joint = JointLaw.of(laws) if isinstance(laws, Mapping) else JointLaw(_named(laws))
     theta = finite("theta", as_tensor(theta, dtype or torch.float64)).detach().cpu()
     if theta.ndim != 2 or not len(theta) or theta.shape[1] != len(joint.names):
         raise ValueError(
@@ -215,18 +205,14 @@ def _own(
     return joint, theta[:n]
 
 
-def _names(names: Any) -> Sequence[str]:
-    if (
-        isinstance(names, str)
-        or not isinstance(names, Sequence)
-        or not names
-        or not all(isinstance(x, str) for x in names)
-        or (len(set(names)) < len(names))
-    ):
+def _named(names: Any) -> dict[str, None]:
+    """Names of columns, with no laws."""
+    known = isinstance(names, Sequence) and not isinstance(names, str) and names
+    if not known or not all(isinstance(x, str) for x in names) or len(set(names)) < len(names):
         raise ValueError(
             f"laws = {shown(names)} were given with theta; names, one for each column, are wanted"
         )
-    return names
+    return dict.fromkeys(names)
 
 
 def _shares(
@@ -240,11 +226,7 @@ def _shares(
             f"replicates or until were given beside {other}; samples of your own are one design"
         )
     if until is not None:
-        error = (
-            until[0]
-            if isinstance(until, (tuple, list)) and len(until) == 2 and callable(until[1])
-            else until
-        )
+        error, _ = _goal(until)
         if isinstance(error, bool) or not isinstance(error, (int, float)) or not 0 < error < 1:
             raise ValueError(
                 f"until = {shown(until)} was given; a relative error between 0 and 1 is wanted, or "
@@ -276,18 +258,21 @@ def _stages(n: int, points: int | None, until: Until | None) -> Iterator[int]:
     yield n
 
 
+def _goal(until: Any) -> tuple[Any, Callable[[Samples], Estimate]]:
+    """The relative error that is wanted, and of which statistic."""
+    if isinstance(until, (tuple, list)) and len(until) == 2 and callable(until[1]):
+        return until[0], until[1]
+    return until, lambda samples: samples.mean_interval(LEVEL)
+
+
 def _reached(samples: Samples, until: Until) -> bool:
     if not (samples.status == 0).any():
         return False
-    error, statistic = (
-        until
-        if isinstance(until, (tuple, list))
-        else (until, lambda drawn: drawn.mean_interval(LEVEL))
-    )
+    error, statistic = _goal(until)
     estimate = statistic(samples)
     if not isinstance(estimate, Estimate):
-        raise ValueError(
-            f"until with a function that gave a {type(estimate).__name__} was given; a "
-            "torchbeam.Estimate, with its interval, is wanted"
+        raise refusal(
+            f"until with a function that gave a {type(estimate).__name__}",
+            "a torchbeam.Estimate, with its interval,",
         )
     return bool((estimate.relative_error <= error).all())

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from .monte_carlo import DESIGNS, folder_of
 from .progress import Report
 from .samples import checked_sentences
 from .sketch import Sketch
-from .stream import Stream, Summarise
+from .stream import Stream, summarised
 
 EVERY = 10.0  # seconds from one writing of the summary to the next
 FILE = "stream.pt"
@@ -71,37 +72,20 @@ def monte_carlo_stream(
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, version)
     points = points_of(n, replicates)
     plan = DESIGNS[design](joint.dimension, seed, points)
-    folder = folder_of(
-        out,
-        function,
-        joint,
-        version,
-        seed=seed,
-        chunk=chunk,
-        dtype=str(dtype),
-        **{**plan.label, "kept": "summary", "points": points},
-    )
-    stream, done = (
-        (Stream(joint.names, plan.independent), 0)
-        if folder is None
-        else _taken_up(folder, joint, plan.independent)
-    )
+    label = dict(seed=seed, chunk=chunk, dtype=str(dtype), **plan.label)
+    label |= dict(kept="summary", points=points)
+    folder = folder_of(out, function, joint, version, **label)
+    stream, done = Stream(joint.names, plan.independent), 0
+    if folder is not None:
+        stream, done = _taken_up(folder, stream)
     if done > n:
         raise ValueError(
             f"n = {n} was given for a folder with the summary of {done} samples; at least as "
             "many are wanted"
         )
+    reduce = partial(summarised, checked_sentences(sentences))
     work = Evaluation(
-        function,
-        joint,
-        plan,
-        dtype,
-        chunk,
-        by_name,
-        executor,
-        total=n,
-        points=points,
-        reduce=Summarise(checked_sentences(sentences)),
+        function, joint, plan, dtype, chunk, by_name, executor, None, n, points, reduce
     )
     at, written = progress_of(progress, n), time.monotonic()
     if at is not None and done:
@@ -124,8 +108,8 @@ def _write(folder: ChunkFolder, stream: Stream, done: int) -> None:
     save(path, {"stream": stream, "done": done, "checksum": folder.checksum(*content)})
 
 
-def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[Stream, int]:
-    """Summary in the folder, and how many samples it is of; an empty one where there is none, or a
+def _taken_up(folder: ChunkFolder, empty: Stream) -> tuple[Stream, int]:
+    """Summary in the folder, and how many samples it is of; the empty one where there is none, or a
     damaged one.
     """
 
@@ -135,11 +119,10 @@ def _taken_up(folder: ChunkFolder, joint: JointLaw, independent: bool) -> tuple[
             raise ValueError("it is another run's, or its checksum is wrong")
         return stream, done
 
-    content_of_file = loaded(folder.path / FILE, content)
-    if content_of_file is None:
+    known = loaded(folder.path / FILE, content)
+    if known is None:
         folder.writable()
-        return Stream(joint.names, independent), 0
-    return content_of_file
+    return known or (empty, 0)
 
 
 torch.serialization.add_safe_globals([Stream, Moments, Sketch])

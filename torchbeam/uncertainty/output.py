@@ -14,80 +14,14 @@ from torch import Tensor
 
 from ..core.arguments import number
 from ..core.files import csv_text, file_of, folder, write
-from ..core.validation import shown
+from ..core.validation import refusal, shown
 
 LEVELS = (0.01, 0.05, 0.5, 0.95, 0.99)
 COLUMNS = ("quantity", "y", "estimate", "low", "high", "level")
 
 
-def to_pandas(samples: Any) -> Any:
-    """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and
-    replicate.
-    """
-    pandas = _imported("pandas")
-    _apart(samples, _labels(samples.y.shape[1:]))
-    y = samples.y.reshape(len(samples), -1)
-    return pandas.DataFrame(
-        {
-            **dict(zip(samples.names, samples.theta.numpy().T, strict=True)),
-            **dict(zip(_labels(samples.y.shape[1:]), y.numpy().T, strict=True)),
-            "status": samples.status.numpy(),
-            "replicate": samples.replicate.numpy(),
-        }
-    )
-
-
-def to_xarray(
-    samples: Any, dims: Sequence[str] | None = None, coords: dict[str, Any] | None = None
-) -> Any:
-    """An xarray.Dataset: theta's columns by name, y, status and replicate over `sample`.
-
-    dims    names of y's further axes, such as ("time",); None: axis_1, axis_2 ...
-    coords  of these, such as {"time": t}
-    """
-    xarray = _imported("xarray")
-    _apart(samples, ["y"])
-    dims = tuple(f"axis_{k}" for k in range(1, samples.y.ndim)) if dims is None else dims
-    names = (
-        isinstance(dims, Sequence)
-        and not isinstance(dims, str)
-        and all(isinstance(name, str) for name in dims)
-    )
-    if not names or len(dims) != samples.y.ndim - 1 or len({"sample", *dims}) <= len(dims):
-        raise ValueError(
-            f"dims = {shown(dims)} were given for a y {tuple(samples.y.shape[1:])}; a name for "
-            "each axis is wanted"
-        )
-    coords = {} if coords is None else coords
-    taken = {*samples.names, "y", "status", "replicate", "sample"}
-    if not isinstance(coords, Mapping) or taken & {*coords}:
-        raise ValueError(
-            f"coords = {shown(coords)} were given; a dict, name -> places, of other names than "
-            f"{', '.join(sorted(taken))} is wanted"
-        )
-    columns = {
-        name: ("sample", column.numpy())
-        for name, column in zip(samples.names, samples.theta.unbind(-1), strict=True)
-    }
-    coords = {
-        name: value.numpy() if isinstance(value, Tensor) else value
-        for name, value in coords.items()
-    }
-    return xarray.Dataset(
-        {
-            **columns,
-            "y": (("sample", *dims), samples.y.numpy()),
-            "status": ("sample", samples.status.numpy()),
-            "replicate": ("sample", samples.replicate.numpy()),
-        },
-        coords,
-    )
-
-
 class Summary:
-    """Summaries of `Samples` and of a `Stream`, whose statistics they are made of: a base class of
-    both.
-    """
+    """Summaries by the statistics of `Samples` and `Stream`: a base class of both."""
 
     def summary(
         self: Any,
@@ -139,10 +73,75 @@ class Summary:
         return path
 
 
+class Tables(Summary):
+    """Tables of `Samples`: a base class of these."""
+
+    def to_pandas(self: Any) -> Any:
+        """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and
+        replicate (extra `uq`).
+        """
+        pandas = _imported("pandas")
+        _apart(self, _labels(self.y.shape[1:]))
+        y = self.y.reshape(len(self), -1)
+        return pandas.DataFrame(
+            {
+                **dict(zip(self.names, self.theta.numpy().T, strict=True)),
+                **dict(zip(_labels(self.y.shape[1:]), y.numpy().T, strict=True)),
+                "status": self.status.numpy(),
+                "replicate": self.replicate.numpy(),
+            }
+        )
+
+    def to_xarray(
+        self: Any, dims: Sequence[str] | None = None, coords: dict[str, Any] | None = None
+    ) -> Any:
+        """An xarray.Dataset: theta's columns by name, y, status and replicate over `sample`
+        (extra `uq`).
+
+        dims    names of y's further axes, such as ("time",); None: axis_1, axis_2 ...
+        coords  of these, such as {"time": t}
+        """
+        xarray = _imported("xarray")
+        _apart(self, ["y"])
+        dims = tuple(f"axis_{k}" for k in range(1, self.y.ndim)) if dims is None else dims
+        names = (
+            isinstance(dims, Sequence)
+            and not isinstance(dims, str)
+            and all(isinstance(name, str) for name in dims)
+        )
+        if not names or len(dims) != self.y.ndim - 1 or len({"sample", *dims}) <= len(dims):
+            raise ValueError(
+                f"dims = {shown(dims)} were given for a y {tuple(self.y.shape[1:])}; a name for "
+                "each axis is wanted"
+            )
+        coords = {} if coords is None else coords
+        taken = {*self.names, "y", "status", "replicate", "sample"}
+        if not isinstance(coords, Mapping) or taken & {*coords}:
+            raise ValueError(
+                f"coords = {shown(coords)} were given; a dict, name -> places, of other names than "
+                f"{', '.join(sorted(taken))} is wanted"
+            )
+        columns = {
+            name: ("sample", column.numpy())
+            for name, column in zip(self.names, self.theta.unbind(-1), strict=True)
+        }
+        coords = {
+            name: value.numpy() if isinstance(value, Tensor) else value
+            for name, value in coords.items()
+        }
+        return xarray.Dataset(
+            {
+                **columns,
+                "y": (("sample", *dims), self.y.numpy()),
+                "status": ("sample", self.status.numpy()),
+                "replicate": ("sample", self.replicate.numpy()),
+            },
+            coords,
+        )
+
+
 def write_found(path: Path, summary: dict[str, Any]) -> None:
-    """A summary in a file: .csv for its rows alone, .json for all of it. Raises
-    files.NotWritten.
-    """
+    """Write a summary: .csv for its rows alone, .json for all of it. Raises files.NotWritten."""
     if path.suffix == ".json":
         write(path, json.dumps(summary, indent=1) + "\n")
     else:
@@ -160,7 +159,7 @@ def _several(name: str, values: Any) -> tuple[float, ...]:
         or not isinstance(values, Iterable)
         or getattr(values, "ndim", 1) != 1
     ):
-        raise ValueError(f"{name} = {shown(values)} were given; a sequence of numbers is wanted")
+        raise refusal(f"{name} = {shown(values)}", "a sequence of numbers", were=True)
     return tuple(number(name, value) for value in values)
 
 

@@ -8,13 +8,14 @@ lower one: close to 1 it has no digits left.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from ..core.arguments import number
+from ..core.validation import refusal
 from ..math.distributions import (
     log_normal_probability,
     normal_probability,
@@ -37,8 +38,34 @@ class TwoTails:
         raise NotImplementedError
 
 
+class ByParameters:
+    """Base class of laws by parameters: finite numbers, those named in `positive` above zero."""
+
+    positive: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        kind, names = type(self).__name__, [own.name for own in fields(self)]
+        checked = {n: checked_number(f"{kind}'s {n}", getattr(self, n)) for n in names}
+        set_fields(self, **checked)
+        for name in self.positive:
+            if not checked[name] > 0:
+                raise refusal(f"{kind}'s {name} = {checked[name]:g}", "a positive number")
+        if "least" in checked and not self.least < self.largest:
+            raise refusal(f"{kind} from {self.least:g} to {self.largest:g}", "least below largest")
+
+
+class ByScore(ByParameters):
+    """Base class of laws whose values are simple functions of normal scores."""
+
+    def icdf(self, u: Tensor) -> Tensor:
+        return self.of_score(normal_score(u))
+
+    def cdf(self, x: Tensor) -> Tensor:
+        return normal_probability(self.score(x))
+
+
 @dataclass(frozen=True)
-class Constant:
+class Constant(ByParameters):
     """Always the same value: a column of theta that is not random.
 
     Examples:
@@ -49,15 +76,12 @@ class Constant:
 
     value: float
 
-    def __post_init__(self) -> None:
-        set_fields(self, value=checked_number("Constant's value", self.value))
-
     def icdf(self, u: Tensor) -> Tensor:
         return torch.zeros_like(u) + self.value
 
 
 @dataclass(frozen=True)
-class Uniform(TwoTails):
+class Uniform(TwoTails, ByParameters):
     """Uniform between `least` and `largest`.
 
     Examples:
@@ -68,9 +92,6 @@ class Uniform(TwoTails):
 
     least: float | Tensor
     largest: float | Tensor
-
-    def __post_init__(self) -> None:
-        _ordered(self, "least", "largest")
 
     def icdf(self, u: Tensor) -> Tensor:
         return self.least + (self.largest - self.least) * u
@@ -89,7 +110,7 @@ class Uniform(TwoTails):
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(ByScore):
     """Normal with `mean` and standard `deviation`.
 
     Examples:
@@ -101,24 +122,17 @@ class Normal:
     mean: float | Tensor
     deviation: float | Tensor
 
-    def __post_init__(self) -> None:
-        _positive(self, "mean", deviation=True)
+    positive = ("deviation",)
 
     def of_score(self, z: Tensor) -> Tensor:
         return self.mean + self.deviation * z
-
-    def icdf(self, u: Tensor) -> Tensor:
-        return self.of_score(normal_score(u))
-
-    def cdf(self, x: Tensor) -> Tensor:
-        return normal_probability(self.score(x))
 
     def score(self, x: Tensor) -> Tensor:
         return (x - self.mean) / self.deviation
 
 
 @dataclass(frozen=True)
-class LogNormal:
+class LogNormal(ByScore):
     """exp of a normal variable, with the `mean` and standard `deviation` of the variable itself,
     both positive.
 
@@ -135,8 +149,7 @@ class LogNormal:
     mean: float | Tensor
     deviation: float | Tensor
 
-    def __post_init__(self) -> None:
-        _positive(self, mean=True, deviation=True)
+    positive = ("mean", "deviation")
 
     @property
     def sigma(self) -> float:
@@ -153,18 +166,12 @@ class LogNormal:
     def of_score(self, z: Tensor) -> Tensor:
         return (self.mu + self.sigma * z).exp()
 
-    def icdf(self, u: Tensor) -> Tensor:
-        return self.of_score(normal_score(u))
-
-    def cdf(self, x: Tensor) -> Tensor:
-        return normal_probability(self.score(x))
-
     def score(self, x: Tensor) -> Tensor:
         return (x.clamp_min(0).log() - self.mu) / self.sigma
 
 
 @dataclass(frozen=True)
-class Triangular(TwoTails):
+class Triangular(TwoTails, ByParameters):
     """Density that rises straight from `least` to `mode` and falls straight to `largest`.
 
     Examples:
@@ -178,8 +185,7 @@ class Triangular(TwoTails):
     largest: float | Tensor
 
     def __post_init__(self) -> None:
-        _ordered(self, "least", "largest")
-        set_fields(self, mode=checked_number("Triangular's mode", self.mode))
+        super().__post_init__()
         if not self.least <= self.mode <= self.largest:
             raise ValueError(
                 f"Triangular's mode = {self.mode:g} was given for {self.least:g} to "
@@ -211,7 +217,7 @@ class Triangular(TwoTails):
 
 
 @dataclass(frozen=True)
-class Weibull(TwoTails):
+class Weibull(TwoTails, ByParameters):
     """P(X > x) = exp(-(x/scale)^shape); with shape = 1 the exponential law of mean `scale`.
 
     Examples:
@@ -223,8 +229,7 @@ class Weibull(TwoTails):
     scale: float | Tensor
     shape: float | Tensor = 1.0
 
-    def __post_init__(self) -> None:
-        _positive(self, scale=True, shape=True)
+    positive = ("scale", "shape")
 
     def icdf(self, u: Tensor) -> Tensor:
         return self.scale * (-torch.log1p(-u)) ** (1 / self.shape)
@@ -238,23 +243,22 @@ class Weibull(TwoTails):
 
 
 @dataclass(frozen=True)
-class Gumbel(TwoTails):
+class Gumbel(TwoTails, ByParameters):
     """Largest of many: P(X <= x) = exp(-exp(-(x - location)/scale)); the mean is location + 0.57722
     scale.
 
     Examples:
         >>> gust = tb.laws.Gumbel(location=1.0, scale=0.1)  # the largest of a year
-        >>> tb.monte_carlo(
-        ...     deflection, {"EI": laws["EI"], "P": gust}, 256, by_name=True
-        ... ).quantile(0.98)
+        >>> tb.monte_carlo(deflection, {"EI": laws["EI"], "P": gust}, 256, by_name=True).quantile(
+        ...     0.98
+        ... )
         tensor(0.4935)
     """
 
     location: float | Tensor
     scale: float | Tensor
 
-    def __post_init__(self) -> None:
-        _positive(self, "location", scale=True)
+    positive = ("scale",)
 
     def icdf(self, u: Tensor) -> Tensor:
         return self.location - self.scale * (-u.log()).log()
@@ -268,51 +272,18 @@ class Gumbel(TwoTails):
 
 
 def checked_number(name: str, value: Any) -> float | Tensor:
-    """One finite number; as the tensor that was given where it carries a gradient. ValueError
-    otherwise.
-    """
+    """One finite number, or the tensor given where it carries a gradient. ValueError otherwise."""
     checked = number(name, value)
     return value if isinstance(value, Tensor) and value.requires_grad else checked
 
 
 def plain_number(name: str, value: Any, *, infinite: bool = False) -> float:
-    """One number that has no derivatives; ValueError otherwise, and for a tensor that carries a
-    gradient.
-    """
+    """One number without derivatives; ValueError otherwise, as for a tensor with a gradient."""
     if isinstance(value, Tensor) and value.requires_grad:
-        raise ValueError(f"{name} that carries a gradient was given; a number is wanted")
+        raise refusal(f"{name} that carries a gradient", "a number")
     return number(name, value, infinite=infinite)
 
 
 def set_fields(law: Any, /, **values: Any) -> None:
     for name, value in values.items():
         object.__setattr__(law, name, value)
-
-
-def _ordered(law: Any, low: str, high: str) -> None:
-    kind = type(law).__name__
-    set_fields(
-        law,
-        **{name: checked_number(f"{kind}'s {name}", getattr(law, name)) for name in (low, high)},
-    )
-    if not getattr(law, low) < getattr(law, high):
-        raise ValueError(
-            f"{kind} from {getattr(law, low):g} to {getattr(law, high):g} was given; {low} below "
-            f"{high} is wanted"
-        )
-
-
-def _positive(law: Any, *any_: str, **positive: bool) -> None:
-    kind = type(law).__name__
-    set_fields(
-        law,
-        **{
-            name: checked_number(f"{kind}'s {name}", getattr(law, name))
-            for name in (*any_, *positive)
-        },
-    )
-    for name in positive:
-        if not getattr(law, name) > 0:
-            raise ValueError(
-                f"{kind}'s {name} = {getattr(law, name):g} was given; a positive number is wanted"
-            )

@@ -67,13 +67,9 @@ class Progress:
     @property
     def eta(self) -> float:
         """Seconds to go, infinite while none was computed."""
-        return (
-            (self.total - self.done) / self.rate
-            if self.rate
-            else 0.0
-            if self.done >= self.total
-            else float("inf")
-        )
+        if self.rate:
+            return (self.total - self.done) / self.rate
+        return 0.0 if self.done >= self.total else float("inf")
 
     def __str__(self) -> str:
         return (

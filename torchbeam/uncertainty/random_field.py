@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import choice, count
-from ..core.validation import Value, converted, finite
+from ..core.validation import Value, converted, finite, refusal
 from .parametric_laws import plain_number, set_fields
 
 KERNELS = ("exponential", "gaussian")
@@ -63,27 +63,14 @@ class RandomField:
                 f"RandomField's s {tuple(s.shape)} was given; (m,) increasing places, at least "
                 "two, are wanted"
             )
-        set_fields(
-            self,
-            s=s,
-            **{
-                name: plain_number(f"RandomField's {name}", getattr(self, name))
-                for name in ("mean", "deviation", "correlation_length")
-            },
-        )
+        numbers = ("mean", "deviation", "correlation_length")
+        values = {n: plain_number(f"RandomField's {n}", getattr(self, n)) for n in numbers}
+        set_fields(self, s=s, **values)
         choice("RandomField's kernel", self.kernel, KERNELS)
         choice("RandomField's marginal", self.marginal, MARGINALS)
-        positive = (
-            "deviation",
-            "correlation_length",
-            *(("mean",) if self.marginal == "lognormal" else ()),
-        )
-        for name in positive:
-            if not getattr(self, name) > 0:
-                raise ValueError(
-                    f"RandomField's {name} = {getattr(self, name):g} was given; a positive "
-                    "number is wanted"
-                )
+        for name in numbers if self.marginal == "lognormal" else numbers[1:]:
+            if not values[name] > 0:
+                raise refusal(f"RandomField's {name} = {values[name]:g}", "a positive number")
         eigenvalue, shape = self._expansion(
             None if self.terms is None else count("RandomField's terms", self.terms)
         )
@@ -112,11 +99,8 @@ class RandomField:
         if self.marginal == "normal":
             return self.mean + self.deviation * field
         variance = math.log1p((self.deviation / self.mean) ** 2)
-        return (
-            math.log(self.mean)
-            - variance * self.captured.to(z.dtype) / 2
-            + math.sqrt(variance) * field
-        ).exp()
+        middle = math.log(self.mean) - variance * self.captured.to(z.dtype) / 2
+        return (middle + math.sqrt(variance) * field).exp()
 
     def _correlation(self, r: Tensor) -> Tensor:
         r = r.abs() / self.correlation_length

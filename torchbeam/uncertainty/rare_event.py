@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -137,11 +138,13 @@ def rare_event(
     limit = LimitState(
         Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold
     )
-    runs = (
-        (10 if method == "subset" else 16)
-        if replicates is None
-        else count("replicates", replicates, 2)
-    )
+    usual = 10 if method == "subset" else 16
+    runs = usual if replicates is None else count("replicates", replicates, 2)
+
+    def event(ends: tuple[float, float, float], **more: Any) -> RareEvent:
+        failures = dict(limit.failures)
+        return RareEvent(joint.names, *ends, level, method, limit.evaluations, failures, **more)
+
     if method == "subset":
         least = round(5 / SHARE)
         each = n // runs // round(1 / SHARE) * round(1 / SHARE)
@@ -152,15 +155,7 @@ def rare_event(
             )
         estimates = subset_simulation(limit, each, runs, seed)
         thresholds = estimates.thresholds.nanmean(-1)
-        return RareEvent(
-            joint.names,
-            *estimates.interval(level),
-            level,
-            method,
-            limit.evaluations,
-            dict(limit.failures),
-            thresholds[~thresholds.isnan()],
-        )
+        return event(estimates.interval(level), thresholds=thresholds[~thresholds.isnan()])
     if n < 2 * runs:
         raise ValueError(
             f"n = {n} was given for {runs} replicates of importance sampling; at least "
@@ -188,13 +183,8 @@ def rare_event(
             "regions of failure are curved, or more than were found, and the interval may be "
             'wrong; more `starts` are wanted, or method="subset"'
         )
-    return RareEvent(
-        joint.names,
-        *importance_interval(estimates.probability, level),
-        level,
-        method,
-        limit.evaluations,
-        dict(limit.failures),
+    return event(
+        importance_interval(estimates.probability, level),
         points=joint.of_score(points.z),
         beta=points.beta,
         form=normal_probability(-points.beta[0]).item(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, overload
 
@@ -12,16 +12,17 @@ from torch import Tensor
 from ..core.arguments import boolean, level_of
 from ..core.arguments import function as checked_function
 from ..core.status import STATUS
-from ..core.validation import Value, broadcast, converted, finite, shown
-from . import estimate, output
+from ..core.validation import Value, broadcast, converted, finite, refusal, shown
+from . import estimate
 from .estimate import Estimate, Statistic, failures, probabilities
+from .output import Tables
 
 FAILED = 1  # status of a sample whose y is not finite
 NOT_FINITE = "y is not finite"
 
 
 @dataclass(frozen=True)
-class Samples(output.Summary):
+class Samples(Tables):
     """theta (n, p), its columns by `names`; y (n, ...); status (n,): 0 = good. Statistics are of
     the good ones, and say how many failed, and why.
 
@@ -173,35 +174,16 @@ class Samples(output.Summary):
         n = torch.tensor([2**k for k in range(least.bit_length())])
         sums = torch.stack([y[:least].cumsum(0)[n - 1] for y in groups])
         means = sums / n.reshape(-1, *[1] * (sums.ndim - 2))
-        centre = (
-            torch.cat(groups).mean(0)
-            if reference is None
-            else finite("reference", converted(reference, torch.float64))
-        )
-        if (
-            broadcast("the reference and y of a sample", centre.shape, self.y.shape[1:])
-            != self.y.shape[1:]
-        ):
+        centre, wanted = torch.cat(groups).mean(0), self.y.shape[1:]
+        if reference is not None:
+            centre = finite("reference", converted(reference, torch.float64))
+        if broadcast("the reference and y of a sample", centre.shape, wanted) != wanted:
             raise ValueError(
-                f"a reference {tuple(centre.shape)} was given for a y {tuple(self.y.shape[1:])}; "
+                f"a reference {tuple(centre.shape)} was given for a y {tuple(wanted)}; "
                 "one for each number is wanted"
             )
         freedom = len(groups) - (reference is None)
         return n, ((means - centre).square().sum(0) / freedom).sqrt()
-
-    def to_pandas(self) -> Any:
-        """A pandas.DataFrame, a row for each sample: theta by name, y or y[...], status and
-        replicate (extra `uq`).
-        """
-        return output.to_pandas(self)
-
-    def to_xarray(
-        self, dims: Sequence[str] | None = None, coords: dict[str, Any] | None = None
-    ) -> Any:
-        """An xarray.Dataset over `sample` (extra `uq`); `dims` name y's further axes, `coords` say
-        where they are.
-        """
-        return output.to_xarray(self, dims, coords)
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
         """Good samples of each replicate that has some; all of them together, where replicates do
@@ -253,9 +235,7 @@ def checked_sentences(sentences: Any) -> dict[int, str]:
     if not isinstance(sentences, Mapping) or not all(
         isinstance(code, int) and isinstance(sentences[code], str) for code in sentences
     ):
-        raise ValueError(
-            f"sentences = {shown(sentences)} were given; a dict, status -> text, is wanted"
-        )
+        raise refusal(f"sentences = {shown(sentences)}", "a dict, status -> text,", were=True)
     return dict(sentences)
 
 

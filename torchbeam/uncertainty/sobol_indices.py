@@ -134,19 +134,9 @@ def sobol_indices(
     plan = Exchanged(Sobol(2 * joint.dimension, seed, points), parts)
     size = len(names) + 2
     chunk = (chunk_of(out) or usual_chunk(n * size)) if usual else chunk
-    work = Evaluation(
-        function,
-        joint,
-        plan,
-        dtype,
-        chunk,
-        by_name,
-        executor,
-        folder_of(
-            out, function, joint, version, seed=seed, chunk=chunk, dtype=str(dtype), **plan.label
-        ),
-        n * size,
-    )
+    label = dict(seed=seed, chunk=chunk, dtype=str(dtype), **plan.label)
+    folder = folder_of(out, function, joint, version, **label)
+    work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, folder, n * size)
     chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))
     one_kind((k * chunk, part) for k, part in enumerate(chunks))
     _, y, status = (torch.cat(part) for part in zip(*chunks, strict=True))
@@ -165,18 +155,9 @@ def sobol_indices(
     ]
     indices = _indices(torch.cat(groups))  # (2, p, ...)
     half = _half(groups, indices, level)
-    return SobolIndices(
-        names,
-        indices[0],
-        indices[1],
-        indices - half,
-        indices + half,
-        level,
-        _variance(values[good]),
-        n * size,
-        int((~good).sum()),
-        reasons,
-    )
+    variance, evaluations, failed = _variance(values[good]), n * size, int((~good).sum())
+    ends = indices - half, indices + half
+    return SobolIndices(names, *indices, *ends, level, variance, evaluations, failed, reasons)
 
 
 def _half(groups: list[Tensor], indices: Tensor, level: float) -> Tensor:

@@ -1,30 +1,21 @@
-"""Summary of a stream of samples: moments, quantiles, probabilities and histograms in constant
-memory.
-"""
+"""Stream: moments, quantiles, probabilities and histograms of samples in constant memory."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any, overload
 
 import torch
 from torch import Tensor
 
 from ..core.arguments import level_of
-from ..core.validation import Value, broadcast, converted, finite
+from ..core.validation import Value, broadcast, converted, finite, refusal
 from ..math.distributions import binomial_interval, binomial_ranks, student_quantile
-from .estimate import (
-    FEW,
-    Estimate,
-    about_their_mean,
-    failures,
-    probabilities,
-    replicated_well,
-    share_half,
-    student_half,
-)
+from . import estimate
+from .estimate import FEW, Estimate, failures, probabilities, share_half
 from .moments import Moments
 from .output import Summary
 from .samples import reasons_of
@@ -50,27 +41,16 @@ class Part:
         return sum(self.reasons.values())
 
 
-@dataclass(frozen=True)
-class Summarise:
-    """Function that makes a `Part` of a chunk; `sentences` by status."""
-
-    sentences: Mapping[int, str]
-
-    def __call__(self, chunk: tuple[Tensor, Tensor, Tensor]) -> Part:
-        _, y, status = chunk
-        good = y[status == 0].double()
-        sketches = [Sketch.empty(BINS) for _ in range(math.prod(y.shape[1:]))] if len(good) else []
-        for sketch, numbers in zip(
-            sketches, good.reshape(len(good), -1).unbind(-1) if len(good) else (), strict=True
-        ):
-            sketch.add(numbers)
-        return Part(
-            tuple(y.shape[1:]),
-            len(y),
-            Moments.of(good) if len(good) else None,
-            sketches,
-            reasons_of(y, status, self.sentences),
-        )
+def summarised(sentences: Mapping[int, str], chunk: tuple[Tensor, Tensor, Tensor]) -> Part:
+    """Summary of a chunk; `sentences` by status."""
+    _, y, status = chunk
+    good = y[status == 0].double()
+    sketches: list[Sketch] = []
+    for numbers in good.reshape(len(good), -1).unbind(-1) if len(good) else ():
+        sketches.append(Sketch.empty(BINS))
+        sketches[-1].add(numbers)
+    moments, reasons = Moments.of(good) if len(good) else None, reasons_of(y, status, sentences)
+    return Part(tuple(y.shape[1:]), len(y), moments, sketches, reasons)
 
 
 @dataclass
@@ -127,11 +107,7 @@ class Stream(Summary):
     @property
     def all(self) -> Moments:
         """Moments of all good samples."""
-        known = self._known()
-        whole = known[0]
-        for moments in known[1:]:
-            whole = whole.merged(moments)
-        return whole
+        return reduce(Moments.merged, self._known())
 
     @property
     def mean(self) -> Tensor:
@@ -141,7 +117,9 @@ class Stream(Summary):
     def deviation(self) -> Tensor:
         """Standard deviation (...), as `Samples.deviation` has it."""
         whole = self.all
-        about = about_their_mean(self.independent, len(self.moments), self._groups, whole.n)
+        about = estimate.about_their_mean(
+            self.independent, len(self.moments), self._groups, whole.n
+        )
         return (whole.second / (whole.n - about)).sqrt()
 
     @property
@@ -163,13 +141,10 @@ class Stream(Summary):
         """
         known, whole, level = self._known(), self.all, level_of("level", level)
         if self._groups > 1:
-            half = student_half(torch.stack([moments.mean for moments in known]), level)
+            half = estimate.student_half(torch.stack([one.mean for one in known]), level)
         elif whole.n > 1:
-            half = (
-                student_quantile((1 + level) / 2, whole.n - 1)
-                * whole.deviation
-                / math.sqrt(whole.n)
-            )
+            quantile = student_quantile((1 + level) / 2, whole.n - 1)
+            half = quantile * whole.deviation / math.sqrt(whole.n)
         else:
             half = whole.mean.abs() + math.inf
         return self._estimate(
@@ -206,13 +181,10 @@ class Stream(Summary):
                 ranks = ranks + torch.cat((-half, half), -1)
             ranks[few] = counted
             values = sketch.at_ranks(ranks.flatten().clamp(0, n - 1)).reshape(-1, 2)
-            values = values + values.abs() * sketch.error * torch.tensor(
-                [-1.0, 1.0], dtype=torch.float64
-            )
-            values = torch.where(
-                ranks < 0, -torch.inf, torch.where(ranks > n - 1, torch.inf, values)
-            )
-            ends.append(values)
+            off = values.abs() * sketch.error
+            values = torch.stack((values[:, 0] - off[:, 0], values[:, 1] + off[:, 1]), -1)
+            values = torch.where(ranks > n - 1, torch.inf, values)
+            ends.append(torch.where(ranks < 0, -torch.inf, values))
         low, high = torch.stack(ends, -2).unbind(-1)
         return self._estimate(*(self._shaped(x, wanted) for x in (centre, low, high)), level, few)
 
@@ -225,13 +197,8 @@ class Stream(Summary):
         groups = self._groups
         x = finite("x", converted(x, torch.float64))
         shape = broadcast("the thresholds and y of a sample", x.shape, torch.Size(self.shape))
-        numbers = (
-            torch.arange(max(math.prod(self.shape), 1))
-            .reshape(self.shape)
-            .expand(shape)
-            .flatten()
-            .tolist()
-        )
+        at_y = torch.arange(max(math.prod(self.shape), 1)).reshape(self.shape)
+        numbers = at_y.expand(shape).flatten().tolist()
         rows, fews = [], []
         for j, at in zip(numbers, x.expand(shape).flatten(), strict=True):
             least, most = (v.item() for v in pooled[j].above(at))
@@ -253,8 +220,8 @@ class Stream(Summary):
         """
         edges = finite("edges", converted(edges, torch.float64))
         if edges.ndim != 1 or len(edges) < 2 or not (edges.diff() > 0).all():
-            raise ValueError(
-                f"edges {tuple(edges.shape)} were given; (bins + 1,) increasing numbers are wanted"
+            raise refusal(
+                f"edges {tuple(edges.shape)}", "(bins + 1,) increasing numbers", were=True, are=True
             )
         above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
         above = torch.where(edges <= self.all.least.reshape(-1, 1), self._good, above)
@@ -264,11 +231,8 @@ class Stream(Summary):
         """Half the intervals (...) of P(y > x) from its shares in the replicates, x (...); at least
         the rule of three.
         """
-        known = [
-            (sketches[j], moment.n)
-            for sketches, moment in zip(self.sketches, self.moments, strict=True)
-            if moment is not None
-        ]
+        pairs = zip(self.sketches, self.moments, strict=True)
+        known = [(sketches[j], own.n) for sketches, own in pairs if own is not None]
         shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
         return share_half(shares, level, n)
 
@@ -290,7 +254,7 @@ class Stream(Summary):
     def _groups(self) -> int:
         """Groups whose scatter tells the error; 1 = samples do."""
         groups = 1 if self.independent else len(self._known())
-        return groups if replicated_well(groups, self._good) else 1
+        return groups if estimate.replicated_well(groups, self._good) else 1
 
     def _pooled(self) -> list[Sketch]:
         """Sketches of all replicates together, one for each number of y."""

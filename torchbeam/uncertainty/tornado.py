@@ -1,6 +1,4 @@
-"""Tornado table: what y does when one parameter after the other goes from a low to a high
-quantile.
-"""
+"""Tornado table: what y does when one parameter after the other goes from low to high."""
 
 from __future__ import annotations
 
@@ -101,17 +99,13 @@ def tornado(
     y, status = evaluated(function, joint, theta, by_name)
     y = torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y.double(), torch.nan)
     values = joint.named(theta.double())
-    at = torch.stack(
-        [
-            values[name][1 + 2 * k : 3 + 2 * k]
-            if joint.sizes[name] is None
-            else torch.full((2,), torch.nan).double()
-            for k, name in enumerate(names)
-        ]
-    )
+    none = torch.full((2,), torch.nan, dtype=torch.float64)  # of a field
+    at = [
+        none if joint.sizes[name] is not None else values[name][1 + 2 * k : 3 + 2 * k]
+        for k, name in enumerate(names)
+    ]
     low, high = y[1::2], y[2::2]
     size = (high - low).abs().reshape(len(names), -1).nan_to_num(torch.inf).amax(-1)
     order = size.argsort(descending=True, stable=True)
-    return Tornado(
-        tuple(names[k] for k in order.tolist()), y[0], low[order], high[order], at[order], status
-    )
+    ordered = tuple(names[k] for k in order.tolist())
+    return Tornado(ordered, y[0], low[order], high[order], torch.stack(at)[order], status)

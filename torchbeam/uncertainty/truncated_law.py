@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.validation import shown
+from ..core.validation import refusal, shown
 from ..math.distributions import (
     normal_probability,
     normal_score,
@@ -40,26 +40,21 @@ class Truncated(TwoTails):
     largest: float = math.inf
 
     def __post_init__(self) -> None:
-        law = (
-            Uniform(*self.law)
-            if isinstance(self.law, (tuple, list)) and len(self.law) == 2
-            else self.law
-        )
+        pair = isinstance(self.law, (tuple, list)) and len(self.law) == 2
+        law = Uniform(*self.law) if pair else self.law
         if not hasattr(law, "icdf") or not hasattr(law, "cdf"):
             raise ValueError(
                 f"the law {shown(self.law)} was given to Truncated; one with both cdf and icdf "
                 "is wanted"
             )
-        set_fields(
-            self,
-            law=law,
-            least=plain_number("Truncated's least", self.least, infinite=True),
-            largest=plain_number("Truncated's largest", self.largest, infinite=True),
-        )
+        ends = {
+            name: plain_number(f"Truncated's {name}", getattr(self, name), infinite=True)
+            for name in ("least", "largest")
+        }
+        set_fields(self, law=law, **ends)
         if not self.least < self.largest:
-            raise ValueError(
-                f"Truncated from {self.least:g} to {self.largest:g} was given; least below "
-                "largest is wanted"
+            raise refusal(
+                f"Truncated from {self.least:g} to {self.largest:g}", "least below largest"
             )
         if why := why_none(law):
             raise ValueError(
@@ -92,9 +87,7 @@ class Truncated(TwoTails):
 
     @property
     def _below(self) -> float:
-        """The next number below `least`, which is itself within: an `Empirical` value may lie
-        there.
-        """
+        """The next number below `least`, which is within: an `Empirical` value may lie there."""
         return math.nextafter(self.least, -math.inf)
 
     def _ends(self, like: Tensor) -> tuple[Tensor, Tensor]:

@@ -4,103 +4,33 @@ gradients.
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from cases.rows import ROWS, WITHOUT
 from tests.cases.nodal_cases import state as random_state
 from torchbeam.analysis.trials import Counter
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
+from torchbeam.scene.effects.effect import Effect
 
 N, SMALL = 16, 1e-4
 SECTION = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
 BEAM = tb.Beam.straight(1.0, N, SECTION)
 
 
-class Row(NamedTuple):
-    """effect: (value, N) -> effect, `value` its unit; moved: tip displacement and rotation vector
-    by small-displacement theory, L = EI = 1, GJ = 0.8, for that value.
-    """
-
-    effect: object
-    value: tuple
-    moved: tuple
-
-
-def pulled(v):
-    """A spring so soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's
-    motion.
-    """
-    v = torch.as_tensor(v, dtype=torch.float64)
-    return tb.Spring(-1, 1e-3, to=v / 1e-3 + BEAM.nodes[-1])
-
-
-def outer_half(v, N):
-    return tb.PerElement(
-        (torch.arange(N) >= N / 2).double()[:, None] * torch.as_tensor(v, dtype=torch.float64)
-    )
-
-
-def along_s(v):
-    return tb.Along(lambda s, t: s[..., None] * torch.as_tensor(v, dtype=torch.float64))
-
-
-def dead(v):
-    return lambda x, R, V, w, t: (torch.as_tensor(v, dtype=torch.float64), None)
-
-
-def follower(v):
-    return lambda x, R, V, w, t: (R @ torch.as_tensor(v, dtype=torch.float64), None)
-
-
-# Euler-Bernoulli: P L^3/3, P L^2/2; M L^2/2, M L; q L^4/8, q L^3/6; m L^3/3, m L^2/2; torsion M
-# L/GJ, m L^2/2GJ; P at a = L/2: P a^2 (3 L - a)/6, P a^2/2; q s/L: 11 q L^4/120, q L^3/8; q on the
-# outer half: 41 q L^4/384, 7 q L^3/48; curvature k: k L^2/2, k L. A force along z turns the tip
-# about -y, a moment about y moves it along -z.
-# fmt: off
-TABLE = {
-    "TipLoad force": Row(lambda v, N: tb.TipLoad(force=v), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
-    "TipLoad moment": Row(lambda v, N: tb.TipLoad(moment=v), (0.8, 2, 4), (0, 2, -1, 1, 2, 4)),
-    "TipLoad follower": Row(lambda v, N: tb.TipLoad(force=v, follower=True), (0, 3.0, 6),
-                            (0, 1, 2, 0, -3, 1.5)),
-    "PointLoad": Row(lambda v, N: tb.PointLoad(force=v, node=max(1, N // 2)), (0, 0, 48),
-                     (0, 0, 5, 0, -6, 0)),
-    "LineLoad force": Row(lambda v, N: tb.LineLoad(force=v), (0, 24, 48), (0, 3, 6, 0, -8, 4)),
-    "LineLoad moment": Row(lambda v, N: tb.LineLoad(moment=v), (1.6, 6, 3), (0, 1, -2, 1, 3, 1.5)),
-    "LineLoad follower": Row(lambda v, N: tb.LineLoad(force=v, follower=True), (0, 24, 48),
-                             (0, 3, 6, 0, -8, 4)),
-    "LineLoad of s": Row(lambda v, N: tb.LineLoad(force=along_s(v)), (0, 24, 48),
-                         (0, 2.2, 4.4, 0, -6, 3)),
-    "LineLoad per element": Row(lambda v, N: tb.LineLoad(force=outer_half(v, N)), (0, 48, 96),
-                                (0, 5.125, 10.25, 0, -14, 7)),
-    "Gravity": Row(lambda v, N: tb.Gravity(v), (0, 48, 96), (0, 3, 6, 0, -8, 4)),
-    "Load": Row(lambda v, N: tb.Load(dead(v), node=-1, of=()), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
-    "Load follower": Row(lambda v, N: tb.Load(follower(v), node=-1, of="rotation"), (0, 3.0, 6),
-                         (0, 1, 2, 0, -3, 1.5)),
-    "Load along": Row(lambda v, N: tb.Load(follower(v), node=None, of="rotation"), (0, 24, 48),
-                      (0, 3, 6, 0, -8, 4)),
-    "Spring": Row(lambda v, N: pulled(v), (0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)),
-    "Actuation": Row(lambda v, N: tb.Actuation(curvature=v), (1.0, 2, 4), (0, 2, -1, 1, 2, 4)),
-}
-# fmt: on
+TABLE = {name: row for name, row in ROWS.items() if row.closed_form}
+ZERO = [name for name, row in ROWS.items() if row.zero is not None]
 # those that take a function of t in place of the value
-TENSORS = [
-    name
-    for name in TABLE
-    if not name.startswith("Load")
-    and "of s" not in name
-    and "per element" not in name
-    and name != "Spring"
-]
+TENSORS = [name for name, row in TABLE.items() if row.numbers]
 rows = pytest.mark.parametrize("name", TABLE)
 # in short runs; properties/test_gradient_fuzz.py has all
-TOLD = "TipLoad moment", "LineLoad per element", "Load along"
+TOLD = "TipLoad.moment", "LineLoad.force per element", "Load, along"
 
 
 def operations(*effects):
@@ -129,14 +59,26 @@ def test_absent_is_no_operation():
     """
     without = operations()
     assert without[1] == 0
-    effects = {name: row.effect(row.value, N) for name, row in TABLE.items()} | {
-        n: zero() for n, zero in ZERO.items()
-    }
+    effects = {name: row.make(row.closed_form[0], N) for name, row in TABLE.items()}
+    effects |= {f"{name} of zero": ROWS[name].make(ROWS[name].zero, N) for name in ZERO}
+    assert operations(effects.pop("PointMass.mass of zero")) == without
     for name, effect in effects.items():
         with_ = operations(effect)
         assert with_[0] > without[0], name
         assert (with_[1] > 0) == (effect.kind == "load"), name
     assert operations(tb.PointMass(1.0)) == without
+
+
+def test_every_effect_has_a_row():
+    """And each row is of the effect by whose name it goes."""
+    public = {
+        name
+        for name in tb.__all__
+        if isinstance(getattr(tb, name), type) and issubclass(getattr(tb, name), Effect)
+    }
+    made = {name: type(row.make(row.value, N)).__name__ for name, row in ROWS.items()}
+    assert {*made.values()} == public - {*WITHOUT}
+    assert all(name.startswith(of) for name, of in made.items())
 
 
 def test_absent_damping_is_no_operation():
@@ -145,30 +87,12 @@ def test_absent_damping_is_no_operation():
     assert not discretise(tb.Scene(BEAM)).law.damped
 
 
-ZERO = {
-    "Damping": lambda: tb.Damping(0.0),
-    "Damping six": lambda: tb.Damping((0.0,) * 6),
-    "MassDamping": lambda: tb.MassDamping(0.0),
-    "Drag": lambda: tb.Drag(0.0, 0.1, tangential=0.1),
-    "Drag in a flow": lambda: tb.Drag(1.0, 0.0, flow=lambda x, t: x),
-    "Spring": lambda: tb.Spring(-1, 0.0, to=(0.3, 0.2, 0.1), length=0.1),
-    "PointMass": lambda: tb.PointMass(0.0, inertia=(0.0, 0, 0), offset=(0.1, 0, 0)),
-    "Load with a lag": lambda: tb.Load(
-        lambda x, R, v, w, t, z: (z * x, None),
-        node=-1,
-        internal=3,
-        rate=lambda z, x, R, v, w, t: -z,
-        of="position",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", [*TABLE, *(name for name in ZERO if name not in TABLE)])
+@pytest.mark.parametrize("name", ZERO)
 def test_zero_is_absent(name):
     """Three steps from a random state with the effect at zero = the same without it (rounding of
     sums with zero).
     """
-    zero = ZERO[name]() if name in ZERO else TABLE[name].effect((0.0, 0, 0), N)
+    zero = ROWS[name].make(ROWS[name].zero, N)
     section = tb.Section.from_stiffness(EA=10.0, GA=10.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
     ends = []
     for effects in ((), (zero,)):
@@ -187,17 +111,14 @@ def test_small_load_is_the_textbook(name):
     largest entry: 1e-2, of which shear gives 1e-6 and one-point elements up to 1/(2 N^2) = 0.2 %;
     large rotation 1e-4.
     """
-    row = TABLE[name]
-    state = tb.equilibrium(tb.Scene(BEAM, [row.effect(tuple(SMALL * v for v in row.value), N)]))
+    row, (value, wanted) = TABLE[name], TABLE[name].closed_form
+    state = tb.equilibrium(tb.Scene(BEAM, [row.make(tuple(SMALL * v for v in value), N)]))
     assert (state.status == 0).all()
     R = state.tip.rotation
     turn = torch.stack((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])) / 2
     moved = torch.cat((state.tip.position - BEAM.nodes[-1], turn)) / SMALL
     assert_close(
-        moved,
-        torch.tensor(row.moved, dtype=torch.float64),
-        rtol=0,
-        atol=5e-3 * max(map(abs, row.moved)),
+        moved, torch.tensor(wanted, dtype=torch.float64), rtol=0, atol=5e-3 * max(map(abs, wanted))
     )
 
 
@@ -209,13 +130,13 @@ def test_gradient_by_the_value(name):
     large displacements.
     """
     row = TABLE[name]
-    value = (torch.tensor(row.value, dtype=torch.float64) / 10 + 0.01).requires_grad_()
+    value = (torch.tensor(row.closed_form[0], dtype=torch.float64) / 10 + 0.01).requires_grad_()
     beam = tb.Beam.straight(
         1.0, 3, tb.Section.from_stiffness(EA=50.0, GA=30.0, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)
     )
 
     def scene(value):
-        return tb.Scene(beam, [row.effect(value, 3)])
+        return tb.Scene(beam, [row.make(value, 3)])
 
     def moved(value):
         stepper = tb.Stepper(scene(value), 0.1, tolerance=1e-12)
@@ -289,8 +210,8 @@ def test_a_function_of_time_is_its_value_then(name):
     step.
     """
     row = TABLE[name]
-    value = torch.tensor(row.value, dtype=torch.float64) / 10
-    scenes = [tb.Scene(BEAM, [row.effect(v, N)]) for v in (lambda t: value * t / 0.05, value)]
+    value = torch.tensor(row.closed_form[0], dtype=torch.float64) / 10
+    scenes = [tb.Scene(BEAM, [row.make(v, N)]) for v in (lambda t: value * t / 0.05, value)]
     steppers = [tb.Stepper(scene, 0.1) for scene in scenes]
     one, other = (stepper(stepper.rest()) for stepper in steppers)
     assert_close(one.position, other.position, rtol=0, atol=1e-13)

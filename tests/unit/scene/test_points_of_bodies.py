@@ -63,28 +63,6 @@ def test_it_moves_natively_as_eagerly_and_keeps_its_energy():
     assert off[2e-4] <= off[2e-3] / 100 or off[2e-4] < 1e-9
 
 
-AT = {"offset": (0.0, 0.1, -0.05)}
-OFF = {
-    "PointLoad": tb.PointLoad(1, force=(0, 0, 0.3), **AT),
-    "PointMass": tb.PointMass(0.05, node=1, **AT),
-    "a linear Spring": tb.Spring(1, 5.0, (0.2, 0.3, 0.1), **AT),
-    "a Spring": tb.Spring(1, 5.0, (0.2, 0.3, 0.1), length=0.05, **AT),
-    "a damped linear Spring": tb.Spring(1, 5.0, (0.2, 0.3, 0.1), damping=0.1, **AT),
-    "a damped Spring": tb.Spring(1, 5.0, (0.2, 0.3, 0.1), length=0.05, damping=0.1, **AT),
-}
-
-
-@pytest.mark.parametrize("name", OFF)
-def test_at_an_offset_it_is_native(name):
-    beam = tb.Beam.straight(0.5, 2, SECTION)
-    own, places = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 0.1)), OFF[name]]), []
-    for engine in ("eager", "compiled"):
-        run = tb.simulate(own, [0.0, 4e-3], step=2e-3, tolerance=1e-13, engine=engine)
-        places.append(run.nodes[-1])
-    assert run.stats.engine == "native"
-    assert_close(places[1], places[0], rtol=0, atol=1e-12)
-
-
 def test_gradient_by_a_point():
     """Of an equilibrium, against a difference."""
 

@@ -11,7 +11,7 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.uncertainty.estimate import quantile_of_sorted
 from torchbeam.uncertainty.samples import Samples
-from torchbeam.uncertainty.stream import Summarise
+from torchbeam.uncertainty.stream import summarised
 
 LAWS = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
 
@@ -216,7 +216,7 @@ def test_replicates_with_few_good_samples():
     stream.moments.clear()
     stream.sketches.clear()
     for k, (part, status) in enumerate(zip(y.chunk(4), bad.chunk(4), strict=True)):
-        stream.merge(k, Summarise({})((part[:, None], part, status)))
+        stream.merge(k, summarised({}, (part[:, None], part, status)))
     groups = [y[:1], y[4:8], y[8:12]]
     means = torch.stack([group.mean() for group in groups])
     half = means.std() / 3**0.5 * 4.302653  # t of 2

@@ -5,7 +5,7 @@ from dataclasses import astuple
 import pytest
 import torch
 
-from torchbeam.uncertainty.stream import Summarise
+from torchbeam.uncertainty.stream import summarised
 from torchbeam.uncertainty.transfer import packed, unpacked
 
 
@@ -28,7 +28,7 @@ def test_tensors(dtype):
 def test_summary():
     """Parts of a stream hold moments and sketches; what was not packed is itself."""
     y = torch.rand(32, 2, dtype=torch.float64)
-    part = Summarise({})((y, y, torch.zeros(32, dtype=torch.long)))
+    part = summarised({}, (y, y, torch.zeros(32, dtype=torch.long)))
     for mine, there in zip(
         astuple(part.moments), astuple(unpacked(packed(part)).moments), strict=True
     ):

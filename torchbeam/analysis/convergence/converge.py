@@ -17,7 +17,7 @@ from ...core.arguments import count as check_count
 from ...core.arguments import function as check_function
 from ...core.arguments import level_of as check_level
 from ...core.arguments import tolerance as check_tolerance
-from ...core.validation import as_tensor, increasing
+from ...core.validation import as_tensor, increasing, refusal
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
 from ...statics.equilibrium import equilibrium
@@ -112,42 +112,23 @@ def converge(
             "initial or inputs were given without t; a function `solve` that takes them is wanted"
         )
     options = {} if t is None else dict(initial=initial, inputs=inputs, engine=engine)
-    trials = Trials(
-        make,
-        Reader(read, first, size),
-        t,
-        solve or equilibrium,
-        float(share),
-        options,
-        _report(progress),
-        float(seconds),
-    )
-    search = Search(
-        trials,
-        float(rtol),
-        base,
-        None if t is None else t.diff().min().item(),
-        list(dict.fromkeys(listed(elements))),
-        [] if t is None else list(dict.fromkeys(listed(methods))),
-        (most_elements, most_steps),
-    )
+    reader, report = Reader(read, first, size), _report(progress)
+    run = solve or equilibrium
+    trials = Trials(make, reader, t, run, float(share), options, report, float(seconds))
+    interval = None if t is None else t.diff().min().item()
+    kinds = list(dict.fromkeys(listed(elements)))
+    own = [] if t is None else list(dict.fromkeys(listed(methods)))
+    most = most_elements, most_steps
+    search = Search(trials, float(rtol), base, interval, kinds, own, most)
     best = search.run()
     if math.isinf(best.error) and bool(trials(best.setting).failed.all()):
         raise RuntimeError(
             f"no run of the scene succeeded, the finest by {best.setting}; a scene that "
             "`simulate` solves is wanted"
         )
-    return Convergence(
-        trials(best.setting).result,
-        best.setting,
-        trials.scene(best.setting),
-        float(rtol),
-        best.space,
-        best.time,
-        tuple(notes(search, best)),
-        _table(trials, best),
-        time.process_time() - begun,
-    )
+    found, said = trials(best.setting).result, tuple(notes(search, best))
+    how = best.setting, trials.scene(best.setting), float(rtol), best.space, best.time
+    return Convergence(found, *how, said, _table(trials, best), time.process_time() - begun)
 
 
 def _problem(
@@ -161,7 +142,7 @@ def _problem(
     if solve is not None:
         check_function("solve", solve, "scene")
         if t is not None:
-            raise ValueError("t and solve were given; one of them is wanted")
+            raise refusal("t and solve", "one of them", were=True)
     if isinstance(scene, Scene):
         first, base = scene, least_elements(scene, Reader(read, scene).nodes())
 

@@ -31,13 +31,7 @@ class Tried:
     chosen: bool
 
 
-COLUMNS = (
-    "element",
-    "elements",
-    "method",
-    "step",
-    *(f.name for f in fields(Tried) if f.name != "setting"),
-)
+COLUMNS = "element", "elements", "method", "step", *[f.name for f in fields(Tried)][1:]
 
 
 @dataclass(frozen=True)

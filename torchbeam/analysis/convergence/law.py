@@ -78,7 +78,5 @@ def _cautious(order: float) -> float:
 
 
 def remaining(difference: float, order: float) -> float:
-    """The error of the coarser of two levels, one twice as fine, that differ so much: d / (1 -
-    2^-p).
-    """
+    """Error of the coarser of two levels that differ so much, one twice as fine: d / (1 - 2^-p)."""
     return difference / (1 - 2.0**-order)

@@ -39,16 +39,12 @@ def notes(search: Search, best: Checked) -> Iterator[str]:
         return
     yield f"The error {best.error:.2g} is more than the {search.rtol:g} that were wanted."
     half = search.rtol / 2
-    for what, error, order, fineness, most in (
+    count = None if setting.step is None else search.trials.step_count(setting.step)
+    both = (
         ("elements", best.space, mesh, setting.elements, search.most[0]),
-        (
-            "steps",
-            best.time,
-            steps,
-            None if setting.step is None else search.trials.step_count(setting.step),
-            search.most[1],
-        ),
-    ):
+        ("steps", best.time, steps, count, search.most[1]),
+    )
+    for what, error, order, fineness, most in both:
         if fineness is None or error <= half:
             continue
         if error == math.inf:

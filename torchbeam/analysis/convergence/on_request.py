@@ -1,6 +1,4 @@
-"""Accuracy on request: `simulate`, `equilibrium` and `modes` on meshes and by steps of their own
-choice.
-"""
+"""Accuracy on request: `simulate`, `equilibrium` and `modes` choose their mesh and steps."""
 
 from __future__ import annotations
 
@@ -39,9 +37,7 @@ FREE = "throw", "checkpoint", "progress", "tolerance", "iterations", "halvings"
 
 
 class Choice(NamedTuple):
-    """What a search for `accuracy` of a call found for a scene, and what else was given, of these
-    numbers.
-    """
+    """What a search for `accuracy` found for a scene and other arguments with these numbers."""
 
     call: str
     accuracy: float

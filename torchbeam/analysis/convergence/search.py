@@ -88,14 +88,11 @@ class Search:
             elif accepted:
                 break
             choice = self._choice() if self.checked else self._first()
-            if choice is None or (
-                accepted
-                and (
-                    len(accepted) > 1
-                    or self.trials.cost(choice) > CHEAPER * self.trials.cost(accepted[0].setting)
-                )
-            ):
+            if choice is None or len(accepted) > 1:
                 break
+            if accepted:
+                if self.trials.cost(choice) > CHEAPER * self.trials.cost(accepted[0].setting):
+                    break
         if accepted:
             return min(accepted, key=lambda c: self.trials.cost(c.setting))
         finest = self._finest()
@@ -342,9 +339,7 @@ def guess(element: str, count: int) -> float:
 
 
 def finer(setting: Setting) -> tuple[Setting, Setting | None]:
-    """The levels by which a setting is checked: of twice the elements, and of half the step (None
-    in statics).
-    """
+    """Levels by which a setting is checked: twice the elements, half the step (None in statics)."""
     return (
         replace(setting, elements=2 * setting.elements),
         None if setting.step is None else replace(setting, step=setting.step / 2),

@@ -56,12 +56,8 @@ class Filtered:
 
     def __repr__(self) -> str:
         names = ", ".join(self.filter.unknowns.names) or "none"
-        return lines(
-            "Filtered",
-            f"unknowns: {names}",
-            kind(self.x.shape[:-1], self.x),
-            *filter(None, [self.doubt]),
-        )
+        said = filter(None, [self.doubt])
+        return lines("Filtered", f"unknowns: {names}", kind(self.x.shape[:-1], self.x), *said)
 
     @property
     def covariance(self) -> Tensor:
@@ -87,8 +83,7 @@ class Filtered:
         reach = NormalDist().inv_cdf((1 + level_of("level", level)) / 2)
         x, deviation = self._own(self.x), self._own(self.factor.norm(dim=-2))
         ends = torch.stack([x + side * reach * deviation for side in (-1, 1)], -2)
-        ends = own.theta(ends)[..., i] if i < own.of_model else ends[..., i]
-        return ends
+        return own.theta(ends)[..., i] if i < own.of_model else ends[..., i]
 
     def reading(self, sensor: Sensor) -> tuple[Tensor, Tensor]:
         """What a sensor reads of the state, (..., r), and its deviation; of sensors of places,

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, function, instance, listed
-from ...core.validation import as_tensor, positive, shown
+from ...core.validation import as_tensor, positive, refusal, shown
 from ...math.shapes import broadcast_shapes
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
@@ -83,9 +83,7 @@ def of_each(name: str, value: Any, count: int, like: Tensor) -> Tensor:
     """(count,) of one number or as many. Raises ValueError for another number of them."""
     value = as_tensor(value, like.dtype, like.device)
     if value.ndim > 1 or value.numel() not in (1, count):
-        raise ValueError(
-            f"{name} of shape {tuple(value.shape)} was given; one number, or {count}, is wanted"
-        )
+        raise refusal(f"{name} of shape {tuple(value.shape)}", f"one number, or {count},")
     return value.expand(count)
 
 

@@ -74,14 +74,9 @@ class Interval:
             duration = self.steps * stepper.dt
             return now, self.instruments.after(scene, begin, now, held, duration)
 
-        end, readings, (by_z, others) = step_slopes(
-            step,
-            space,
-            model,
-            space.to_reduced(state.detach().broadcast(lead)),
-            {"coordinates": coordinates, "inputs": inputs},
-            m,
-        )
+        start = space.to_reduced(state.detach().broadcast(lead))
+        given = {"coordinates": coordinates, "inputs": inputs}
+        end, readings, (by_z, others) = step_slopes(step, space, model, start, given, m)
         rows = Slopes(by_z, *others)
         return Moved(
             space.to_public(end), readings, rows.rows(slice(n)), rows.rows(slice(n, n + m))

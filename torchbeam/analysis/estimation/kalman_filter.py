@@ -1,6 +1,4 @@
-"""Kalman filter: the state of a structure, and what is not known of it, from readings as they
-come.
-"""
+"""Kalman filter: the state and the unknowns of a structure, from readings as they come."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
 from ...core.arguments import count, instance, number, step_size
-from ...core.validation import as_tensor, axis_last, positive, shown
+from ...core.validation import as_tensor, axis_last, positive, refusal, shown
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
@@ -99,8 +97,7 @@ class KalmanFilter:
         self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
         steps, known = count("steps", steps), with_priors(parameters)
         mean = _mean_scene(scene, known)
-        like = mean.beam.nodes.new_zeros(())
-        self.like = like
+        self.like = like = mean.beam.nodes.new_zeros(())
         instruments = Instruments.of(sensors, noise, rate, mean, like)
         self.unknowns = Unknowns.of(
             known, walk, bias, instruments.labels, process, mean.inputs, self.dt, like
@@ -302,8 +299,6 @@ def _mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
             )
         return scene
     if not callable(scene) or not parameters:
-        raise ValueError(
-            f"scene = {shown(scene)} was given; a Scene, or a function of `parameters`, is wanted"
-        )
+        raise refusal(f"scene = {shown(scene)}", "a Scene, or a function of `parameters`,")
     means = {name: one.start for name, one in parameters.items()}
     return instance("what scene gives", scene(means), Scene)

@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.distributions import LogNormal, Normal
 
 from ...core.arguments import number
-from ...core.validation import as_tensor, positive, shown
+from ...core.validation import as_tensor, positive, refusal, shown
 from ...math.shapes import broadcast_shapes
 from ..identification.parameter import Parameter
 from ..identification.parameters import Parameters
@@ -80,10 +80,7 @@ class Unknowns:
         for name, value in (walk or {}).items():
             places = [e.place for e in known.entries if e.name == name] if known else []
             if not places:
-                raise ValueError(
-                    f"walk of {name!r} was given; one of {', '.join(names) or 'no parameter'} is "
-                    "wanted"
-                )
+                raise refusal(f"walk of {name!r}", f"one of {', '.join(names) or 'no parameter'}")
             steps[places[0]] = math.sqrt(dt) * _size(f"walk of {name!r}", value, like)
         offsets = of_each("bias", _size("bias", bias, like), len(labels), like)
         biased = (offsets > 0).nonzero()[:, 0]
@@ -108,22 +105,14 @@ class Unknowns:
                     amounts.append(amount[i].item())
         stay, amount = like.new_tensor(stays), like.new_tensor(amounts)
         fixed = like.new_ones(p + len(biased))
-        return cls(
-            known,
-            tuple(names),
-            torch.cat(
-                (
-                    like.new_zeros(0) if known is None else known.x[0].to(like),
-                    like.new_zeros(len(biased) + len(stays)),
-                )
-            ),
-            torch.cat((deviation, offsets[biased], amount)),
-            torch.cat((fixed, stay)),
-            torch.cat((steps, like.new_zeros(len(biased)), amount * (1 - stay**2).sqrt())),
-            biased,
-            torch.tensor(forced, dtype=torch.bool, device=like.device),
-            torch.cat(white) if white else like.new_zeros(0),
-        )
+        none = like.new_zeros(len(biased))
+        coordinates = like.new_zeros(0) if known is None else known.x[0].to(like)
+        start = torch.cat((coordinates, none, torch.zeros_like(stay)))
+        deviation = torch.cat((deviation, offsets[biased], amount))
+        added = torch.cat((steps, none, amount * (1 - stay**2).sqrt()))
+        acts = torch.tensor(forced, dtype=torch.bool, device=like.device)
+        fresh, stay = torch.cat(white) if white else like.new_zeros(0), torch.cat((fixed, stay))
+        return cls(known, tuple(names), start, deviation, stay, added, biased, acts, fresh)
 
     @property
     def of_model(self) -> int:
@@ -144,9 +133,7 @@ class Unknowns:
         return readings.expand(*lead, -1).index_add(-1, self.biased, offsets.expand(*lead, -1))
 
     def by(self, slopes: Slopes) -> Tensor:
-        """(..., r, n + k + white ones): by z, the unknowns, and a deviation of each force that is
-        new.
-        """
+        """(..., r, n + k + white ones): by z, the unknowns, and a deviation of each new force."""
         white = self.white > 0
         offsets = slopes.parameters.new_zeros(*slopes.parameters.shape[:-1], len(self.biased))
         fresh = slopes.inputs[..., white] * self.white[white]
@@ -183,7 +170,7 @@ def _process(name: str, value: Any) -> tuple[Any, float]:
         return value, 0.0
     time = number(f"the time of process {name!r}", value[1], infinite=True)
     if not time > 0:
-        raise ValueError(f"process of {name!r} over {time:g} s was given; a time is wanted")
+        raise refusal(f"process of {name!r} over {time:g} s", "a time")
     return value[0], time
 
 
@@ -197,9 +184,9 @@ def with_priors(parameters: Mapping[str, Any] | None) -> dict[str, Parameter]:
                 mean, prior=Normal(mean, positive(f"the deviation of {name}", deviation))
             )
         if not isinstance(one, Parameter) or one.prior is None:
-            raise ValueError(
-                f"parameters[{name!r}] = {shown(one)} was given; (mean, deviation), or a "
-                "tb.Parameter with a prior, is wanted"
+            raise refusal(
+                f"parameters[{name!r}] = {shown(one)}",
+                "(mean, deviation), or a tb.Parameter with a prior,",
             )
         found[name] = one
     return found

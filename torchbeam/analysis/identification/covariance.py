@@ -56,17 +56,14 @@ class Spread:
             scale = (noise.sums(squares, problem.known) / redundancy).sqrt().item()
         slope = torch.where(held, J.mT @ r + pull, 0) / (scale**2 or 1)
         covariance, freedom = scale**2 * C, _freedom(problem, J, C, free)
+        some = (~held & (A.diagonal() > 0)).nonzero()[:, 0]
+        square = some[:, None], some
         if problem.loss.any():
-            some = (~held & (A.diagonal() > 0)).nonzero()[:, 0]
-            covariance[some[:, None], some] = scale**2 * losses.covariance(
-                problem, r, J[:, some], bend[some], scale
-            )
+            spread = losses.covariance(problem, r, J[:, some], bend[some], scale)
+            covariance[square] = scale**2 * spread
         if blocks := Blocks.of(problem, r):
-            some = (~held & (A.diagonal() > 0)).nonzero()[:, 0]
-            square = some[:, None], some
-            covariance[square], freedom[some] = blocks.covariance(
-                r, J[:, some], A[square], C[square], scale
-            )
+            spread = blocks.covariance(r, J[:, some], A[square], C[square], scale)
+            covariance[square], freedom[some] = spread
         return cls(held, slope, covariance, freedom, redundancy, scale, free)
 
     @property
@@ -85,9 +82,7 @@ def half_interval(quantile: Tensor, variance: Tensor, slope: Tensor) -> Tensor:
 
 
 def _among(some: Tensor, C: Tensor) -> Tensor:
-    """C (p, p) of some parameters (p,) bool, zeros elsewhere: where data tell nothing C is
-    infinite.
-    """
+    """C (p, p) of some parameters (p,) bool, zeros elsewhere, where data may tell nothing."""
     return torch.where(some & some[:, None], C, 0)
 
 

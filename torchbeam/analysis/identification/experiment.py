@@ -64,15 +64,11 @@ class Experiment:
                 f"{wanted[0]}{'' if self.single else ' and so on, one for each measurement,'} or a "
                 "Solution is wanted"
             )
+        of = f"{len(theta)} samples" if parameters.by_name else f"theta {tuple(theta.shape)}"
         for part, shape in zip(parts, wanted, strict=False):
             if tuple(part.shape) != shape:
-                what = (
-                    f"theta {tuple(theta.shape)}"
-                    if not parameters.by_name
-                    else f"{len(theta)} samples"
-                )
                 raise OtherShape(
-                    f"a model that gave {tuple(part.shape)} for {what} was given; {shape} is wanted"
+                    f"a model that gave {tuple(part.shape)} for {of} was given; {shape} is wanted"
                 )
         if len(parts) != len(wanted):
             raise OtherShape(
@@ -90,9 +86,7 @@ class Experiment:
 
 
 def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
-    """Experiments of what `identify` was given: a model and data, or both by the names of
-    experiments.
-    """
+    """Experiments of what `identify` was given: one model and data, or both by names."""
     if not isinstance(data, Mapping):
         if isinstance(model, Mapping):
             raise ValueError(

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice, count, instance, level_of, number
-from ...core.validation import Value, as_tensor, common_dtype, shown
+from ...core.validation import Value, as_tensor, common_dtype, refusal, shown
 from . import posterior
 from .experiment import experiments_of
 from .fit import Fit, warn_of
@@ -50,9 +50,7 @@ class FieldFit:
 
     Examples:
         >>> x = torch.linspace(0, 3, 20)
-        >>> data = torch.sin(x) + 0.05 * torch.randn(
-        ...     20, generator=torch.Generator().manual_seed(0)
-        ... )
+        >>> data = torch.sin(x) + 0.05 * torch.randn(20, generator=torch.Generator().manual_seed(0))
         >>> found = tb.identify_fields(
         ...     lambda p: p["f"], data, {"f": torch.zeros(20)}, {"f": tb.Smoothness(2)}
         ... )
@@ -170,9 +168,7 @@ def identify_fields(
 
     Examples:
         >>> x = torch.linspace(0, 3, 20)
-        >>> data = torch.sin(x) + 0.05 * torch.randn(
-        ...     20, generator=torch.Generator().manual_seed(0)
-        ... )
+        >>> data = torch.sin(x) + 0.05 * torch.randn(20, generator=torch.Generator().manual_seed(0))
         >>> found = tb.identify_fields(
         ...     lambda p: p["f"], data, {"f": torch.zeros(20)}, {"f": tb.Smoothness(2)}
         ... )
@@ -286,11 +282,9 @@ class _Task:
                 raise ValueError(
                     f"smoothness of {name!r} was given; there are {', '.join(map(str, start))}"
                 )
-            given = (
-                start[name]
-                if isinstance(start[name], Parameter)
-                else Parameter(as_tensor(start[name], *kind), transform="log" if log else None)
-            )
+            given = start[name]
+            if not isinstance(given, Parameter):
+                given = Parameter(as_tensor(given, *kind), transform="log" if log else None)
             if given.start.ndim != 1 or given.own or given.transform == "logit":
                 raise ValueError(
                     f"smoothness of {name!r} was given, of shape {tuple(given.start.shape)}; one "
@@ -322,7 +316,7 @@ class _Task:
 
     def checked(self, weight: Mapping[str, float]) -> Tensor:
         if not isinstance(weight, Mapping):
-            raise ValueError(f"weight = {shown(weight)} was given; name -> number is wanted")
+            raise refusal(f"weight = {shown(weight)}", "name -> number")
         if set(weight) != set(self.rows):
             raise ValueError(
                 f"weights of {', '.join(map(str, weight))} were given; of {', '.join(self.rows)} "
@@ -332,9 +326,7 @@ class _Task:
             [number(f"the weight of {name!r}", weight[name]) for name in self.rows]
         )
         if not (weights > 0).all():
-            raise ValueError(
-                f"a weight of {weights.min().item():g} was given; positive ones are wanted"
-            )
+            raise refusal(f"a weight of {weights.min().item():g}", "positive ones", are=True)
         return weights
 
     def first(self) -> tuple[Tensor, float]:
@@ -378,9 +370,7 @@ class _Task:
         return replace(self, factor=factor)
 
     def samples(self, linear: Linearised, weight: Tensor, sigma: float, free: bool) -> Tensor:
-        """Of the posterior, see `posterior`, of a problem that was linearised with these
-        factors.
-        """
+        """Samples of the posterior, see `posterior`, of a problem linearised with these factors."""
         root = [factor.sqrt() for factor in self.factor.values()]
         plain = replace(
             linear,
@@ -412,9 +402,7 @@ class _Task:
     def _linearised(
         self, problem: FitProblem, x: Tensor, r: Tensor, J: Tensor, sigma: float
     ) -> Linearised:
-        """About x (1, p), of r (1, T) and J (1, T, p) there; misfits over the data's own
-        deviations.
-        """
+        """About x (1, p), of r (1, T) and J (1, T, p) there; misfits over the data's deviations."""
         _, pull, bend = (part[0] for part in problem.prior(x))
         data = problem.measured
         scale = 1.0 if self.known else sigma
@@ -425,15 +413,8 @@ class _Task:
             root = self.factor[name].sqrt()
             wide[-1][:, place] = root[:, None] * rows.L
             target.append(root * self.target[name])
-        return Linearised(
-            x[0],
-            scale * r[0, data],
-            scale * J[0, data],
-            tuple(wide),
-            tuple(target),
-            scale**2 * pull,
-            scale**2 * bend,
-        )
+        r, J = scale * r[0, data], scale * J[0, data]
+        return Linearised(x[0], r, J, tuple(wide), tuple(target), scale**2 * pull, scale**2 * bend)
 
 
 def _first(x: Tensor) -> Tensor:

@@ -249,14 +249,9 @@ class Fit:
         variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
         quantile = self._quantile(level)
         blocks = not self.problem.independent.all()
-        return Prediction.of(
-            y,
-            variance,
-            sigma,
-            (quantile[determined] if determined.any() else quantile).amax().item(),
-            level,
-            student_quantile((1 + level) / 2, torch.inf) if blocks else None,
-        )
+        most = (quantile[determined] if determined.any() else quantile).amax().item()
+        noise = student_quantile((1 + level) / 2, torch.inf) if blocks else None
+        return Prediction.of(y, variance, sigma, most, level, noise)
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
         """Profile likelihoods of the parameters (all), see `interval`."""
@@ -267,15 +262,8 @@ class Fit:
                 )
         which = [self.names.index(name) for name in names] or [*range(len(self.names))]
         quantile = self._quantile(level)
-        return profiles(
-            self._noisy("profile"),
-            self.x,
-            self.x_covariance,
-            self._half_interval(quantile),
-            which,
-            quantile,
-            self.scale,
-        )
+        noisy, step = self._noisy("profile"), self._half_interval(quantile)
+        return profiles(noisy, self.x, self.x_covariance, step, which, quantile, self.scale)
 
     def bootstrap(self, repeats: int = 500, *, seed: int = 0) -> Bootstrap:
         """Fits of so many sets of data that the fitted model and noise make, followed as one batch
@@ -311,9 +299,7 @@ class Fit:
         return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
-        """A table for the reader: parameters with their intervals, the misfit, what is not told,
-        and hints.
-        """
+        """Table of parameters with their intervals, the misfit, what is not told, and hints."""
         return table(self, level, REASON)
 
     def report(
@@ -333,20 +319,11 @@ class Fit:
         return write_report(self, path, level_of("level", level), predictions, REASON[self.status])
 
     def save(self, path: str | Path) -> None:
-        """Write all but the model into a file. Raises files.NotWritten (an OSError) where that
-        fails.
-        """
+        """Write all but the model into a file. Raises files.NotWritten (an OSError)."""
         plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in LOST}
-        readings = [dict(vars(r)) for r in self.readings]
-        files.save(
-            files.file_of("path", path),
-            {
-                "torchbeam fit": FORMAT,
-                **plain,
-                "transform": dict(vars(self.transform)),
-                "readings": readings,
-            },
-        )
+        plain["transform"] = dict(vars(self.transform))
+        plain["readings"] = [dict(vars(r)) for r in self.readings]
+        files.save(files.file_of("path", path), {"torchbeam fit": FORMAT, **plain})
 
     @classmethod
     def load(cls, path: str | Path) -> Fit:
@@ -366,18 +343,11 @@ class Fit:
             ) from None
 
     def __repr__(self) -> str:
-        values = ", ".join(
-            f"{n} = {v:.5g} +- {d:.2g}"
-            for n, v, d in zip(
-                self.names, self.theta.tolist(), self.deviation.tolist(), strict=True
-            )
-        )
-        return (
-            f"Fit({values}; misfit {self.misfit.item():.3g}, {REASON[self.status]} in "
-            f"{self.iterations}"
-            + "".join(f"; {sentence}" for sentence in (*self.unidentifiable, *self.doubts))
-            + ")"
-        )
+        rows = zip(self.names, self.theta.tolist(), self.deviation.tolist(), strict=True)
+        values = ", ".join(f"{n} = {v:.5g} +- {d:.2g}" for n, v, d in rows)
+        reason = f"{REASON[self.status]} in {self.iterations}"
+        said = "".join(f"; {sentence}" for sentence in (*self.unidentifiable, *self.doubts))
+        return f"Fit({values}; misfit {self.misfit.item():.3g}, {reason}{said})"
 
     def _quantile(self, level: float) -> Tensor:
         """(p,) of Student's t, at the upper end."""

@@ -18,9 +18,7 @@ ALARM = 0.01  # of the fits of models that are right, in which any test may find
 
 
 def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
-    """Channels whose data are about a thousand times, or a thousandth of, what the model gives at
-    the start.
-    """
+    """Channels whose data are about a thousand times the model's at the start, or a thousandth."""
     said = []
     for reading in readings:
         for label, data, y in reading.channels():
@@ -104,11 +102,8 @@ def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
     for e, m, rows in problem.rows():
         readings = Readings(e.name, m.labels, m.times, m.values, rows, None)
         for name, _, column in readings.channels() if e.measured else ():
-            order = (
-                torch.arange(len(column), device=column.device)
-                if m.times is None
-                else m.times.argsort()
-            )
+            order = torch.arange(len(column), device=column.device)
+            order = order if m.times is None else m.times.argsort()
             there = order[column[order] >= 0]
             if len(there):
                 yield name, column[there], None if m.times is None else m.times[there]
@@ -128,11 +123,8 @@ def _least(alarms: Sequence[Alarm], level: float) -> Iterator[tuple[Alarm, str, 
     )
     for a in below[:1]:
         more = f" and {len(below) - 1} more channel{'s' * (len(below) > 2)}" * (len(below) > 1)
-        yield (
-            a,
-            (f" of {a.name!r}" if a.name else "") + more,
-            f"by chance {max(a.probability, 1e-300):.0e}",
-        )
+        of = f" of {a.name!r}" if a.name else ""
+        yield a, of + more, f"by chance {max(a.probability, 1e-300):.0e}"
 
 
 def bound_hints(names: Sequence[str], theta: Tensor, held: Tensor) -> tuple[str, ...]:

@@ -1,6 +1,4 @@
-"""Identification: parameters of models from data, by damped Gauss-Newton steps from several starts
-at once.
-"""
+"""Identification: parameters of models from data, by damped Gauss-Newton steps, many starts."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean, choice, count
 from ...core.arguments import function as check_function
-from ...core.validation import Value, as_tensor, common_dtype, finite, positive, shown
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive, refusal, shown
 from ...sensors import Sensor
 from ...sensors.observe import observe
 from ...sensors.sensor_frame import SensorFrame
@@ -20,6 +20,7 @@ from .losses import LOSSES
 
 NOISES = ("white", "ar1", "repeats", "blocks")
 LEAST_BLOCKS = 6  # to know a deviation by
+CLOCKS = ("delay", "clock")  # numbers, or names of parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,16 +156,11 @@ class Measurement:
         if self.baseline is not None and self.times is None:
             raise ValueError("a baseline was given without times; times=(times,) are wanted")
         self._check_sensor()
-        for name in ("delay", "clock"):
-            if not isinstance(getattr(self, name), str):
-                object.__setattr__(
-                    self, name, finite(name, as_tensor(getattr(self, name), dtype, device))
-                )
-        late = [
-            n
-            for n in ("delay", "clock")
-            if isinstance(getattr(self, n), str) or (getattr(self, n) != 0).any()
-        ]
+        for name in CLOCKS:
+            if not isinstance(value := getattr(self, name), str):
+                value = finite(name, as_tensor(value, dtype, device))
+                object.__setattr__(self, name, value)
+        late = [n for n in CLOCKS if isinstance(v := getattr(self, n), str) or (v != 0).any()]
         if (self.sensor is None or self.times is None) and (late or self.rate):
             what = " and ".join([*late, *["rate"] * self.rate])
             raise ValueError(
@@ -178,14 +174,12 @@ class Measurement:
         if not isinstance(self.place, Mapping) or not all(
             isinstance(name, str) for pair in self.place.items() for name in pair
         ):
-            raise ValueError(
-                f"place = {shown(self.place)} was given; the name of a parameter by that of the "
-                "sensor's field is wanted"
+            raise refusal(
+                f"place = {shown(self.place)}",
+                "the name of a parameter by that of the sensor's field",
             )
         if not isinstance(self.frame, (SensorFrame, type(None))):
-            raise ValueError(
-                f"frame = {shown(self.frame)} was given; a torchbeam.SensorFrame is wanted"
-            )
+            raise refusal(f"frame = {shown(self.frame)}", "a torchbeam.SensorFrame")
         if not self.place and self.frame is None:
             return
         if not isinstance(self.sensor, Sensor):
@@ -260,9 +254,9 @@ class Measurement:
         sensor = self.sensor_of(parameters)
         readings = observe(solution, sensor, times, delay=delay, rate=self.rate)
         if readings.ndim < 2:
-            raise ValueError(
-                "a model that gave a Solution without batch axes was given; one sample for each "
-                "row of theta is wanted"
+            raise refusal(
+                "a model that gave a Solution without batch axes",
+                "one sample for each row of theta",
             )
         return self._shaped(readings.movedim(0, 1), readings.ndim - 1)
 
@@ -291,18 +285,12 @@ class Measurement:
         """Names (q,) and basis (q, *values.shape) of its own linear parameters."""
         values = self.values
         channels = values.shape[1:] if self.times is not None or values.ndim > 1 else ()
-        along = (
-            self.times
-            if self.times is not None
-            else torch.linspace(0, 1, len(values) if values.ndim else 1, dtype=values.dtype).to(
-                values
-            )
-        )
-        shapes = [
-            (name, shape)
-            for name, shape in (("offset", torch.ones_like(along)), ("drift", along))
-            if getattr(self, name)
-        ]
+        along = self.times
+        if along is None:
+            n = len(values) if values.ndim else 1
+            along = torch.linspace(0, 1, n, dtype=values.dtype).to(values)
+        both = (("offset", torch.ones_like(along)), ("drift", along))
+        shapes = [(name, shape) for name, shape in both if getattr(self, name)]
         if self.baseline is not None:
             slow = as_tensor(check_function("baseline", self.baseline, "times")(along), along.dtype)
             if slow.shape != along.shape:
@@ -322,9 +310,7 @@ class Measurement:
 
 
 def several(data: Any) -> bool:
-    """Whether data of one experiment are a list of several, one of them a `Measurement` at
-    least.
-    """
+    """Whether data of one experiment are a list with at least one `Measurement` in it."""
     return isinstance(data, (list, tuple)) and any(isinstance(item, Measurement) for item in data)
 
 
@@ -337,5 +323,5 @@ def sigma_given(measurements: Iterable[Measurement]) -> bool:
     """Whether they have sigma. Raises ValueError where some have and others have not."""
     given = {m.sigma is not None for m in measurements}
     if len(given) > 1:
-        raise ValueError("measurements with sigma and without were given; all or none are wanted")
+        raise refusal("measurements with sigma and without", "all or none", were=True, are=True)
     return given == {True}

@@ -63,11 +63,8 @@ class Noise:
                     if len(seen) - own < LEAST:
                         raise _too_few(name, len(seen))
                     here[:, k], fitted[name] = len(fitted), own
-                    sigma[k] = (
-                        (seen - seen.mean()).square().mean().sqrt().item()
-                        or seen.abs().max().item()
-                        or 1.0
-                    )
+                    scatter = (seen - seen.mean()).square().mean().sqrt().item()
+                    sigma[k] = scatter or seen.abs().max().item() or 1.0
                 numbers.append(here.flatten())
                 first = (
                     sigma.expand_as(columns).reshape(m.values.shape) if m.sigma is None else m.sigma
@@ -95,9 +92,7 @@ class Noise:
         return self.sums(1 - leverage, known) - leverage.new_tensor(self.fitted)
 
     def refuse(self, redundancy: Tensor, known: Tensor) -> None:
-        """Raise ValueError where a channel's readings follow the parameters, and no noise is left
-        to be seen.
-        """
+        """Raise ValueError where a channel's readings follow the parameters and leave no noise."""
         for c in (redundancy < 1).nonzero()[:, 0].tolist():
             raise _too_few(
                 self.names[c], int((self.channel[known] == c).sum()), redundancy[c].item()

@@ -1,6 +1,4 @@
-"""Priors as observations: normal laws about parameters or their logarithms, as further data of a
-problem.
-"""
+"""Priors as observations: normal laws about parameters or their logarithms, as further data."""
 
 from __future__ import annotations
 

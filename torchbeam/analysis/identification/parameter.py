@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.distributions import Distribution
 
 from ...core.arguments import boolean, choice
-from ...core.validation import Value, as_tensor, common_dtype, finite, positive, shown
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive, refusal, shown
 from .transform import TRANSFORMS
 
 
@@ -56,9 +56,8 @@ class Parameter:
         dtype, device = common_dtype(self.start)
         start = finite("start", as_tensor(self.start, dtype, device)).detach()
         if not start.numel():
-            raise ValueError(
-                f"a start of shape {tuple(start.shape)}, without numbers, was given; one at least "
-                "is wanted"
+            raise refusal(
+                f"a start of shape {tuple(start.shape)}, without numbers,", "one at least"
             )
         object.__setattr__(self, "start", start)
         if self.transform == "log":
@@ -88,16 +87,12 @@ class Parameter:
     def _bounds(self) -> tuple[Tensor, Tensor]:
         start = self.start
         if not isinstance(self.bounds, (tuple, list)) or len(self.bounds) != 2:
-            raise ValueError(
-                f"bounds = {shown(self.bounds)} were given; (least, largest) is wanted"
-            )
+            raise refusal(f"bounds = {shown(self.bounds)}", "(least, largest)", were=True)
         least, largest = (self._like("bounds", b) for b in self.bounds)
         ends = largest < torch.inf, least > -torch.inf
-        inside = (
-            (least < start) & (start < largest)
-            if self.transform == "logit"
-            else (least <= start) & (start <= largest)
-        )
+        inside = (least <= start) & (start <= largest)
+        if self.transform == "logit":
+            inside = (least < start) & (start < largest)
         if (
             not inside.all()
             or not (least < largest).all()
@@ -116,9 +111,8 @@ class Parameter:
             or self.prior.event_shape
             or not self.prior.support.event_dim == 0
         ):
-            raise ValueError(
-                f"the prior {shown(self.prior)} was given; one of torch.distributions, of single "
-                "numbers, is wanted"
+            raise refusal(
+                f"the prior {shown(self.prior)}", "one of torch.distributions, of single numbers,"
             )
         try:
             density = self.prior.log_prob(self.start.clone())

@@ -12,7 +12,7 @@ from torch.distributions import Distribution
 
 from ...core.arguments import count, number
 from ...core.memory import check_memory
-from ...core.validation import Value, as_tensor, common_dtype, finite, positive
+from ...core.validation import Value, as_tensor, common_dtype, finite, positive, refusal
 from .parameter import Parameter
 from .transform import Transform
 
@@ -101,15 +101,13 @@ class Parameters:
         start = finite("start", as_tensor(start, dtype, device)).detach()
         start = start[None] if start.ndim == 1 else start
         if start.ndim != 2 or not start.numel():
-            raise ValueError(
-                f"a start of shape {tuple(start.shape)} was given; (p,) or (starts, p) is wanted"
-            )
+            raise refusal(f"a start of shape {tuple(start.shape)}", "(p,) or (starts, p)")
         p = start.shape[1]
         names = tuple(names) if names is not None else tuple(f"theta[{i}]" for i in range(p))
         if len(names) != p:
             raise ValueError(f"{len(names)} names were given for {p} parameters")
         if len(set(names)) != p:
-            raise ValueError(f"names {', '.join(map(str, names))} were given; each once is wanted")
+            raise refusal(f"names {', '.join(map(str, names))}", "each once", were=True)
         low, high = (start.new_full((p,), end) for end in (-torch.inf, torch.inf))
         least, largest = (low, high) if bounds is None else _pair(bounds, start[0])
         if not ((least <= start) & (start <= largest)).all():
@@ -121,16 +119,8 @@ class Parameters:
             positive("start", start)
             positive("bounds", least.clamp(min=0) if bounds is None else least, zero=True)
         every = torch.full((p,), bool(log), device=device)
-        return cls(
-            names,
-            (),
-            Transform(every, torch.zeros_like(every), low, high),
-            start,
-            start[0].abs(),
-            least,
-            largest,
-            p,
-        )
+        transform = Transform(every, torch.zeros_like(every), low, high)
+        return cls(names, (), transform, start, start[0].abs(), least, largest, p)
 
     @property
     def priors(self) -> tuple[Entry, ...]:
@@ -172,9 +162,7 @@ class Parameters:
         return torch.where(T.logit, -torch.inf, low), torch.where(T.logit, torch.inf, high)
 
     def given(self, theta: Tensor, experiment: str | None = None) -> Any:
-        """What a model takes: (N, p), or name -> (N, *shape) of the parameters of an experiment and
-        of all.
-        """
+        """What a model takes: (N, p), or name -> (N, *shape) of an experiment's parameters."""
         if not self.by_name:
             return theta[:, : self.model]
         return {
@@ -198,13 +186,10 @@ class Parameters:
                 "wanted"
             )
         if not number("spread", spread) > 1:
-            raise ValueError(f"spread = {spread:g} was given; a factor above 1 is wanted")
+            raise refusal(f"spread = {spread:g}", "a factor above 1")
         first, (least, largest) = self.start[0], self.limits
-        u = (
-            torch.quasirandom.SobolEngine(self.model, scramble=True, seed=seed)
-            .draw(starts - 1, dtype=torch.float64)
-            .to(first)
-        )
+        engine = torch.quasirandom.SobolEngine(self.model, scramble=True, seed=seed)
+        u = engine.draw(starts - 1, dtype=torch.float64).to(first)
         near, far = first.abs() / spread, first.abs() * spread
         low = torch.where(first > 0, near, torch.where(first < 0, -far, -self.size))
         high = torch.where(first > 0, far, torch.where(first < 0, -near, self.size))
@@ -236,12 +221,8 @@ class Parameters:
         def longer(x: Tensor, value: float) -> Tensor:
             return torch.nn.functional.pad(x, (0, q), value=value)
 
-        transform = Transform(
-            torch.cat((T.log, none)),
-            torch.cat((T.logit, none)),
-            longer(T.low, 0.0),
-            longer(T.high, 0.0),
-        )
+        masks = (torch.cat((mask, none)) for mask in (T.log, T.logit))
+        transform = Transform(*masks, longer(T.low, 0.0), longer(T.high, 0.0))
         return replace(
             self,
             names=(*self.names, *names),
@@ -256,7 +237,7 @@ class Parameters:
 def _pair(bounds: Any, like: Tensor) -> tuple[Tensor, Tensor]:
     """Bounds (p,) of what is like (p,)."""
     if not isinstance(bounds, (tuple, list)) or len(bounds) != 2:
-        raise ValueError(f"bounds = {bounds!r} were given; (least, largest) is wanted")
+        raise refusal(f"bounds = {bounds!r}", "(least, largest)", were=True)
     least, largest = (as_tensor(b, like.dtype, like.device) for b in bounds)
     if (
         any(b.ndim > 1 or b.numel() not in (1, len(like)) for b in (least, largest))
@@ -278,16 +259,13 @@ def _named(
 ) -> Parameters:
     """Vector of named parameters, shared ones and one of each experiment's own."""
     if not start:
-        raise ValueError("no parameters were given; one at least is wanted")
+        raise refusal("no parameters", "one at least", were=True)
     entries, given, names, first = [], [], [], 0
     for name, one in start.items():
         if not isinstance(name, str):
-            raise ValueError(f"a parameter named {name!r} was given; text is wanted")
-        one = (
-            one
-            if isinstance(one, Parameter)
-            else Parameter(as_tensor(one, *kind), transform="log" if log else None)
-        )
+            raise refusal(f"a parameter named {name!r}", "text")
+        if not isinstance(one, Parameter):
+            one = Parameter(as_tensor(one, *kind), transform="log" if log else None)
         if one.own and len(experiments) < 2:
             raise ValueError(
                 f"the parameter {name!r}, own to each experiment, was given with one; several "

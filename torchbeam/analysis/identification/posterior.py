@@ -4,8 +4,6 @@ known than the data say.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 from torch import Tensor
 
@@ -18,12 +16,7 @@ NONE = 1e-4  # variance over the first one that is as good as none
 
 
 def samples(
-    problem: Linearised,
-    weight: Tensor,
-    sigma: float,
-    sharp: Sequence[bool],
-    free: bool,
-    known: bool,
+    problem: Linearised, weight: Tensor, sigma: float, sharp: list[bool], free: bool, known: bool
 ) -> Tensor:
     """Coordinates (CHAINS * KEPT, p), by Gibbs sampling (Gelfand and Smith 1990, JASA 85, 398) from
     `weight` (fields,) on: each of these is drawn by the others in turn
@@ -88,9 +81,7 @@ def samples(
 
 
 def _normal(A: Tensor, towards: Tensor, z: Tensor) -> Tensor:
-    """Draws (chains, p) of the normal law of mean A^-1 towards and covariance A^-1, from standard
-    ones z.
-    """
+    """Draws (chains, p) of the normal law of mean A^-1 towards and covariance A^-1, from z."""
     size = A.diagonal(dim1=-2, dim2=-1).rsqrt()
     scaled = size[:, :, None] * A * size[:, None] + 8 * torch.finfo(A.dtype).eps * torch.eye(
         A.shape[-1]

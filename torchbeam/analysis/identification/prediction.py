@@ -191,10 +191,8 @@ def _reader(
                 f"a model that gave {what} for {len(theta)} samples was given to predict; a "
                 f"tensor ({len(theta)}, ...) or a Solution is wanted"
             )
-        return (
-            y
-            if status is None
-            else torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y, torch.nan)
-        )
+        if status is None:
+            return y
+        return torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y, torch.nan)
 
     return read

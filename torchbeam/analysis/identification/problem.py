@@ -1,6 +1,4 @@
-"""Problem: weighted misfits of experiments as a function of the parameters, and their
-derivatives.
-"""
+"""Problem: weighted misfits of experiments as a function of parameters, and their derivatives."""
 
 from __future__ import annotations
 
@@ -166,9 +164,8 @@ class FitProblem:
     def deviations(self) -> Tensor:
         """(channels,) by which the data of a channel whose noise is to be found are weighed."""
         weight = self.white.weight
-        return self.noise.sums(1 / weight, self.known) / self.noise.sums(
-            torch.ones_like(weight), self.known
-        )
+        ones = self.noise.sums(torch.ones_like(weight), self.known)
+        return self.noise.sums(1 / weight, self.known) / ones
 
     @property
     def measured(self) -> Tensor:
@@ -185,9 +182,7 @@ class FitProblem:
         return self.white(self.values(self.theta(x))[:, self.known])
 
     def theta(self, x: Tensor) -> Tensor:
-        """Parameters (N, p) of coordinates (N, model); offsets, of which the model knows nothing,
-        are 0.
-        """
+        """Parameters (N, p) of coordinates (N, model); 0 for offsets, which no model knows."""
         return self.parameters.transform.theta(
             torch.nn.functional.pad(x, (0, len(self.parameters.names) - x.shape[1]))
         )
@@ -199,9 +194,7 @@ class FitProblem:
     def linearised(
         self, x: Tensor, which: Tensor, r: Tensor | None = None, rough: bool = False
     ) -> tuple[Tensor, Tensor]:
-        """r (N, T) and J (N, T, p); r where it is known already. A rough J is of differences of one
-        side.
-        """
+        """r (N, T), unless it is known, and J (N, T, p); a rough J is of one-sided differences."""
         besides = self._besides(x, which)
         y, J = self.derivatives(self.weighted, x, None if r is None else r - besides, rough)
         if len(self.basis):

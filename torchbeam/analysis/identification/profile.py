@@ -57,9 +57,8 @@ def profiles(
             held = torch.tensor([j for j, _ in todo], device=x.device)
             place = torch.tensor([c for _, c in todo], dtype=x.dtype, device=x.device)
             rise = _least(problem, x, covariance, held, place * step[held]) - best
-            for (j, c), value in zip(
-                todo, (rise.clamp(min=0).sqrt() / (scale * quantile[held])).tolist(), strict=True
-            ):
+            roots = rise.clamp(min=0).sqrt() / (scale * quantile[held])
+            for (j, c), value in zip(todo, roots.tolist(), strict=True):
                 points[j][c] = value if c > 0 else -value
             todo = [(j, c) for j in which for c in _next(points[j], stop[j])]
             if not todo:
@@ -76,15 +75,8 @@ def profiles(
             values = problem.parameters.transform.theta(coordinates)[:, j]
             interval = torch.where(torch.isfinite(ends), values[-2:], ends)
             threshold = quantile[j].item() ** 2
-            limits.append(
-                Profile(
-                    problem.parameters.names[j],
-                    values[:-2],
-                    heights.square() * threshold,
-                    threshold,
-                    interval,
-                )
-            )
+            name, rise = problem.parameters.names[j], heights.square() * threshold
+            limits.append(Profile(name, values[:-2], rise, threshold, interval))
     return tuple(limits)
 
 

@@ -33,12 +33,9 @@ class Readings:
     @property
     def names(self) -> list[str]:
         """Of the channels."""
-        return [
-            " ".join(
-                filter(None, (self.experiment, self.labels[k] if k < len(self.labels) else str(k)))
-            )
-            for k in range(len(self.columns(self.data)))
-        ]
+        count = len(self.columns(self.data))
+        labels = [*self.labels[:count], *map(str, range(len(self.labels), count))]
+        return [" ".join(filter(None, (self.experiment, label))) for label in labels]
 
     @staticmethod
     def columns(values: Tensor) -> tuple[Tensor, ...]:

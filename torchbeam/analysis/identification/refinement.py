@@ -1,6 +1,4 @@
-"""Refinement: from the fit of one model to that of a finer one, by its readings and the other's
-derivatives.
-"""
+"""Refinement: the fit of a finer model, by its readings and the coarser one's derivatives."""
 
 from __future__ import annotations
 
@@ -57,25 +55,14 @@ def refined(
             A = (J.mT @ J + torch.diag_embed(bend)).nan_to_num() * free[:, None] * free[..., None]
             step = -(torch.linalg.pinv(A, hermitian=True) @ (gradient * free)[..., None])[..., 0]
             length = (step * (A @ step[..., None])[..., 0]).sum(-1)
-            failed = (
-                failed
-                | ~torch.isfinite(r).all(-1)
-                | (~done & (k not in (0, AGAIN)) & ~(length <= 1.0001 * last))
-            )
+            longer = ~done & (k not in (0, AGAIN)) & ~(length <= 1.0001 * last)
+            failed = failed | ~torch.isfinite(r).all(-1) | longer
             done = done | (length <= SMALL * scale**2)
             if k >= AGAIN and (done | failed).all():
                 break
             last = length
-            iterates.append(
-                torch.where(
-                    (done | failed)[:, None],
-                    iterates[-1],
-                    torch.maximum(torch.minimum(iterates[-1] + step, region.largest), region.least),
-                )
-            )
+            moved = torch.maximum(torch.minimum(iterates[-1] + step, region.largest), region.least)
+            iterates.append(torch.where((done | failed)[:, None], iterates[-1], moved))
     status = torch.where(done & ~failed, CONVERGED, FAILED)
-    return (
-        finer,
-        Found(iterates[-1], r, J, status, torch.stack(iterates)),
-        problem.region(iterates[-1]),
-    )
+    found = Found(iterates[-1], r, J, status, torch.stack(iterates))
+    return finer, found, problem.region(found.x)

@@ -43,32 +43,15 @@ class Linearised:
     def solved(self, weight: Tensor) -> Solved:
         """The linear problem's solution for weights (..., fields)."""
         data = self.J.mT @ self.J
-        A = (
-            data
-            + torch.diag(self.other)
-            + sum(
-                w[..., None, None] * (L.mT @ L)
-                for w, L in zip(weight.unbind(-1), self.L, strict=True)
-            )
-        )
-        towards = (
-            -(self.J.mT @ self.r)
-            - self.pull
-            - sum(
-                w[..., None] * (L.mT @ (L @ self.x - c))
-                for w, L, c in zip(weight.unbind(-1), self.L, self.target, strict=True)
-            )
-        )
+        A, towards = data + torch.diag(self.other), -(self.J.mT @ self.r) - self.pull
+        for w, L, c in zip(weight.unbind(-1), self.L, self.target, strict=True):
+            A = A + w[..., None, None] * (L.mT @ L)
+            towards = towards - w[..., None] * (L.mT @ (L @ self.x - c))
         inverse, log_det = positive_inverse(A)
         step = (inverse @ towards[..., None])[..., 0]
         misfit = (self.r + step @ self.J.mT).square().sum(-1)
-        rough = torch.stack(
-            [
-                ((self.x + step) @ L.mT - c).square().sum(-1)
-                for L, c in zip(self.L, self.target, strict=True)
-            ],
-            -1,
-        )
+        rows = zip(self.L, self.target, strict=True)
+        rough = torch.stack([((self.x + step) @ L.mT - c).square().sum(-1) for L, c in rows], -1)
         determined = (inverse * data).sum((-1, -2))
         normal = self.other > 0
         over = torch.where(normal, self.other, 1)
@@ -177,9 +160,7 @@ def _curvature(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _least(weights: Tensor, value: Tensor) -> Tensor:
-    """Weight of the least value: of the parabola through it and its neighbours, in the weight's
-    logarithm.
-    """
+    """Weight of the least value, by a parabola through its neighbours in the weight's logarithm."""
     value = torch.where(torch.isfinite(value), value, torch.inf)
     k = int(value.argmin())
     if k in (0, len(value) - 1) or not torch.isfinite(value[k - 1 : k + 2]).all():

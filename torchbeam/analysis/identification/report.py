@@ -18,6 +18,7 @@ from ...plot.canvas import grid, numbers
 from ...plot.identification import correlation
 from ...plot.identification import fit as fit_picture
 from .prediction import Prediction
+from .table import parameter_rows
 
 DPI = 110
 COLUMNS = 3  # channels of a picture of predictions
@@ -64,18 +65,10 @@ def _summary(fit: Any, reason: str) -> str:
 
 
 def _intervals(fit: Any, level: float) -> str:
-    rows = []
-    for k, (low, high) in enumerate(fit.interval_without_warning(level).tolist()):
-        told = not bool(fit.open[k])
-        rows.append(
-            (
-                fit.names[k],
-                f"{fit.theta[k].item():.5g}",
-                f"{fit.deviation[k].item():.2g}" if told and not fit.held[k] else "",
-                f"{low:.5g} to {high:.5g}" if told else "not told by the data",
-                f"{fit.freedom[k].item():.3g}",
-            )
-        )
+    rows = [
+        (*row[:3], row[3] or "not told by the data", f"{freedom:.3g}")
+        for row, freedom in zip(parameter_rows(fit, level), fit.freedom.tolist(), strict=True)
+    ]
     head = ("parameter", "value", "deviation", f"{100 * level:g} % interval", "degrees of freedom")
     return f"<h2>Parameters</h2>{_table(head, rows)}"
 

@@ -32,9 +32,7 @@ DETERMINED = 1e-3  # of a line's squares that the parameters leave, below which 
 
 @dataclass(frozen=True)
 class Alarm:
-    """How probable a channel's residuals are of noise; `size` and `at` are what a sentence says of
-    them.
-    """
+    """Probability that a channel's residuals are noise; `size` and `at` go into a sentence."""
 
     name: str
     probability: float
@@ -66,9 +64,7 @@ class Residuals:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the law of chi squared with the same mean and variance
-        (Satterthwaite 1946).
-        """
+        """Degrees of freedom of chi squared with this mean and variance (Satterthwaite 1946)."""
         taken = self.C @ (self.J.mT @ self.J)
         return self.left**2 / max(
             len(self.r) - 2 * taken.trace().item() + (taken * taken.mT).sum().item(), 1e-9
@@ -98,17 +94,11 @@ class Residuals:
         moved = [_neighbours(self.J, lag) for lag in lags]
         inner = [self.C @ (self.J.mT @ B) for B in moved]
         mean = -torch.stack([G.trace() for G in inner])
-        both = torch.stack(
-            [
-                torch.stack(
-                    [
-                        (G * H.mT).sum() - 2 * (self.C * (A.mT @ B)).sum()
-                        for H, B in zip(inner, moved, strict=True)
-                    ]
-                )
-                for G, A in zip(inner, moved, strict=True)
-            ]
-        )
+        pairs = list(zip(inner, moved, strict=True))
+        both = [
+            [(G * H.mT).sum() - 2 * (self.C * (A.mT @ B)).sum() for H, B in pairs] for G, A in pairs
+        ]
+        both = torch.stack([torch.stack(row) for row in both])
         both = both + torch.diag(mean.new_tensor([(n - lag) / 2 for lag in lags]))
         outer = mean[:, None] * mean
         covariance = (outer + 2 * both) / (

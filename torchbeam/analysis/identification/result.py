@@ -55,14 +55,9 @@ def conclusions(
     away, shown, open_ = region.away(x), [], []
     for k in range(len(x)):
         J_size = torch.nan_to_num(torch.cat((J[k], torch.diag(bend[k].sqrt()))) * at_unit[k])
+        names, start = parameters.names, parameters.start[k]
         said, which = undetermined(
-            parameters.names,
-            theta[k],
-            parameters.start[k],
-            away[k],
-            J_size,
-            least_seen[k],
-            resolution,
+            names, theta[k], start, away[k], J_size, least_seen[k], resolution
         )
         good = torch.isfinite(squares[k]) & (search.status[k] < FAILED)
         shown.append(said if good else ())
@@ -81,16 +76,12 @@ def conclusions(
     variance = ((plain @ spread.free[determined][:, determined]) * plain).sum(-1)
     deviation = _everywhere(problem, variance.clamp(min=0).sqrt())
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
-    odd = (
-        ()
-        if search.first is None
-        else unit_hints(_readings(problem, _known(problem, search.first[best])))
-    )
-    doubts = (
-        misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
-        if spread.scale
-        else ()
-    )
+    odd: tuple[str, ...] = ()
+    if search.first is not None:
+        odd = unit_hints(_readings(problem, _known(problem, search.first[best])))
+    doubts: tuple[str, ...] = ()
+    if spread.scale:
+        doubts = misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
     hints = (
         *odd,
         *noise_hints(spare, problem.sigma_given),
@@ -102,19 +93,17 @@ def conclusions(
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
     status = int(statuses[best])
     failed = int((statuses == FAILED).sum())
-    message = "; ".join(
-        (
-            REASON[status],
-            *shown[best],
-            *hints,
-            *([f"the model failed at {failed} of {len(x)} starts"] if failed else []),
-            *(
-                [f"at {len(search.raised)} trials the model raised, last {search.raised[-1]!r}"]
-                if search.raised
-                else []
-            ),
-        )
-    )
+    said = [REASON[status], *shown[best], *hints]
+    if failed:
+        said.append(f"the model failed at {failed} of {len(x)} starts")
+    if search.raised:
+        last = search.raised[-1]
+        said.append(f"at {len(search.raised)} trials the model raised, last {last!r}")
+    noise, memory = {}, {}
+    if problem.sigma_given:
+        noise = dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
+    if problem.memory is not None:
+        memory = dict(zip(problem.memory.names, problem.memory.rho.tolist(), strict=True))
     shapes = {
         e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
         for e in parameters.entries
@@ -126,10 +115,9 @@ def conclusions(
                 iterations=len(search.history) - 1,
                 history=history, starts=theta, misfits=misfit, statuses=statuses,
                 unidentifiable=shown[best],
-                message=message, hints=hints, doubts=doubts, open=open_[best], held=spread.held,
-                freedom=spread.freedom,
-                redundancy=spread.redundancy, scale=spread.scale, noise=_found_noise(problem),
-                memory=_memory(problem),
+                message="; ".join(said), hints=hints, doubts=doubts, open=open_[best],
+                held=spread.held, freedom=spread.freedom, redundancy=spread.redundancy,
+                scale=spread.scale, noise=noise, memory=memory,
                 derivatives=derivatives,
                 shapes=shapes, x=x[best], x_covariance=spread.covariance, x_slope=spread.slope,
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
@@ -137,28 +125,11 @@ def conclusions(
     # fmt: on
 
 
-def _found_noise(problem: FitProblem) -> dict[str, float]:
-    """Deviations of the channels whose own were found."""
-    return (
-        dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
-        if problem.sigma_given
-        else {}
-    )
-
-
-def _memory(problem: FitProblem) -> dict[str, float]:
-    """Correlations from one reading to the next that were found."""
-    memory = problem.memory
-    return {} if memory is None else dict(zip(memory.names, memory.rho.tolist(), strict=True))
-
-
 def _everywhere(problem: FitProblem, known: Tensor) -> Tensor:
     """(all numbers,) of what is known where something was measured, NaN elsewhere."""
-    values_everywhere = torch.full(
-        problem.known.shape, torch.nan, dtype=known.dtype, device=known.device
-    )
-    values_everywhere[problem.known] = known
-    return values_everywhere
+    everywhere = known.new_full(problem.known.shape, torch.nan)
+    everywhere[problem.known] = known
+    return everywhere
 
 
 def _known(problem: FitProblem, r: Tensor) -> Tensor:

@@ -41,19 +41,14 @@ def search_in_rounds(problem: FitProblem, x: Tensor, run: Run) -> tuple[FitProbl
         if settled:
             break
         search_result = run(problem, search_result.x, every[best : best + 1])
-    last = (
-        search_result
-        if len(x) == 1
-        else run(problem, first.x.index_put((every[best],), search_result.x[0]), every)
-    )
-    status = (
-        last.status if settled else torch.where(last.status == CONVERGED, UNFINISHED, last.status)
-    )
-    start = (
-        None
-        if first.first is None
-        else problem.white(begun.white.inverse(first.first + begun.target)) - problem.target
-    )
+    last = search_result
+    if len(x) > 1:
+        last = run(problem, first.x.index_put((every[best],), search_result.x[0]), every)
+    status, start = last.status, first.first
+    if not settled:
+        status = torch.where(status == CONVERGED, UNFINISHED, status)
+    if start is not None:
+        start = problem.white(begun.white.inverse(start + begun.target)) - problem.target
     history = torch.cat((first.history, last.history[1:]))
     return problem, Found(
         last.x, last.r, last.J, status, history, first.raised + last.raised, start
@@ -121,9 +116,7 @@ def _best(problem: FitProblem, search_result: Found) -> int:
 
 
 def _factor(problem: FitProblem, search_result: Found, spread: Spread, least: Tensor) -> Tensor:
-    """(channels,) by which deviations are to be larger, of what one start found; they are `least`
-    at least.
-    """
+    """(channels,) factors of deviations, of what one start found; these are at least `least`."""
     problem.noise.refuse(spread.redundancy, problem.known)
     squares = losses.squares(problem.loss, problem.white.share, search_result.r[0])
     squares = problem.noise.sums(squares, problem.known)

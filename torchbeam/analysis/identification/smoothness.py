@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean
-from ...core.validation import Value, as_tensor, finite, increasing, shown
+from ...core.validation import Value, as_tensor, finite, increasing, refusal, shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +48,13 @@ class Smoothness:
 
     def __post_init__(self) -> None:
         if type(self.order) is not int or self.order not in (0, 1, 2):
-            raise ValueError(f"order = {shown(self.order)} was given; 0, 1 or 2 is wanted")
+            raise refusal(f"order = {shown(self.order)}", "0, 1 or 2")
         boolean("sharp", self.sharp)
         if self.at is not None:
             finite("at", as_tensor(self.at, torch.float64))
 
     def rows(self, like: Tensor) -> Tensor:
-        """(n - order, n) for a field `like` (n,). Raises ValueError for too few numbers, or other
-        places.
-        """
+        """(n - order, n) for a field `like` (n,). ValueError for too few numbers, other places."""
         n = len(like)
         if n < self.order + 2:
             raise ValueError(

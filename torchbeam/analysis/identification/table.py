@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterator
 from typing import Any
 
 from ...core.summary import aligned
 
 WIDTH = 110
 STRONG = 0.95  # correlations above it are named
+DERIVATIVES = {"forward": "forward mode", "difference": "differences", "adjoint": "the adjoint"}
 
 
 def table(fit: Any, level: float, reason: dict[int, str]) -> str:
     """Text of a `Fit`."""
-    interval = fit.interval_without_warning(level).tolist()
     head = ("parameter", "value", "deviation", f"{100 * level:g} % interval", "")
     rows = []
-    for k, name in enumerate(fit.names):
-        low, high = interval[k]
-        determined, held = not bool(fit.open[k]), bool(fit.held[k])
-        rows.append(
-            (
-                name,
-                f"{fit.theta[k].item():.5g}",
-                f"{fit.deviation[k].item():.2g}" if determined and not held else "",
-                f"{low:.5g} to {high:.5g}" if determined else "",
-                "not told by the data" if not determined else "at its bound" if held else "",
-            )
-        )
+    for k, row in enumerate(parameter_rows(fit, level)):
+        held = "at its bound" if fit.held[k] else ""
+        rows.append((*row, "not told by the data" if fit.open[k] else held))
     lines = aligned([head, *rows], right=(1, 2, 3))
     lines.insert(1, "-" * max(map(len, lines)))
     numbers = sum(int((~r.data.isnan()).sum()) for r in fit.readings)
@@ -37,7 +29,7 @@ def table(fit: Any, level: float, reason: dict[int, str]) -> str:
         f"misfit (RMS) {fit.misfit.item():.4g}{unit} of {numbers} data, {len(fit.theta)} "
         "parameters",
         f"{reason[fit.status]} in {fit.iterations} iterations, derivatives by "
-        f"{_by(fit.derivatives)}",
+        f"{DERIVATIVES.get(fit.derivatives, fit.derivatives)}",
     ]
     if fit.noise:
         lines.append(
@@ -48,23 +40,18 @@ def table(fit: Any, level: float, reason: dict[int, str]) -> str:
     if len(fit.starts) > 1:
         near = ((fit.misfits - fit.misfit) <= 1e-3 * fit.misfit + 1e-12).sum().item()
         lines.append(f"{near} of {len(fit.starts)} starts end with this misfit")
-    said = [*fit.unidentifiable, *_correlated(fit), *fit.hints]
-    return "\n".join(
-        [
-            *lines,
-            *(
-                line
-                for text in said
-                for line in textwrap.wrap(text, WIDTH, initial_indent="- ", subsequent_indent="  ")
-            ),
-        ]
-    )
+    for text in (*fit.unidentifiable, *_correlated(fit), *fit.hints):
+        lines += textwrap.wrap(text, WIDTH, initial_indent="- ", subsequent_indent="  ")
+    return "\n".join(lines)
 
 
-def _by(derivatives: str) -> str:
-    return {"forward": "forward mode", "difference": "differences", "adjoint": "the adjoint"}.get(
-        derivatives, derivatives
-    )
+def parameter_rows(fit: Any, level: float) -> Iterator[tuple[str, str, str, str]]:
+    """Name, value, deviation and interval of each parameter; empty what the data do not tell."""
+    for k, (low, high) in enumerate(fit.interval_without_warning(level).tolist()):
+        told = not fit.open[k]
+        deviation = f"{fit.deviation[k].item():.2g}" if told and not fit.held[k] else ""
+        interval = f"{low:.5g} to {high:.5g}" if told else ""
+        yield fit.names[k], f"{fit.theta[k].item():.5g}", deviation, interval
 
 
 def _correlated(fit: Any) -> list[str]:

@@ -1,6 +1,4 @@
-"""Coordinates in which parameters are searched: themselves, logarithms, or logits between
-bounds.
-"""
+"""Coordinates of the search for parameters: themselves, logarithms, or logits between bounds."""
 
 from __future__ import annotations
 
@@ -26,9 +24,7 @@ class Transform:
 
     @property
     def additive(self) -> Tensor:
-        """(p,) bool: coordinates whose zero means nothing: a change of 1 is large, wherever it
-        starts.
-        """
+        """(p,) bool: coordinates whose zero means nothing: a change of 1 is large from anywhere."""
         return self.log | self.logit
 
     def theta(self, x: Tensor) -> Tensor:
@@ -51,12 +47,9 @@ class Transform:
         zero = torch.zeros_like(x)
         logit = torch.where(self.logit, x, zero)
         width = torch.where(self.logit, self.high - self.low, torch.ones_like(x))
-        steep = width.log() + torch.nn.functional.logsigmoid(logit)
-        return torch.where(
-            self.logit,
-            steep + torch.nn.functional.logsigmoid(-logit),
-            torch.where(self.log, x, zero),
-        )
+        sigmoid = torch.nn.functional.logsigmoid
+        steep = width.log() + sigmoid(logit) + sigmoid(-logit)
+        return torch.where(self.logit, steep, torch.where(self.log, x, zero))
 
     def slope(self, x: Tensor) -> Tensor:
         """d theta / d x (..., p)."""

@@ -12,7 +12,7 @@ from torch import Tensor
 from ...core.arguments import listed, whole
 from ...core.declared import one_of
 from ...core.leaves import leaf, option
-from ...core.validation import Value
+from ...core.validation import Value, refusal
 from ...math.shapes import broadcast_shapes
 from .effect import Effect
 from .values import Along, Inputs, LoadValue, PerElement, line_value, value_at
@@ -34,9 +34,7 @@ def _chosen(name: str, elements: Any) -> Any:
         return elements
     given = tuple(whole("an element", element) for element in listed(elements))
     if not given:
-        raise ValueError(
-            "Actuation of no elements was given; the numbers of some, or None for all, are wanted"
-        )
+        raise refusal("Actuation of no elements", "the numbers of some, or None for all,", are=True)
     return given
 
 

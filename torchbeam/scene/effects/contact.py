@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ...core.declared import parameter
 from ...core.leaves import leaf
-from ...core.validation import Value, concrete, shown
+from ...core.validation import Value, concrete, refusal, shown
 from ..parts import part_of
 from ..stations import Table
 from .contact_law import damped, pressure, rubbing
@@ -119,9 +119,7 @@ class Contact(ContactTerms):
                 "Capsule or Box is wanted"
             )
         if self.partner is not None and self.partner == self.on:
-            raise ValueError(
-                f"Contact of {self.on!r} with itself was given; SelfContact({self.on!r}) is wanted"
-            )
+            raise refusal(f"Contact of {self.on!r} with itself", f"SelfContact({self.on!r})")
         super().__post_init__()
         if self.partner is None and self.other_radius is not None:
             raise ValueError(
@@ -133,9 +131,9 @@ class Contact(ContactTerms):
             radius = torch.as_tensor(widest(self.radius))
             left = torch.as_tensor(room).detach() - radius.detach()
             if concrete(left <= 0).any():
-                raise ValueError(
-                    "Contact with a radius of the beam's that has no room in the cylinder was "
-                    "given; a smaller one is wanted"
+                raise refusal(
+                    "Contact with a radius of the beam's that has no room in the cylinder",
+                    "a smaller one",
                 )
         if self.points is None and self.partner is None:
             vars(self).update(points=2)
@@ -159,9 +157,9 @@ class Contact(ContactTerms):
         given = [self.radius, self.radius if self.other_radius is None else self.other_radius]
         for part, shape, radius in zip(parts, shapes, given, strict=False):
             if part.body and shape is None and isinstance(radius, Table):
-                raise ValueError(
-                    f"Contact of {part.name!r} with a radius as a Table was given; that is a body, "
-                    "and a number is wanted"
+                raise refusal(
+                    f"Contact of {part.name!r} with a radius as a Table",
+                    "that is a body, and a number",
                 )
         if any(shape is not None for shape in shapes):
             return self._of_surface(shapes)
@@ -190,10 +188,7 @@ class Contact(ContactTerms):
             )
         which = "radius" if name == self.on else "other_radius"
         if getattr(self, which) is not None and self.corners is None:
-            raise ValueError(
-                f"Contact with a {which} of {name!r}, which has a surface, was given; None is "
-                "wanted"
-            )
+            raise refusal(f"Contact with a {which} of {name!r}, which has a surface,", "None")
         if self.partner is not None:
             return self
         return BodyContact.of(self, radius=solid.radius, corners=solid.corners)

@@ -10,7 +10,7 @@ from torch import Tensor
 from ...core.arguments import boolean, count
 from ...core.declared import optional
 from ...core.leaves import Tree, leaf, option, with_values
-from ...core.validation import Value, concrete, positive
+from ...core.validation import Value, concrete, positive, refusal
 from ..parts import large_rotations
 from ..stations import Table
 from .load_point import LoadEffect
@@ -32,10 +32,7 @@ def radius_value(name: str, value: Any) -> Any:
     if not isinstance(value, Table):
         return optional(name, value)
     if value.width is not None:
-        raise ValueError(
-            f"{name} as a Table of width {value.width} was given; one number at each place is "
-            "wanted"
-        )
+        raise refusal(f"{name} as a Table of width {value.width}", "one number at each place")
     positive(name, value.values, zero=True)
     return value
 
@@ -74,9 +71,7 @@ class ContactTerms(LoadEffect):
 
     def __post_init__(self) -> None:
         if self.force is not None and self.stiffness is not None:
-            raise ValueError(
-                f"{self.called} with a force and a stiffness was given; one of them is wanted"
-            )
+            raise refusal(f"{self.called} with a force and a stiffness", "one of them")
         super().__post_init__()
         if self.friction is not None and self.slip_speed is None:
             raise ValueError(

@@ -17,7 +17,7 @@ from ...core.arguments import function as check_function
 from ...core.declared import real_numbers
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf, option, with_values
-from ...core.validation import Value, broadcast, shown
+from ...core.validation import Value, broadcast, refusal, shown
 from ...core.warning import warn
 from ...math.shapes import broadcast_shapes
 from ..beam import Beam
@@ -160,9 +160,9 @@ class Load(LoadEffect):
                 "node=None, has it"
             )
         if self.node is not None and self.on is not None:
-            raise ValueError(
-                f"Load with on = {shown(self.on)} and the node {self.node!r} was given; "
-                "node=(name, number), or node=None for all along that beam, is wanted"
+            raise refusal(
+                f"Load with on = {shown(self.on)} and the node {self.node!r}",
+                "node=(name, number), or node=None for all along that beam,",
             )
         object.__setattr__(self, "values", self.values or {})
         self._check_functions()
@@ -338,9 +338,7 @@ def _differentiated(what: str) -> Iterator[None]:
 def _returned(whose: str, value: Any, size: int, lead: torch.Size, like: Tensor) -> Tensor:
     """What a function returned, (..., size), if its axes fit the arguments'; else ValueError."""
     if not isinstance(value, (Tensor, tuple, list)):
-        raise ValueError(
-            f"{whose} that returns {shown(value)} was given; tensors (..., {size}) are wanted"
-        )
+        raise refusal(f"{whose} that returns {shown(value)}", f"tensors (..., {size})", are=True)
     value = taken(f"{whose}'s value", value, like, size)
     # the function may bring axes of its own
     broadcast(f"{whose}'s value and arguments", value.shape[:-1], lead)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean
 from ...core.leaves import leaf, option
-from ...core.validation import Value, as_tensor, common_dtype, finite
+from ...core.validation import Value, as_tensor, common_dtype, finite, refusal
 from ...math.quaternions import skew
 from .effect import Effect
 from .load_point import ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench
@@ -50,9 +50,9 @@ class Damping(Effect):
             object.__setattr__(self, "six", isinstance(self.tau, (list, tuple)))
         super().__post_init__()
         if self.six and self.tau.shape[-1:] != (6,):
-            raise ValueError(
-                f"tau of shape {tuple(self.tau.shape)} was given; one value (a batch is a tensor), "
-                "or one for each of six strains, is wanted"
+            raise refusal(
+                f"tau of shape {tuple(self.tau.shape)}",
+                "one value (a batch is a tensor), or one for each of six strains,",
             )
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from ...core.arguments import boolean
 from ...core.declared import one_of
 from ...core.leaves import leaf, option, with_values
-from ...core.validation import Value
+from ...core.validation import Value, refusal
 from ...math.quaternions import skew
 from ..parts import Place, check_node, node_and_point
 from .load_point import ROTATION, LoadEffect, LoadPoint, Wrench, together
@@ -198,8 +198,5 @@ def at_offset(effect: Any) -> None:
     node, point = node_and_point(effect.node)
     check_node("node", node)
     if point is not None and effect.offset is not None:
-        raise ValueError(
-            f"{effect.called} with an offset and a point of {node!r} was given; one of them is "
-            "wanted"
-        )
+        raise refusal(f"{effect.called} with an offset and a point of {node!r}", "one of them")
     vars(effect).update(node=node, offset=effect.offset if point is None else point)

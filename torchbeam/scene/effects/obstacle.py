@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ...core.functions_of_time import taken
 from ...core.leaves import FunctionOfTime, Tree, bound, leaf, own_leaves
-from ...core.validation import Value, shown
+from ...core.validation import Value, refusal, shown
 from .drag import norm
 from .load_point import cross
 from .values import Input, Rate, load_value, with_rate
@@ -54,7 +54,7 @@ class Turning(FunctionOfTime):
 def place(name: str, value: Any) -> Any:
     """A place (..., 3), or a function of t; ValueError otherwise."""
     if isinstance(value, Input):
-        raise ValueError(f"{name} as an Input was given; a value, or a function of t, is wanted")
+        raise refusal(f"{name} as an Input", "a value, or a function of t,")
     return load_value(name, value)
 
 
@@ -64,7 +64,7 @@ def direction(name: str, value: Any) -> Any:
     if callable(value):
         return value if isinstance(value, Unit) else Unit(value)
     if not (torch.as_tensor(value) != 0).any(-1).all():
-        raise ValueError(f"{name} of length 0 was given; a direction is wanted")
+        raise refusal(f"{name} of length 0", "a direction")
     return value / (value * value).sum(-1)[..., None] ** 0.5
 
 
@@ -77,9 +77,8 @@ def _of_points(method: Callable[[Any, Tensor], Any]) -> Callable[[Any, Tensor], 
     def of_points(self: Obstacle, x: Tensor) -> Any:
         for one in own_leaves(self):
             if callable(one.value):
-                raise ValueError(
-                    f"{self.called}'s {one.name} as a function of t was given; at an instant a "
-                    "value is wanted"
+                raise refusal(
+                    f"{self.called}'s {one.name} as a function of t", "at an instant a value"
                 )
         return method(bound(self, x.dtype, x.device), x)
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from ...core.arguments import boolean
 from ...core.declared import real_numbers
 from ...core.leaves import leaf, option
-from ...core.validation import Value, concrete
+from ...core.validation import Value, concrete, refusal
 from ...math import quaternions as quat
 from .drag import norm
 from .obstacle import Obstacle, Turning, direction, each, place, unit
@@ -33,8 +33,7 @@ class Plane(Obstacle):
     Examples:
         >>> floor = tb.Plane(point=(0, 0, -0.1), normal=(0, 0, 1))
         >>> falling = tb.Scene(
-        ...     beam,
-        ...     [tb.Gravity((0, 0, -9.81)), tb.Contact(floor, thickness=0.01, force=100.0)],
+        ...     beam, [tb.Gravity((0, 0, -9.81)), tb.Contact(floor, thickness=0.01, force=100.0)]
         ... )
         >>> tb.sensors.ContactGap(falling)(tb.rest(falling))  # m
         tensor([0.1000])
@@ -229,7 +228,7 @@ class Capsule(Rounded):
 
 def _rotation_vector(name: str, value: Any) -> Any:
     if callable(place(name, value)):
-        raise ValueError(f"{name} as a function was given; a rotation vector is wanted")
+        raise refusal(f"{name} as a function", "a rotation vector")
     return real_numbers(name, value, 3)
 
 
@@ -247,8 +246,7 @@ class Box(Obstacle):
     Examples:
         >>> table = tb.Box(centre=(0.5, 0, -0.2), size=(1.0, 1.0, 0.1), rounding=0.01)
         >>> laid = tb.Scene(
-        ...     beam,
-        ...     [tb.Gravity((0, 0, -9.81)), tb.Contact(table, thickness=0.01, force=100.0)],
+        ...     beam, [tb.Gravity((0, 0, -9.81)), tb.Contact(table, thickness=0.01, force=100.0)]
         ... )
         >>> tb.sensors.ContactGap(laid)(tb.rest(laid))  # m
         tensor([0.1500])
@@ -265,9 +263,7 @@ class Box(Obstacle):
         super().__post_init__()
         half = torch.as_tensor(self.size).detach().amin(-1) / 2
         if concrete(torch.as_tensor(self.rounding).detach() >= half).any():
-            raise ValueError(
-                "Box's rounding of half its smallest size or more was given; less is wanted"
-            )
+            raise refusal("Box's rounding of half its smallest size or more", "less")
 
     of_bodies = True
 

@@ -10,7 +10,16 @@ from torch import Tensor
 
 from ...core.declared import own, plain
 from ...core.leaves import leaf
-from ...core.validation import ROUNDING, Value, axis_last, concrete, finite, numbers, positive
+from ...core.validation import (
+    ROUNDING,
+    Value,
+    axis_last,
+    concrete,
+    finite,
+    numbers,
+    positive,
+    refusal,
+)
 from ...core.validation import inertia as check_inertia
 from ...math.quaternions import skew
 from ..parts import Place
@@ -123,9 +132,6 @@ def _rigid_body(matrix: Tensor | np.ndarray) -> tuple:
         (torch.cat((m[..., None, None] * eye, -mc), -1), torch.cat((mc, M[..., 3:, 3:]), -1)), -2
     )
     if concrete((body - M).abs() > ROUNDING * size).any():
-        raise ValueError(
-            "a PointMass's 6x6 mass that no rigid body has was given; [[m I, -m ~c], [m ~c, J]] "
-            "is wanted"
-        )
+        raise refusal("a PointMass's 6x6 mass that no rigid body has", "[[m I, -m ~c], [m ~c, J]]")
     body = m, J, c
     return body if isinstance(matrix, Tensor) else tuple(numbers(x.tolist()) for x in body)

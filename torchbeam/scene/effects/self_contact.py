@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ...core.validation import shown
+from ...core.validation import refusal, shown
 from ..parts import part_of
 from .contact_terms import ContactTerms
 
@@ -37,16 +37,14 @@ class SelfContact(ContactTerms):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.radius is None:
-            raise ValueError("SelfContact without a radius was given; a length above 0 is wanted")
+            raise refusal("SelfContact without a radius", "a length above 0")
         apart = self.apart
         if (
             isinstance(apart, bool)
             or not isinstance(apart, (int, float))
             or not 0 < apart < math.inf
         ):
-            raise ValueError(
-                f"SelfContact's apart = {shown(apart)} was given; a number above 0 is wanted"
-            )
+            raise refusal(f"SelfContact's apart = {shown(apart)}", "a number above 0")
         if self.on is not None and not isinstance(self.on, str):
             raise ValueError(
                 f"{shown(self.on)} was given to SelfContact; the name of a beam is wanted"
@@ -67,7 +65,5 @@ class SelfContact(ContactTerms):
                 "of one is wanted"
             )
         if self.on is not None and part_of(beam.parts, self.on).body:
-            raise ValueError(
-                f"SelfContact of {self.on!r} was given; that is a body, and a beam is wanted"
-            )
+            raise refusal(f"SelfContact of {self.on!r}", "that is a body, and a beam")
         return self

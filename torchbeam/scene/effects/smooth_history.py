@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...core.arguments import count, number
 from ...core.leaves import FunctionOfTime, leaf, option
-from ...core.validation import Value, as_tensor, common_dtype, increasing, positive
+from ...core.validation import Value, as_tensor, common_dtype, increasing, positive, refusal
 from ...core.warning import warn
 from ...math import quaternions
 from ...math.bsplines import basis, penalty
@@ -34,7 +34,7 @@ def _sigma(name: str, value: Any) -> Any:
 
 def _order(order: int) -> int:
     if count("order", order, 0) > 2:
-        raise ValueError(f"order = {order} was given; 0, 1 or 2 is wanted")
+        raise refusal(f"order = {order}", "0, 1 or 2")
     return order
 
 
@@ -91,9 +91,8 @@ class SmoothHistory(FunctionOfTime):
             )
         seen = values.isfinite().movedim(-2, 0).flatten(1).all(-1)
         if seen.sum() < FEWEST:
-            raise ValueError(
-                f"a SmoothHistory of {int(seen.sum())} readings was given; {FEWEST} at least are "
-                "wanted"
+            raise refusal(
+                f"a SmoothHistory of {int(seen.sum())} readings", f"{FEWEST} at least", are=True
             )
         # fewer numbers than readings, of which each piece has some
         at, n = t[seen].detach(), int(seen.sum())
@@ -153,9 +152,7 @@ class SmoothHistory(FunctionOfTime):
 
     @property
     def share(self) -> float:
-        """Deviation of accelerations, the median of the record (its ends are known worse), over
-        their RMS.
-        """
+        """Median deviation of accelerations over their RMS; the record's ends are known worse."""
         accelerations = self.rate(2).detach()
         size = accelerations.square().mean(-2).sum(-1).mean().sqrt().item()
         spread = accelerations.shape[-1] ** 0.5 * self.deviation(2).median().item()
@@ -225,9 +222,7 @@ class SmoothRotation(SmoothHistory):
         return quaternions.logarithm(quaternions.normalize(super().__call__(t)))
 
     def rate(self, order: int, t: Value | None = None) -> Tensor:
-        """(m, 3) rotation vectors, angular velocities or accelerations at t (m,); None = the
-        record's.
-        """
+        """(m, 3) rotation vectors, angular velocities or accelerations at t (m,), None: its own."""
         q = quaternions.normalize(super().rate(0, t))
         if not _order(order):
             return quaternions.logarithm(q)

@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.declared import optional, parameter, plain
 from ...core.leaves import leaf, with_values
-from ...core.validation import Value, as_tensor, axis_last, common_dtype
+from ...core.validation import Value, as_tensor, axis_last, common_dtype, refusal
 from ...math import quaternions as quat
 from ...math.quaternions import skew
 from ...math.shapes import broadcast_shapes
@@ -56,10 +56,7 @@ class Spring(LoadEffect):
     Examples:
         >>> tied = tb.Scene(
         ...     beam,
-        ...     [
-        ...         tb.TipLoad(force=(0, 0, 1.0)),
-        ...         tb.Spring(-1, stiffness=100.0, to=(1.0, 0, -0.5)),
-        ...     ],
+        ...     [tb.TipLoad(force=(0, 0, 1.0)), tb.Spring(-1, stiffness=100.0, to=(1.0, 0, -0.5))],
         ... )
         >>> tb.equilibrium(tied).tip.position[2] < tb.equilibrium(scene).tip.position[2]
         tensor(True)
@@ -181,9 +178,9 @@ def _six(name: str, value: Value) -> Value:
         parts = [as_tensor(p, *common_dtype(value)) for p in value]
         for p in parts:
             if p.ndim and p.shape[-1] not in (1, 3):
-                raise ValueError(
-                    f"{name} with a part of shape {tuple(p.shape)} was given; one number, (..., 1) "
-                    "of a batch, or (..., 3) is wanted"
+                raise refusal(
+                    f"{name} with a part of shape {tuple(p.shape)}",
+                    "one number, (..., 1) of a batch, or (..., 3)",
                 )
         lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
         value = torch.cat([p.expand(*lead, 3) for p in parts], -1)

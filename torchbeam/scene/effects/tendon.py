@@ -13,7 +13,7 @@ from ...core.arguments import function as check_function
 from ...core.arguments import instance, listed
 from ...core.declared import own, parameter, plain, real_numbers, together
 from ...core.leaves import Tree, leaf, option, with_values
-from ...core.validation import Value, axis_last, concrete, shown
+from ...core.validation import Value, axis_last, concrete, refusal, shown
 from ...math import quaternions as quat
 from ..beam import Beam
 from ..parts import end_of_element, large_rotations
@@ -58,9 +58,8 @@ class Eyelet(Tree):
 def _eyelets(name: str, value: Any) -> tuple[Eyelet, ...]:
     eyelets = tuple(map(Eyelet.of, listed(value)))
     if len(eyelets) < 2:
-        raise ValueError(
-            f"a Tendon with {len(eyelets)} eyelet{'s' * (not eyelets)} was given; two or more are "
-            "wanted"
+        raise refusal(
+            f"a Tendon with {len(eyelets)} eyelet{'s' * (not eyelets)}", "two or more", are=True
         )
     return eyelets
 
@@ -172,12 +171,10 @@ class Tendon(Effect):
         seen: set[int] = set()
         for node in (x.node for x in eyelets if x.node is not None):
             if node in seen and not (beam.parts and beam.part_at(node).body):
-                raise ValueError(
-                    f"a Tendon through the node {node!r} twice was given; once is wanted"
-                )
+                raise refusal(f"a Tendon through the node {node!r} twice", "once")
             seen.add(node)
         if not seen:
-            raise ValueError("a Tendon of the ground alone was given; a node is wanted")
+            raise refusal("a Tendon of the ground alone", "a node")
         return with_values(self, eyelets=eyelets)
 
     def check(self, scene: Any) -> None:

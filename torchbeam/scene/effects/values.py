@@ -17,7 +17,7 @@ from ...core.arguments import function as check_function
 from ...core.declared import plain, real_numbers
 from ...core.functions_of_time import at_time, taken, with_user_rate
 from ...core.leaves import FunctionOfTime, Placeholder, Tree, leaf, leaves
-from ...core.validation import Value, as_tensor, axis_last, real, shown
+from ...core.validation import Value, as_tensor, axis_last, real, refusal, shown
 from .effect import Effect
 
 
@@ -37,7 +37,7 @@ class Input(Placeholder):
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f"an Input with the name {shown(self.name)} was given; text is wanted")
+            raise refusal(f"an Input with the name {shown(self.name)}", "text")
         count("size", self.size)
 
 
@@ -90,9 +90,7 @@ class Along(ByPlace):
     (nested) sequence.
 
     Examples:
-        >>> load = tb.LineLoad(
-        ...     force=tb.Along(lambda s, t: torch.stack((0 * s, 0 * s, 2 * s), -1))
-        ... )
+        >>> load = tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, 0 * s, 2 * s), -1)))
         >>> tb.equilibrium(tb.Scene(beam, [load])).root.force[2]  # N, of 2 s N/m over 1 m
         tensor(-1.)
     """
@@ -115,9 +113,7 @@ def _rows(name: str, value: Any) -> Any:
         return value
     rows = plain(value)
     if rows.ndim < 2 or rows.shape[-1] != 3:
-        raise ValueError(
-            f"PerElement of shape {tuple(rows.shape)} was given; (..., N, 3) is wanted"
-        )
+        raise refusal(f"PerElement of shape {tuple(rows.shape)}", "(..., N, 3)")
     return real_numbers(name, rows)
 
 
@@ -267,10 +263,7 @@ class PerInterval(Tree):
         given = self.value  # a tensor stays in its dtype, until the scene that takes it is known
         value = real(given) if isinstance(given, Tensor) else plain(given)
         if value.ndim < 2:
-            raise ValueError(
-                f"PerInterval of shape {tuple(value.shape)} was given; (..., intervals, size) is "
-                "wanted"
-            )
+            raise refusal(f"PerInterval of shape {tuple(value.shape)}", "(..., intervals, size)")
         object.__setattr__(self, "value", value)
 
 
@@ -371,9 +364,7 @@ def _of_time(name: str, value: Any, size: int) -> Any:
         return check_function(name, value, "t")
     if isinstance(value, Input):
         if value.size != size:
-            raise ValueError(
-                f"{name} with an Input of size {value.size} was given; size {size} is wanted"
-            )
+            raise refusal(f"{name} with an Input of size {value.size}", f"size {size}")
         return value
     return real_numbers(name, value, *((size,) if size > 1 else ()))
 

@@ -1,0 +1,1 @@
+"""What tests and studies share: rows of effects. Not installed."""

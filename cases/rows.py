@@ -1,0 +1,215 @@
+"""Effects, one row each, for whatever asks all of them the same question: `python -m studies
+effects` what they cost; the unit tests their closed forms, what is absent, and derivatives; the
+nets of parity, zero, value forms and written tensors the rest. A test fails where one is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+import torchbeam as tb
+
+Tensor = torch.Tensor
+OLD, NEW = "old", "new"  # whose values hold after a tensor was written to
+Y, UP = (0.0, 0.1, 0.0), (0.1, 0.3, 0.2)
+
+
+@dataclass(frozen=True)
+class Row:
+    """make: (value, elements) -> an effect on a beam of 1 m along x that has it.
+
+    closed_form   value, and by small-displacement theory the tip's displacement and rotation vector
+                  of a cantilever of L = EI = 1, GJ = 0.8; None = it moves no beam at rest
+    zero          a value by which it is as if absent; None = there is none
+    cost          the name under which the study has it, what is said of it, and the value there
+    numbers       two values that a batch of it has
+    forms         beside a tensor: "function" of t, "input"
+    draw, after   a value that is written to, and which holds then
+    """
+
+    make: Callable[[Any, int], Any]
+    closed_form: tuple[tuple, tuple] | None = None
+    zero: Any = None
+    cost: tuple[str, str, Any] | None = None
+    numbers: tuple | None = None
+    forms: str = "function input"
+    draw: Any = None
+    after: str = NEW
+
+    @property
+    def value(self) -> Any:
+        """Some value of it."""
+        shown = (self.cost or (None,))[-1], (self.closed_form or (None,))[0], self.draw, self.zero
+        return next(x for x in (*shown, *(self.numbers or ())) if x is not None)
+
+
+def double(v: Any) -> Tensor:
+    return torch.as_tensor(v, dtype=torch.float64)
+
+
+def pulled(v: Any) -> tb.Spring:
+    """So soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's motion."""
+    return tb.Spring(-1, 1e-3, to=double(v) / 1e-3 + double((1.0, 0, 0)))
+
+
+def outer_half(v: Any, elements: int) -> tb.PerElement:
+    return tb.PerElement((torch.arange(elements) >= elements / 2).double()[:, None] * double(v))
+
+
+def along_s(v: Any) -> tb.Along:
+    return tb.Along(lambda s, t: s[..., None] * double(v))
+
+
+def _dead(v: Any) -> Callable:
+    return lambda x, R, V, w, t: (double(v), None)
+
+
+def _follower(v: Any) -> Callable:
+    return lambda x, R, V, w, t: (R @ double(v), None)
+
+
+def _braked(x: None, R: None, v: Tensor, w: None, t: Tensor) -> tuple[Tensor, None]:
+    return -0.05 * v, None
+
+
+def _lagged(x: Tensor, R: None, v: None, w: None, t: Tensor, z: Tensor) -> tuple[Tensor, None]:
+    return z, None
+
+
+def _lag(z: Tensor, x: Tensor, R: None, v: None, w: None, t: Tensor) -> Tensor:
+    return (-x * x.new_tensor([0.0, 1, 1]) - z) / 0.02
+
+
+def _waves(s: Tensor, t: Tensor) -> Tensor:
+    return torch.stack((0 * s, 0.1 * torch.sin(s - t), 0 * s), -1)
+
+
+def _wind(position: Tensor, t: Tensor) -> Tensor:
+    x = position[..., 0]
+    return torch.stack((torch.zeros_like(x), 5 * x, torch.zeros_like(x)), -1)
+
+
+def _along(elements: int, **given: Any) -> tb.Tendon:
+    return tb.Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
+
+
+def _floor(height: float, elements: int) -> tb.Contact:
+    plane = tb.Plane((0.0, 0, height), (0.0, 0, 1))
+    return tb.Contact(plane, thickness=3e-3, force=20.0, friction=0.3, slip_speed=0.1)
+
+
+# Euler-Bernoulli: P L^3/3, P L^2/2; M L^2/2, M L; q L^4/8, q L^3/6; m L^3/3, m L^2/2; torsion M
+# L/GJ, m L^2/2GJ; P at a = L/2: P a^2 (3 L - a)/6, P a^2/2; q s/L: 11 q L^4/120, q L^3/8; q on the
+# outer half: 41 q L^4/384, 7 q L^3/48; curvature k: k L^2/2, k L. A force along z turns the tip
+# about -y, a moment about y moves it along -z.
+FORCE, MOMENT = ((0, 3.0, 6), (0, 1, 2, 0, -3, 1.5)), (0.8, 2, 4)
+PER_LENGTH = ((0, 24, 48), (0, 3, 6, 0, -8, 4))
+TWO = dict(numbers=((0.1, -0.2, 0.3), (-0.05, 0.1, 0.2)), draw=UP, zero=(0.0, 0, 0))
+NONE = dict(zero=(0.0, 0, 0))
+RUBBING = dict(stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
+# fmt: off
+ROWS = {
+    "TipLoad.force": Row(
+        lambda v, N: tb.TipLoad(force=v), FORCE,
+        cost=("TipLoad, dead", "force 0.1 N along y", Y), **TWO),
+    "TipLoad.moment": Row(
+        lambda v, N: tb.TipLoad(moment=v), (MOMENT, (0, 2, -1, 1, 2, 4)), **TWO),
+    "TipLoad.force, follower": Row(
+        lambda v, N: tb.TipLoad(force=v, follower=True), FORCE,
+        cost=("TipLoad, follower", "force 0.1 N along its y", Y), **TWO),
+    "PointLoad.force": Row(
+        lambda v, N: tb.PointLoad(force=v, node=max(1, N // 2)),
+        ((0, 0, 48), (0, 0, 5, 0, -6, 0)), **TWO),
+    "LineLoad.force": Row(
+        lambda v, N: tb.LineLoad(force=v), PER_LENGTH,
+        cost=("LineLoad, dead", "0.1 N/m along y", Y), **TWO),
+    "LineLoad.moment": Row(
+        lambda v, N: tb.LineLoad(moment=v), ((1.6, 6, 3), (0, 1, -2, 1, 3, 1.5)), **TWO),
+    "LineLoad.force, follower": Row(
+        lambda v, N: tb.LineLoad(force=v, follower=True), PER_LENGTH, **NONE),
+    "LineLoad.force of s": Row(
+        lambda v, N: tb.LineLoad(force=along_s(v)), ((0, 24, 48), (0, 2.2, 4.4, 0, -6, 3)), **NONE),
+    "LineLoad of s and t": Row(
+        lambda v, N: tb.LineLoad(force=tb.Along(v)),
+        cost=("LineLoad of s and t", "0.1 sin(s - t) N/m along y", _waves)),
+    "LineLoad.force per element": Row(
+        lambda v, N: tb.LineLoad(force=outer_half(v, N)),
+        ((0, 48, 96), (0, 5.125, 10.25, 0, -14, 7)), **NONE),
+    "Gravity.g": Row(
+        lambda v, N: tb.Gravity(v), ((0, 48, 96), (0, 3, 6, 0, -8, 4)),
+        cost=("Gravity", "9.81 m/s^2 along -z", (0, 0, -9.81)), **TWO),
+    "Damping.tau": Row(
+        lambda v, N: tb.Damping(v), zero=0.0, draw=0.02,
+        cost=("Damping, one tau", "0.2 ms", 2e-4)),
+    "Damping.tau, six": Row(
+        lambda v, N: tb.Damping((v,) * 6), zero=0.0,
+        cost=("Damping, six", "0.2 ms each", 2e-4)),
+    "MassDamping.alpha": Row(
+        lambda v, N: tb.MassDamping(v), zero=0.0, draw=2.0,
+        cost=("MassDamping", "1 1/s", 1.0)),
+    "Drag.density": Row(
+        lambda v, N: tb.Drag(v, 0.01), cost=("Drag", "air, 1.2 kg/m^3, d = 1 cm", 1.2)),
+    "Drag.density, along": Row(lambda v, N: tb.Drag(v, 0.1, tangential=0.1), zero=0.0),
+    "Drag.diameter": Row(lambda v, N: tb.Drag(1000.0, v), zero=0.0, draw=0.1),
+    "Drag.flow": Row(
+        lambda v, N: tb.Drag(1.0, 0.05, flow=v), forms="input",
+        numbers=TWO["numbers"]),
+    "Drag in a flow": Row(
+        lambda v, N: tb.Drag(*v, flow=_wind), zero=(1.0, 0.0),
+        cost=("Drag in a flow", "air, a wind 5 x along y", (1.2, 0.01))),
+    "Drag.added_mass": Row(
+        lambda v, N: tb.Drag(1000.0, 0.01, added_mass=v),
+        cost=("Drag, added mass", "water, d = 1 cm", 1.0)),
+    "PointMass.mass": Row(
+        lambda v, N: tb.PointMass(v), zero=0.0, draw=0.2, after=OLD,
+        cost=("PointMass", "20 g on the tip", 0.02)),
+    "PointMass.offset": Row(
+        lambda v, N: tb.PointMass(v, offset=(0.0, 0, 0.05)), zero=0.0,
+        cost=("PointMass with offset", "20 g, 5 cm off the tip", 0.02)),
+    "Spring.force": Row(lambda v, N: pulled(v), FORCE),
+    "Spring.stiffness": Row(
+        lambda v, N: tb.Spring(-1, v, to=(1.0, 0, 0)), cost=("Spring", "1 N/m on the tip", 1.0)),
+    "Spring.stiffness, of a length": Row(
+        lambda v, N: tb.Spring(-1, v, to=(0.3, 0.2, 0.1), length=0.1), zero=0.0),
+    "Spring.to": Row(
+        lambda v, N: tb.Spring(1, 5.0, v), numbers=TWO["numbers"], draw=(0.3, 0.2, 0.4)),
+    "RootSpring.stiffness": Row(
+        lambda v, N: tb.RootSpring(v),
+        cost=("RootSpring", "100 N m/rad, 1e4 N/m", (1e4, 100.0))),
+    "Tendon.tension": Row(
+        lambda v, N: _along(N, tension=v), cost=("Tendon", "0.5 N, 2 cm above the axis", 0.5)),
+    "Tendon.stiffness": Row(
+        lambda v, N: _along(N, **RUBBING | dict(stiffness=v)),
+        cost=("Tendon, elastic, friction", "the same with 50 N/m, mu = 0.1", 50.0)),
+    "Contact, near": Row(_floor, cost=("Contact, near", "floor 1 mm below, friction", -2e-3)),
+    "Contact, far": Row(_floor, cost=("Contact, far", "floor 1 m below", -1.0)),
+    "Actuation.curvature": Row(
+        lambda v, N: tb.Actuation(curvature=v), ((1.0, 2, 4), (0, 2, -1, 1, 2, 4)),
+        cost=("Actuation", "curvature 0.1 1/m", (0, 0, 0.1)), **TWO),
+    "Actuation.strain": Row(lambda v, N: tb.Actuation(strain=v), **TWO),
+    "Load": Row(lambda v, N: tb.Load(_dead(v), node=-1, of=()), FORCE, **NONE),
+    "Load, follower": Row(
+        lambda v, N: tb.Load(_follower(v), node=-1, of="rotation"), FORCE, **NONE),
+    "Load, along": Row(
+        lambda v, N: tb.Load(_follower(v), node=None, of="rotation"), PER_LENGTH, **NONE),
+    "Load, of velocity": Row(
+        lambda v, N: tb.Load(v, node=-1, of=("velocity",)),
+        cost=("Load, on the tip", "-0.05 v", _braked)),
+    "Load, of velocity, along": Row(
+        lambda v, N: tb.Load(v, node=None, of=("velocity",)),
+        cost=("Load, along the beam", "-0.05 v", _braked)),
+    "Load, with a lag": Row(
+        lambda v, N: tb.Load(v, node=-1, internal=3, rate=_lag, of=("position",)),
+        cost=("Load with a lag", "-x after 20 ms", _lagged)),
+    "Load, with a state at rest": Row(
+        lambda v, N: tb.Load(lambda x, R, V, w, t, z: (z * x, None), node=-1, internal=3,
+                             rate=lambda z, x, R, V, w, t: v * z, of="position"), zero=-1.0),
+}
+# fmt: on
+WITHOUT = {  # public effects that have no row, and who asks them
+    "SelfContact": "as Contact of a rod that meets itself: unit/nodal/test_touching.py"
+}
