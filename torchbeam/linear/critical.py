@@ -134,7 +134,8 @@ def critical_load(
 
     Scenes in single precision are solved in double and the answer is rounded, as in `modes`.
 
-    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At
+    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on,
+    each from the factor before (but where supports turn), whatever load steps would come to. At
     a limit point it ends, or leaps; `path` finds those more quickly. O(N) a factor along one beam
     of more than 96 unknowns without damping; dense, O(N^3), of anything else, and where the few
     eigenvalues of a long one do not converge.

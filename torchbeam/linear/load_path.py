@@ -87,6 +87,7 @@ class LoadPath:
         self.engine = engine
         self.damped, self.device = False, scene.device if isinstance(scene, Scene) else None
         self.start: State | None = None
+        self.turned = False  # whether supports do
         self.wide, self.single = wide, isinstance(scene, Scene) and scene.dtype == torch.float32
 
     def scene(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
@@ -130,7 +131,8 @@ class LoadPath:
         a shape does not tell how often they have.
         """
         scene, inputs = self.scene(factor)
-        start = None if any(support.turn is not None for support in scene.supports) else start
+        self.turned = any(support.turn is not None for support in scene.supports)
+        start = None if self.turned else start
         with warnings.catch_warnings():
             # of unstable branches: they are what is looked for
             warnings.simplefilter("ignore", RuntimeWarning)
@@ -144,6 +146,8 @@ class LoadPath:
         method finds from the one before, they are found one from another from there on.
         """
         each = self.equilibrium(factor, None)
+        if self.turned:
+            return each
         again = self.equilibrium(factor[1:], each[:-1])
         other = (again.status == 0) & ((each.status[1:] != 0) | _apart(again, each[1:]))
         if not other.any():

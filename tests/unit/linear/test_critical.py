@@ -368,7 +368,7 @@ def test_a_rod_that_is_twisted_buckles_into_a_helix():
         held = tb.Support(0), tb.Support(-1, "yz", "xyz", turn=turn)
         return tb.Scene(beam, [], supports=held)
 
-    found = tb.critical_load(twisted, 16.0, lowest=8.0, points=5, tolerance=1e-4)
+    found = tb.critical_load(twisted, 15.0, lowest=11.0, points=3, tolerance=1e-2)
     assert found.divergence
     assert_close(found.factor, torch.tensor(8.98682 / 0.7), rtol=2e-3, atol=0)
 
@@ -381,7 +381,7 @@ def test_one_branch_is_followed(monkeypatch):
     def column(P):
         return planar(4, tb.TipLoad(force=along_x(-P) + torch.tensor([0.0, 0, 1e-9])))
 
-    want = tb.critical_load(column, 8.0, points=5, tolerance=1e-4).factor
+    want = tb.critical_load(column, 4.0, points=3, tolerance=1e-2).factor
     own, calls = load_path.equilibrium, []
 
     def buckled(scene, initial=None, **named):
@@ -389,7 +389,7 @@ def test_one_branch_is_followed(monkeypatch):
         return own(scene, initial=initial, branch="stable" if initial is None else "first", **named)
 
     monkeypatch.setattr(load_path, "equilibrium", buckled)
-    found = tb.critical_load(column, 8.0, points=5, tolerance=1e-4)
+    found = tb.critical_load(column, 4.0, points=3, tolerance=1e-2)
     assert calls[0] and not any(calls[1:])
     assert_close(found.factor, want, rtol=1e-4, atol=0)
 
