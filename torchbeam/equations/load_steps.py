@@ -22,6 +22,7 @@ TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on
 FIRST, WHOLE = 1.0, 1.2
 EASY = 0.8  # rad: after a step with that turn the next is as long again
 FEWEST = 1 / 64  # of the load in a first step
+WOUND = 5.0  # rad in one step: more cannot be told from less than TURN the other way
 STILL = 1e-6  # rad: a support that is no further from where it is at no load has not begun to turn
 LEAST = 1e-4  # smallest load step, as a share of the whole load
 LIMIT = 8  # iterations in a load step: one that takes more is quicker in two
@@ -67,15 +68,19 @@ def climb(
 
 def _first_step(problem: SteadyProblem, x: Configuration) -> Tensor:
     """(...) share of the load to begin with: that under which no node would turn by more than 1 rad
-    if the beam stayed as soft as it is, and no support does; all of it where none would turn by
-    more than 1.2.
+    if the beam stayed as soft as it is, and no support does, where one turns by most of a turn; all
+    of it where none would turn by more than 1.2.
     """
     model = problem.model
     residual, *about = problem.residual(x)
     move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
     turn = torch.linalg.vector_norm(move[..., model.space.dims.position :], dim=-1).amax(-1)
-    turn = torch.maximum(turn, turn_of_supports(problem, x))
-    return first_step(turn)
+    return first_step(with_supports(turn, turn_of_supports(problem, x)))
+
+
+def with_supports(turn: Tensor, led: Tensor) -> Tensor:
+    """(...) rad, the larger of a turn of nodes and one of supports, which counts above WOUND."""
+    return torch.where(led > WOUND, torch.maximum(turn, led), turn)
 
 
 def turn_of_supports(problem: SteadyProblem, x: Configuration) -> Tensor:

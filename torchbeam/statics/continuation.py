@@ -22,7 +22,7 @@ from torch import Tensor
 
 from ..core.status import DIVERGED
 from ..core.validation import unmapped
-from ..equations.load_steps import turn_of_supports
+from ..equations.load_steps import WOUND, turn_of_supports
 from ..equations.steady import Configuration
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
@@ -115,9 +115,9 @@ class Continuation:
         zero_move = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)
         now = self.settle(PathPoint(*start, none[..., None, None], zero_move), none - 1, None, None)
         first = None if self.control is None else self.led(start, shape)
-        # no support turns by more than TURN in a step
+        # in which no support turns by more than WOUND
         whole = turn_of_supports(self.loaded(none + self.span[1]), start) * self.span[1]
-        longest = (TURN / whole).clamp(max=self.step) if self.control is None else none + self.step
+        longest = (WOUND / whole).clamp(max=self.step) if self.control is None else none + self.step
         still, final, leap, at, step = no.long(), no, no, none, longest
         status = still if active is None else torch.where(active, still, DIVERGED)
         done, record, behind = no, [(now, still, ~no)], now

@@ -93,7 +93,8 @@ class SteadyFunctions(LocalFunctions):
             return {"turn": turn}
         still, by, space = pose["pose.rotation"], pose["pose.turn"], self.model.space.of_nodes(0)
         led = load_steps.way_of_support(space, rotation, still, by)
-        return {"turn": torch.where((by != 0).any(-1), torch.maximum(turn, led), turn)}
+        led = torch.where((by != 0).any(-1), led, torch.zeros_like(led))
+        return {"turn": load_steps.with_supports(turn, led)}
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Loads less all inertia, of which `inertia` is what neighbours share."""
