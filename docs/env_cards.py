@@ -35,6 +35,7 @@ TASKS = {
     "Gripper-v1": baselines.Grasp,
     "FollowTarget-v0": baselines.ResolvedRate,
     "InverseKinematics-v0": baselines.ResolvedRate,
+    "ReachObstacles-v0": baselines.ResolvedRate,
 }
 
 

@@ -267,8 +267,8 @@ SHAC: dict[str, dict[str, Any]] = {
     "follow": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=32, rate=3e-3),
     "follow-3d": dict(**FOLLOWING, **SMOOTH, lessons=24, horizon=16, rate=2e-3),
     "ik": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=16, rate=2e-3),
-    "obstacles": dict(**SMOOTH | {"smooth": 0.05}, horizon=12, rate=3e-3, linear=True),
-    "obstacles-3d": dict(**SMOOTH | {"smooth": 0.05}, horizon=12, rate=3e-3, linear=True),
+    "obstacles": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
+    "obstacles-3d": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
 }
 # in space as in the plane
 PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
