@@ -558,3 +558,21 @@ def test_along_a_path_it_goes_with_a_support_that_the_load_moves():
     ways = [tb.path(scene, steps=4, engine=engine) for engine in ("eager", "compiled")]
     assert_close(*(way.factor for way in ways), rtol=0, atol=1e-14)
     assert_close(*(way.state.position for way in ways), rtol=0, atol=1e-13)
+
+
+def test_what_it_leaves_in_a_free_vibration_is_described():
+    """By `in_free_vibration`, as that of a load: its frequencies are those of `modes`."""
+
+    @dataclass(frozen=True)
+    class Left(Gear):
+        def in_free_vibration(self):
+            return self
+
+    beam = tb.Beam.straight(1.0, 4, SECTION)
+    scenes = [tb.Scene(beam, acts) for acts in ([], [Left((-1, 2), stiffness=50.0)])]
+    found = [
+        ", ".join(f"{float(w):.4g}" for w in tb.modes(scene, count=3).frequency) for scene in scenes
+    ]
+    assert found[0] != found[1]
+    for scene, frequencies in zip(scenes, found, strict=True):
+        assert f"frequencies  {frequencies} rad/s" in str(tb.describe(scene))

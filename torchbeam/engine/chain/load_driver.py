@@ -91,7 +91,9 @@ class LoadDriver(RestDriver):
         self._pass()
         self._back()
         with code.loop(0, self.args["nodes"]) as j:
-            self._call("turn", lambda f: self.at("move", self._move_of(j), f), ("change", 0))
+            places = {name: ("pose", j, name) for name in self.functions["turn"].inputs}
+            places |= {"move": ("move", self._move_of(j)), "rotation": ("kept", j, "rotation")}
+            self._call("turn", to=("change", 0), places=places)
             code.call("largest", self.at("sample", 0, "turn"), self.at("change", 0, "turn"))
         self._rule("first_step")
         self._rule("shares")
