@@ -17,12 +17,12 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+from torchbeam.analysis.advise import seconds
 from torchbeam.analysis.convergence.reading import Reader
 from torchbeam.analysis.convergence.remesh import least_elements
 from torchbeam.analysis.convergence.search import Search
 from torchbeam.analysis.convergence.setting import ELEMENTS, Setting
-from torchbeam.analysis.convergence.trials import Trials
-from torchbeam.analysis.trials import seconds
+from torchbeam.analysis.convergence.trials import TrialRuns
 from torchbeam.core.measurement import progress
 from torchbeam.engine.compiler.library import Library
 from torchbeam.extend.commands import table
@@ -148,7 +148,7 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Con
             best = tb.converge(asked.scene, asked.t, asked.read, rtol, solve=asked.solve)
             if Library.count == known:
                 break
-        trials = Trials(
+        trials = TrialRuns(
             lambda setting: tb.remesh(asked.scene, **setting.mesh),
             Reader(asked.read, asked.scene),
             asked.t,
@@ -179,7 +179,7 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Con
     return ConvergedScene(*what, best.error, error, ours, setup, *best_of, *search)
 
 
-def _run(trials: Trials, setting: Setting, t: Tensor | None) -> Callable[[], Any]:
+def _run(trials: TrialRuns, setting: Setting, t: Tensor | None) -> Callable[[], Any]:
     """A setting's run on a mesh of its own, by these instants; one step's where they are two."""
     if t is not None and len(t) == 2:
         t = torch.stack((t[0], t[0] + setting.step))
@@ -195,7 +195,7 @@ def _reference(setting: Setting) -> Setting:
     return Setting("order 2", elements, "midpoint4", setting.step / SHORTER[setting.method])
 
 
-def _cheapest(trials: Trials, chosen: Setting, rtol: float) -> list[Setting]:
+def _cheapest(trials: TrialRuns, chosen: Setting, rtol: float) -> list[Setting]:
     """The cheapest few of all settings of the grid, by errors of each mesh at equal steps and of
     each step on one mesh.
     """

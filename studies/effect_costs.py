@@ -12,7 +12,8 @@ from torch import Tensor
 
 import torchbeam as tb
 from cases.rows import ROWS, Row
-from torchbeam.analysis.trials import change, operations, repeated, seconds
+from studies.operations import operations, repeated
+from torchbeam.analysis.advise import change, seconds
 from torchbeam.core.measurement import progress
 from torchbeam.extend.commands import table as markdown_table
 

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 import torchbeam as tb
-from torchbeam.analysis.trials import repeated
+from studies.operations import repeated
 
 from .motions import Motion
 from .references import LOSS, Reference, apart, difference, differentiated

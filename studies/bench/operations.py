@@ -9,8 +9,8 @@ from functools import partial
 
 import torch
 
+from studies.operations import operations as tensor_operations
 from torchbeam import Stepper
-from torchbeam.analysis.trials import operations as tensor_operations
 from torchbeam.core.measurement import Measured
 
 from ..common_case import SPACES, Case

@@ -1,9 +1,11 @@
 """A new interaction is one class: native code, gradients, equilibria, paths, modes, batches, save
-and load follow from its wrench. These are written here, and no list anywhere knows them.
+and load follow from its wrench, or from the residual of its unknowns, and from what it remembers.
+These are written here, and no list anywhere knows them.
 """
 
 import copy
 import io
+import math
 import pickle
 from dataclasses import dataclass, replace
 
@@ -19,6 +21,7 @@ from torchbeam.extend import (
     SPIN,
     VELOCITY,
     Interaction,
+    LoadPoint,
     Value,
     detached,
     leaf,
@@ -81,6 +84,128 @@ class Tie(Interaction):
         return torch.cat((pull, -pull), -2), None
 
 
+@dataclass(frozen=True)
+class Link(Interaction):
+    """Two nodes keep their distance."""
+
+    length: Value = leaf(0, positive=True)  # m
+
+    unknowns = 1
+    depends = frozenset({POSITION})
+    conservative = True
+
+    def residual(self, point, t, inputs):
+        apart = torch.linalg.vector_norm(point.position.diff(dim=-2), dim=-1)
+        return apart - self.length[..., None]
+
+
+@dataclass(frozen=True)
+class Rack(Interaction):
+    """The second node moves along x by radius times the angle about z by which the first turns. It
+    remembers how far it has gone, whichever way.
+    """
+
+    radius: Value = leaf(0, positive=True)  # m
+
+    unknowns, memory = 1, 2
+    depends = frozenset({POSITION, ROTATION})
+    conservative = True
+
+    def residual(self, point, t, inputs):
+        angle = torch.atan2(point.R[..., 0, 1, 0], point.R[..., 0, 0, 0])
+        return (point.position[..., 1, 0] - self.radius * angle)[..., None]
+
+    def remember(self, point, t, inputs):
+        place, (last, way) = point.position[..., 1, 0], point.internal.unbind(-1)
+        return torch.stack((place, way + (place - last).abs()), -1)
+
+
+@dataclass(frozen=True)
+class Between(Interaction):
+    """The second of three nodes is in the middle of the others, but for a yielding by its force."""
+
+    yielding: Value = leaf(0, nonnegative=True)  # m/N
+
+    unknowns = 3
+    depends = frozenset({POSITION})
+    conservative = True
+
+    def residual(self, point, t, inputs):
+        a, b, c = point.position.unbind(-2)
+        return b - (a + c) / 2 - self.yielding[..., None] * point.own
+
+
+@dataclass(frozen=True)
+class Mainspring(Interaction):
+    """A spring about z that is wound up by any number of turns, and wears as it is."""
+
+    stiffness: Value = leaf(0)  # N m/rad
+
+    memory = 2  # rad: how far it is wound up, and how far it has gone
+    depends = frozenset({ROTATION})
+
+    def angle(self, point):
+        first, second = torch.atan2(point.R[..., 1, 0], point.R[..., 0, 0]).unbind(-1)
+        turns = (point.internal[..., 0] - (second - first)) / (2 * math.pi)
+        return second - first + 2 * math.pi * torch.round(turns).detach()
+
+    def wrench(self, point, t, inputs):
+        moment = self.stiffness * self.angle(point) / (1 + 0.1 * point.internal[..., 1])
+        about = torch.stack((moment, -moment), -1)
+        return None, torch.stack((0 * about, 0 * about, about), -1)
+
+    def remember(self, point, t, inputs):
+        angle, (last, way) = self.angle(point), point.internal.unbind(-1)
+        return torch.stack((angle, way + (angle - last).abs()), -1)
+
+
+def hinged(*effects, joints=(), **more):
+    """Two arms that are hinged to the ground, crosswise."""
+    arms = {
+        "left": tb.Beam.straight(0.5, 3, SECTION),
+        "right": tb.Beam.straight(0.4, 2, SECTION, root=(0.3, 0.4, 0)),
+    }
+    hinges = [tb.Hinge(None, (name, 0), axis=(0, 0, 1)) for name in arms]
+    return tb.Scene(arms, [tb.Gravity(G), *effects], joints=[*hinges, *joints], **more)
+
+
+TIPS = ("left", -1), ("right", -1)
+
+
+def linked(stiffness, **more):
+    """Their tips keep their distance, and a spring holds the first."""
+    spring = tb.Spring(("left", 2), stiffness, to=(0.3, 0.1, 0.0))
+    return hinged(spring, Link(TIPS, 0.2**0.5), **more)
+
+
+def racked(stiffness, **more):
+    """An arm that turns moves a body on a slider, against a spring."""
+    arm, body = (
+        tb.Beam.straight(0.5, 2, SECTION),
+        tb.Body(mass=0.1, inertia=1e-3, position=(0, 0, 0)),
+    )
+    joints = [tb.Hinge(None, ("arm", 0), axis=(0, 0, 1)), tb.Slider(None, "body", axis=(1, 0, 0))]
+    spring = tb.Spring("body", stiffness, to=(0.0, 0, 0))
+    effects = [tb.Gravity(G), spring, Rack((("arm", 0), "body"), 0.1)]
+    return tb.Scene({"arm": arm, "body": body}, effects, joints=joints, **more)
+
+
+def halved(stiffness, **more):
+    """Nodes of a cantilever whose middle yields, beside a link."""
+    beam, middle = tb.Beam.straight(1.0, 4, SECTION), Between((1, 2, 4), 1e-2 / stiffness)
+    return tb.Scene(beam, [tb.Gravity(G), middle, Link((0, 3), 0.75)], **more)
+
+
+def wound(stiffness, **more):
+    """Two bodies that turn against each other, by more than a turn."""
+    places = {"first": 0.0, "second": 1.0}
+    bodies = {n: tb.Body(mass=1.0, inertia=5e-3, position=(x, 0, 0)) for n, x in places.items()}
+    joints = [tb.Hinge(None, name, axis=(0, 0, 1)) for name in bodies]
+    moment = tb.PointLoad("second", moment=(0, 0, 1.0))
+    spring = Mainspring(("first", "second"), 0.01 * stiffness)
+    return tb.Scene(bodies, [spring, moment], joints=joints, **more)
+
+
 def linkage(stiffness, ratio=0.5, **more):
     """Two arms, hinged to the ground, whose hubs are geared."""
     arms = {
@@ -107,6 +232,10 @@ SCENES = {
     "braced": braced,
     "braced in a plane": lambda k: braced(k, plane="xy"),
     "braced, small": lambda k: braced(k, small=True),
+    "linked in a plane": lambda k: linked(k, plane="xy"),
+    "racked": racked,
+    "halved": halved,
+    "wound in a plane": lambda k: wound(k, plane="xy"),
 }
 
 
@@ -126,9 +255,10 @@ def test_native_steps_and_gradients_are_the_eager_ones(name, method):
     for engine in ("eager", "compiled"):
         stiffness = torch.tensor([2.0, 5.0], dtype=torch.float64, requires_grad=True)
         state = moved(SCENES[name](stiffness), engine, method)
-        asked = state.position.square().sum() + state.work.sum()
+        memory = torch.zeros(()) if state.memory is None else state.memory
+        asked = state.position.square().sum() + state.work.sum() + memory.square().sum()
         (slope,) = torch.autograd.grad(asked, stiffness)
-        found[engine] = state.position.detach(), state.work.detach(), slope
+        found[engine] = state.position.detach(), state.work.detach(), memory.detach(), slope
     *states, slope = zip(*found.values(), strict=True)
     for eager, native in states:
         assert_close(native, eager, rtol=0, atol=1e-12)
@@ -141,7 +271,9 @@ def test_gradients_against_differences(name):
     stiffness = torch.tensor([2.0, 5.0], dtype=torch.float64)
 
     def height(stiffness):
-        return moved(SCENES[name](stiffness), "auto").position[..., -1, 1]
+        state = moved(SCENES[name](stiffness), "auto")
+        place = state.position[..., -1, :2].sum(-1)
+        return place if state.memory is None else place + state.memory.sum((-1, -2))
 
     h, own = 1e-5, stiffness.clone().requires_grad_()
     (slope,) = torch.autograd.grad(height(own).sum(), own)
@@ -169,6 +301,77 @@ def test_at_a_clamp_it_is_the_spring_to_that_point(engine, monkeypatch):
         found.append((state.position, state.work, rest.position, path.factor, modes.frequency))
     for ours, known in zip(*found, strict=True):
         assert_close(ours, known, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_a_link_is_the_joint_that_keeps_a_distance(engine, monkeypatch):
+    """In motion, at rest, along a path, in modes, in a linear model; where its forces are, too."""
+    monkeypatch.setenv("TORCHBEAM_ENGINE", engine)
+    down, push = torch.tensor([0.0, -1.0, 0.0], dtype=torch.float64), tb.Input("u", 3)
+    spring = tb.Spring(("left", 2), 50.0, to=(1 / 3, 0.0, 0.0))
+    load, found = tb.PointLoad(("right", -1), push), []
+    for own in (dict(effects=[Link(TIPS, 0.2**0.5)]), dict(joints=[tb.Distance(*TIPS)])):
+        scene = hinged(spring, load, *own.get("effects", ()), joints=own.get("joints", ()))
+        stepper = tb.Stepper(scene, 0.02, tolerance=1e-13)
+        state = stepper.rest()
+        for _ in range(3):
+            state = stepper(state, u=down)
+        rest = tb.equilibrium(scene, inputs={"u": down})
+        path = tb.path(scene, load="u", inputs={"u": down}, steps=3)
+        modes = tb.modes(scene, state=rest, inputs={"u": down}, count=3)
+        A = tb.linearize(scene, state=rest, inputs={"u": down}).A
+        speeds = torch.linalg.eigvals(A).imag.sort().values
+        forces = state.stress[..., :7, :]
+        found.append(
+            (
+                state.position,
+                state.work,
+                forces,
+                rest.position,
+                path.factor,
+                modes.frequency,
+                speeds,
+            )
+        )
+    for ours, known in zip(*found, strict=True):
+        assert_close(ours, known, rtol=1e-9, atol=1e-9)
+
+
+def test_constraints_hold_where_a_step_ends():
+    for scene, k in ((racked(20.0), 0), (halved(2.0), 1), (linked(5.0), 0)):
+        state, one = moved(scene, "compiled", steps=5), scene.interactions[k]
+        nodes = list(one.nodes)
+        point = LoadPoint(state.axes[..., nodes, :, :], position=state.position[..., nodes, :])
+        assert one.residual(point, state.t, {}).abs().max() < 1e-12
+
+
+def test_a_memory_counts_turns_and_starts_anew():
+    state = moved(wound(0.1), "compiled", steps=30)
+    wound_up, way = state.memory[0].tolist()
+    assert wound_up > 2 * math.pi and way == pytest.approx(wound_up, abs=1e-9)
+    assert state.memory.shape == (1, 2) and (tb.rest(wound(0.1)).memory == 0).all()
+    rack = tb.equilibrium(racked(20.0))
+    assert_close(rack.memory[0, 0], rack.position[-1, 0], rtol=0, atol=1e-12)
+    solution = tb.simulate(racked(20.0), torch.linspace(0, 0.1, 6), step=0.02)
+    place = solution.state.position[:, -1, 0]
+    assert_close(solution.state.memory[-1, 0, 1], place.diff().abs().sum(), rtol=0, atol=1e-12)
+
+
+def test_what_has_unknowns_or_a_memory_says_how():
+    with pytest.raises(TypeError, match="residual that determines"):
+        type("Loose", (Interaction,), dict(unknowns=1))
+    with pytest.raises(TypeError, match="with 7 unknowns"):
+        type("Many", (Interaction,), dict(unknowns=7, residual=Link.residual))
+    with pytest.raises(TypeError, match="`remember` that fills it"):
+        type("Empty", (Interaction,), dict(memory=1))
+    four = type("Four", (Link,), dict(unknowns=4))
+    with pytest.raises(ValueError, match="4 unknowns was given in a plane"):
+        tb.Stepper(hinged(four(TIPS, 1.0), plane="xy"), 0.01)
+    with pytest.raises(ValueError, match="a Mainspring with unknowns or a memory"):
+        beam = tb.Beam.straight(1.0, 2, SECTION)
+        tb.simulate(
+            tb.Scene(beam, Mainspring((0, 2), 1.0)), torch.tensor([0.0, 0.1]), method="dopri5"
+        )
 
 
 def test_the_explicit_form_takes_it():
@@ -203,12 +406,15 @@ def test_modes_of_two_bodies_and_their_momentum():
     assert (after.velocity - thrown.velocity).abs().max() > 0.1
 
 
-def test_a_sample_in_a_batch_is_the_sample_alone():
+@pytest.mark.parametrize("make", [braced, racked])
+def test_a_sample_in_a_batch_is_the_sample_alone(make):
     stiffness = torch.linspace(0.5, 8.0, 40, dtype=torch.float64)
-    together = moved(braced(stiffness), "compiled")
+    together = moved(make(stiffness), "compiled")
     for k in (0, 17, 39):
-        alone = moved(braced(stiffness[k]), "eager")
+        alone = moved(make(stiffness[k]), "eager")
         assert_close(together.position[k], alone.position, rtol=0, atol=1e-12)
+        if alone.memory is not None:
+            assert_close(together.memory[k], alone.memory, rtol=0, atol=1e-12)
 
 
 def test_error_control_keeps_its_tolerance():
@@ -226,11 +432,13 @@ def test_copies_and_files(tmp_path):
         assert made.interactions[0].nodes == (4, 2, 1)
         assert_close(made.interactions[0].stiffness, scene.interactions[0].stiffness)
     assert [one.name for one in leaves(scene.interactions[0])] == ["stiffness", "damping"]
-    state, file = moved(scene, "eager"), io.BytesIO()
-    torch.save(state, file)
-    file.seek(0)
-    again = torch.load(file, weights_only=True)
-    assert_close(again.position, state.position, rtol=0, atol=0)
+    for own in (scene, racked(2.0)):
+        state, file = moved(own, "eager"), io.BytesIO()
+        torch.save(state, file)
+        file.seek(0)
+        again = torch.load(file, weights_only=True)
+        for name in ("position", "stress", "memory"):
+            assert_close(getattr(again, name), getattr(state, name), rtol=0, atol=0)
     assert "Bracing of nodes 4, 2, 1" in repr(scene)
 
 
@@ -340,3 +548,31 @@ def test_a_finer_mesh_has_it_at_the_same_places():
     scene = tb.Scene(tb.Beam.straight(1.0, 2, SECTION), [tb.Gravity(G), Tie((1, -1), 300.0)])
     chosen = tb.remesh(scene, 4)
     assert chosen.interactions[0].nodes == (2, 4)
+
+
+def test_along_a_path_it_goes_with_a_support_that_the_load_moves():
+    """The slope by the factor is the eager one: the corrections that are left are rounding."""
+    pushed = tb.Support(-1, rotation="", displacement=(-0.05, 0.2, 0.0))
+    tied = [Tie((2, 4), 300.0)]
+    scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), tied, supports=[tb.Support(0), pushed])
+    ways = [tb.path(scene, steps=4, engine=engine) for engine in ("eager", "compiled")]
+    assert_close(*(way.factor for way in ways), rtol=0, atol=1e-14)
+    assert_close(*(way.state.position for way in ways), rtol=0, atol=1e-13)
+
+
+def test_what_it_leaves_in_a_free_vibration_is_described():
+    """By `in_free_vibration`, as that of a load: its frequencies are those of `modes`."""
+
+    @dataclass(frozen=True)
+    class Left(Gear):
+        def in_free_vibration(self):
+            return self
+
+    beam = tb.Beam.straight(1.0, 4, SECTION)
+    scenes = [tb.Scene(beam, acts) for acts in ([], [Left((-1, 2), stiffness=50.0)])]
+    found = [
+        ", ".join(f"{float(w):.4g}" for w in tb.modes(scene, count=3).frequency) for scene in scenes
+    ]
+    assert found[0] != found[1]
+    for scene, frequencies in zip(scenes, found, strict=True):
+        assert f"frequencies  {frequencies} rad/s" in str(tb.describe(scene))

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from studies.effect_costs import main, scene, table
-from torchbeam.analysis.trials import repeated
+from studies.operations import repeated
 from torchbeam.dynamics.stepper import Stepper
 from torchbeam.nodal.discretise import discretise
 

@@ -231,7 +231,7 @@ STUDIES_INSIDE = {
     "torchbeam.analysis.convergence": "reading remesh search setting trials",
     "torchbeam.analysis.identification": "experiment parameters refinement",
     "torchbeam.solvers": "jacobian least_squares",
-    "torchbeam.analysis": "trials",  # operations, times in turns
+    "torchbeam.analysis": "advise",  # seconds of runs in turns
     # command lines, rows of measurements (public as `extend.commands.measurement`), peak memory
     "torchbeam.core": "command_line measurement memory",
     "torchbeam.dynamics": "dense_output tolerance",  # errors of adaptive steps

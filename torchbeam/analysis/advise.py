@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +24,6 @@ from ..scene.effects import Effect
 from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State
-from .trials import change, seconds
 
 Change = Callable[[Scene], Scene]
 # unknowns of [gamma; kappa] that a beam can do without
@@ -78,15 +78,10 @@ class Advice:
     def __str__(self) -> str:
         head = ("trial", "changes the answer by", "time", f"matters at {self.tolerance:g}")
         trials = self.trials if self.together is None else (*self.trials, self.together)
-        rows = [
-            (
-                t.what,
-                t.note or f"{t.change:.1e}",
-                "" if t.note else f"{t.time:.2f}",
-                "yes" if t.matters else "no",
-            )
-            for t in trials
-        ]
+        rows = []
+        for t in trials:
+            numbers = (t.note, "") if t.note else (f"{t.change:.1e}", f"{t.time:.2f}")
+            rows.append((t.what, *numbers, "yes" if t.matters else "no"))
         time = f"as given: {self.seconds:.3g} s of CPU time; times are shares of it"
         return "\n".join([*aligned([head, *rows]), time])
 
@@ -266,3 +261,23 @@ def _without_rotary(beam: Beam) -> Beam:
         )
     keep = (torch.arange(6, device=beam.mass.device) < 3).to(beam.mass)
     return replace(beam, mass=keep[:, None] * beam.mass * keep, rotary=False)
+
+
+def seconds(runs: Sequence[Callable[[], Any]], repeats: int) -> list[float]:
+    """CPU seconds of each run, the least of `repeats` in turns, so that load falls on all alike."""
+    best = [float("inf")] * len(runs)
+    for _ in range(repeats):
+        for k, run in enumerate(runs):
+            begun = time.process_time()
+            run()
+            best[k] = min(best[k], time.process_time() - begun)
+    return best
+
+
+def change(answer: Tensor, reference: Tensor) -> float:
+    """RMS of the difference over the RMS of what the reference has moved from its first instant (or
+    of itself, where it did not move); time is the first axis.
+    """
+    moved = (reference - reference[:1]).square().mean()
+    size = torch.where(moved > 0, moved, reference.square().mean())
+    return ((answer - reference).square().mean() / size).sqrt().item()

@@ -296,12 +296,11 @@ def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
 
 
 def _frequencies(scene: Scene) -> tuple[str, ...]:
-    """Of the beam with its masses, springs and added mass, without loads, at rest; in double
-    precision, whatever it has.
-    """
-    vibrating = (load.in_free_vibration() for load in scene.loads)
+    """Of the beam with masses, springs and added mass, unloaded, at rest; in double precision."""
+    acts = (*scene.loads, *scene.interactions)
+    vibrating = (act.in_free_vibration() for act in acts)
     in_vibration = [e for e in vibrating if e is not None and constant(e)]
-    springs = [e for e in in_vibration if POSITION in e.depends]
+    springs = [e for e in in_vibration if POSITION in e.depends and e.kind == "load"]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
     held: Any = tuple(replace(s, displacement=None, turn=None) for s in scene.supports)

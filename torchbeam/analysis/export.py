@@ -136,9 +136,7 @@ def _series(solution: Solution, path: Path, scene: Scene | None) -> Path:
 def _grid(
     state: State, extra: dict[str, Tensor] | None = None, scene: Scene | None = None
 ) -> ElementTree.Element:
-    """A state, further vectors (..., N+1, 3) of its nodes, and what its scene has beside these, as
-    an unstructured grid.
-    """
+    """A state, further vectors (..., N+1, 3) and what stands beside, as an unstructured grid."""
     R = quat.matrix(state.rotation)
     nodes = {
         "points": state.position,
@@ -192,7 +190,7 @@ def _grid(
 
 def _beside(scene: Scene, state: State) -> Iterator[Beside]:
     """Tendons, obstacles at the state's instant, and surfaces of bodies."""
-    state = of_mesh(state, scene.beam, "a state")
+    state = of_mesh(state, scene, "a state")
     for tendon in scene.tendons:
         eyelets = tendon.at(state.position.detach(), state.rotation.detach())
         steps = np.arange(eyelets.shape[-2] - 1)

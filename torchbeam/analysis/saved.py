@@ -152,7 +152,7 @@ def _fits(what: Any, scene: Scene) -> None:
     """ValueError where a state is not one of the scene's."""
     state = what.state if isinstance(what, Solution) else what
     if isinstance(state, State):
-        of_mesh(state, scene.beam, "a state")
+        of_mesh(state, scene, "a state")
         if state.parts != scene.beam.parts:
             ours = ", ".join(part.name for part in scene.beam.parts) or "no parts"
             theirs = ", ".join(part.name for part in state.parts) or "no parts"

@@ -42,7 +42,7 @@ def _defaults(taker: Any) -> dict[str, Any]:
     return {p.name: p.default for p in inspect.signature(taker).parameters.values()}
 
 
-def chosen(taker: Any, values: dict[str, Any]) -> dict[str, Any]:
+def non_default(taker: Any, values: dict[str, Any]) -> dict[str, Any]:
     """Those of the arguments of a function that have another value than by default."""
     plain, defaults = (bool, int, float, str), _defaults(taker)
 
@@ -242,9 +242,7 @@ def mask(name: str, value: Any, like: Tensor) -> Tensor:
 
 
 def tolerance(name: str, value: Any, *, zero: bool = False, each: bool = False) -> Any:
-    """`value` if it is a positive finite number (or zero, where allowed), `each`: a tensor of such;
-    ValueError otherwise.
-    """
+    """`value`, or with `each` a tensor, if positive and finite (or zero); ValueError otherwise."""
     if isinstance(value, Tensor):
         if value.ndim and not each:
             raise refusal(f"{name} of shape {tuple(value.shape)}", "one number")

@@ -146,9 +146,7 @@ def csv_text(rows: Iterable[Iterable[Any]]) -> str:
 
 @contextmanager
 def written(path: str | Path, ending: str = "") -> Iterator[Path]:
-    """Another name, with this ending, for the file to be written under: renamed to `path` then, or
-    removed after an error.
-    """
+    """Another name to write the file under, renamed to `path` then, or removed after an error."""
     path = Path(path)
     part = _part(path, ending)
     try:

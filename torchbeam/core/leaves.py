@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import MISSING, Field, field
+from dataclasses import MISSING, Field, field, fields, is_dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -149,6 +149,17 @@ class Tree:
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles go without what is this object's alone: ` name`."""
         return {name: value for name, value in vars(self).items() if not name.startswith(" ")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """ValueError for what another version has saved, whose class had other fields."""
+        own = [one.name for one in fields(self)] if is_dataclass(self) else []
+        lacks = [name for name in own if name not in state and not hasattr(type(self), name)]
+        if lacks:
+            raise ValueError(
+                f"a {type(self).__name__} that another version of torchbeam saved was given, "
+                f"without {', '.join(lacks)}; one of this version is wanted"
+            )
+        vars(self).update(state)
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

@@ -18,9 +18,7 @@ PACKAGES = ("torchbeam", "torch", "torchdiffeq", "gymnasium", "numpy")
 
 
 def measured_on(dtype: str | None = "float64", threads: int | None = None) -> dict[str, Any]:
-    """Heading of a result file: machine, cores, threads of torch (None = those of now), dtype
-    (None = several), versions.
-    """
+    """Heading of a result file: machine, cores, threads and dtype (None: several), versions."""
     own = _processor()
     heading = {
         "machine": ", ".join(filter(None, (f"{platform.system()} {platform.machine()}", own))),

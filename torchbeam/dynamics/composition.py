@@ -34,6 +34,7 @@ LINEAR = (
     "internal",
     "joints",
     "tendons",
+    "memory",
 )
 
 

@@ -13,7 +13,7 @@ from ..state.state import State
 from ..state.supported_nodes import frame_motion
 
 # fields between two states on a straight line, as the stress and the reaction
-LINEAR = ("work", "defect", "internal", "joints", "tendons")
+LINEAR = ("work", "defect", "internal", "joints", "tendons", "memory")
 ADDED = ("position", "velocity", "spin", *LINEAR)
 
 

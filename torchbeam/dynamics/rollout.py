@@ -47,14 +47,14 @@ def rollout(
         >>> states.t[-1]  # s
         tensor(0.2000)
     """
-    state = of_mesh(state, instance("a stepper", stepper, Stepper).scene.beam, "a state")
+    state = of_mesh(state, instance("a stepper", stepper, Stepper).scene, "a state")
     return states_after(stepper, state, plan_of(stepper, state, steps, merge_inputs(inputs, more)))
 
 
 def plan_of(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any]) -> StepPlan:
     """The steps of a rollout, checked, with room for all their states."""
     instance("a stepper", stepper, Stepper)
-    of_mesh(state, stepper.scene.beam, "a state")
+    of_mesh(state, stepper.scene, "a state")
     steps = count("steps", steps)
     t, dt = shared(exact(state.t, stepper.latest)), stepper.dt.expand(steps)
     changing(inputs, steps)

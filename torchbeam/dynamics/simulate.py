@@ -7,7 +7,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, chosen, instance, keywords, not_here
+from ..core.arguments import boolean, choice, instance, keywords, non_default, not_here
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.status import STATUS
@@ -145,7 +145,7 @@ def simulate(
         boolean(name, asked[name])
     asked["begin"] = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
     names = [name for name in keywords(simulate) if name not in OF_ALL]
-    selected = chosen(simulate, {name: asked[name] for name in names})
+    selected = non_default(simulate, {name: asked[name] for name in names})
     t, digits = instants_of(t, scene)
     run = _run_of(form, method, selected)
     inputs = merge_inputs(inputs, {})

@@ -69,7 +69,7 @@ def mixes_ends(model: Model) -> bool:
     """Whether native code makes a whole step of several compositions, see `Scheme`: not of what has
     more than nodes to remember.
     """
-    more = model.joints.count, model.tendons.stretches, model.touching.present
+    more = model.multipliers.count, model.tendons.stretches, model.touching.present
     return not any(more) and model.scene.frame is None
 
 

@@ -196,7 +196,7 @@ class Stepper:
         t = getattr(state, "t", None)
         known = next((checked for checked in self._checked if checked.t is t), None)
         if known is None:
-            state = of_mesh(state, self.scene.beam, "a state")
+            state = of_mesh(state, self.scene, "a state")
         if mapped(state.t):
             return self.advance(state, inputs, active=active, dt=dt)
         if known is not None and dt is None and known.own:
@@ -313,7 +313,7 @@ class Stepper:
             )
         values, alone = self.scene.tensors(u), copy(self)
         alone._last, alone.failures = None, Failures()
-        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene.beam, "a state")))
+        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene, "a state")))
         return step_jacobian(
             lambda before, inputs: alone.advance(before, inputs, dt=dt),
             self.model.space,
@@ -369,7 +369,7 @@ class Stepper:
         known = self._known(state)
         if known is not None:
             return known.reduced, known.well
-        state = of_mesh(state, self.scene.beam, "a state")
+        state = of_mesh(state, self.scene, "a state")
         return self.reduced(self._begin(state, dt, inputs=inputs)), False
 
     def _known(self, state: State) -> StateCache | None:

@@ -35,7 +35,7 @@ def unresisted_motion(problem: StepProblem, failed: Tensor) -> str | None:
     node = int(free[row]) // model.space.unknowns
     driven = {end for joint in model.scene.joints if joint.acts for end in joint.ends}
     drowned = node in driven and bool(most > DROWNED * resistance.median())
-    if model.joints.count:
+    if model.multipliers.count:
         G = _first(matrix.constraints(), failed)[:, free]
         K = torch.cat((torch.cat((K, G.mT), -1), torch.cat((G, G.new_zeros(len(G), len(G))), -1)))
     size = K.abs().amax(-1).sqrt()

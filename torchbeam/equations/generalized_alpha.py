@@ -190,7 +190,8 @@ class GeneralizedAlphaProblem(StepProblem):
         nodes = self.motion.nodes_before(before.reads)
         load = external.external(self.model, nodes, before, total=before.dead)
         load = load + at_nodes(self.model, nodes, before) if before.between else load
-        return interactions.at_nodes(self.model.space, nodes, before, load)
+        inner = interactions.Inner(None, self.start.memory)
+        return interactions.at_nodes(self.model.space, nodes, before, load, inner)
 
     def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""

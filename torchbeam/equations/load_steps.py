@@ -12,6 +12,8 @@ from torch import Tensor
 
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
+from ..nodal.coordinates.spatial import Spatial
+from ..scene.prescribed_motion import moved
 from ..solvers.newton import newton
 from .steady import Configuration, SteadyProblem
 
@@ -20,6 +22,8 @@ TURN = 1.0  # rad a node may turn in one load step: beyond it Newton may land on
 FIRST, WHOLE = 1.0, 1.2
 EASY = 0.8  # rad: after a step with that turn the next is as long again
 FEWEST = 1 / 64  # of the load in a first step
+WOUND = 5.0  # rad in one step: more cannot be told from less than TURN the other way
+STILL = 1e-6  # rad: a support that is no further from where it is at no load has not begun to turn
 LEAST = 1e-4  # smallest load step, as a share of the whole load
 LIMIT = 8  # iterations in a load step: one that takes more is quicker in two
 # iterations: a step that takes more may have come to another branch, and is made in two where it is
@@ -64,12 +68,45 @@ def climb(
 
 def _first_step(problem: SteadyProblem, x: Configuration) -> Tensor:
     """(...) share of the load to begin with: that under which no node would turn by more than 1 rad
-    if the beam stayed as soft as it is; all of it where none would turn by more than 1.2.
+    if the beam stayed as soft as it is, and no support does, where one turns by most of a turn; all
+    of it where none would turn by more than 1.2.
     """
+    model = problem.model
     residual, *about = problem.residual(x)
     move, *_ = problem.linearise(x, *about).solve(residual.nodes, residual.strain)
-    turn = torch.linalg.vector_norm(move[..., problem.model.space.dims.position :], dim=-1).amax(-1)
-    return first_step(turn)
+    turn = torch.linalg.vector_norm(move[..., model.space.dims.position :], dim=-1).amax(-1)
+    return first_step(with_supports(turn, turn_of_supports(problem, x)))
+
+
+def with_supports(turn: Tensor, led: Tensor) -> Tensor:
+    """(...) rad, the larger of a turn of nodes and one of supports, which counts above WOUND."""
+    return torch.where(led > WOUND, torch.maximum(turn, led), turn)
+
+
+def turn_of_supports(problem: SteadyProblem, x: Configuration) -> Tensor:
+    """(...) rad, the largest `way_of_support` of the problem's supports under the whole load."""
+    model, turn = problem.model, torch.zeros_like(x.position[..., 0, 0])
+    for support in model.scene.supports if model.space.turns else ():
+        by = model.prescribed_motion.displacement(support, problem.t)[1]
+        if by is not None:
+            space, still = model.space.of_nodes(support.node), model.scene.beam.frames
+            still, now = (q[..., support.node, :] for q in (still, x.rotation))
+            turn = torch.maximum(turn, way_of_support(space, now, still, by))
+    return turn
+
+
+def way_of_support(space: Spatial, now: Tensor, still: Tensor, turn: Tensor) -> Tensor:
+    """(...) rad by which a support turns its node from the rotation that it has `now`, in the
+    space's coordinates: all of its `turn` (..., 3) from where the beam has the node, a quaternion
+    `still`, turns and turns again included, which no rotation tells; else what is left.
+    """
+    at = torch.zeros_like(turn)
+    first, last = (space.pose(at, q)[1] for q in (still, moved(at, still, None, turn)[1]))
+    begun, left = (
+        2 * torch.arccos(space.cosine(space.multiply(space.inverse(now), q)).abs().clamp(max=1))
+        for q in (first, last)
+    )
+    return torch.where(begun < STILL, torch.linalg.vector_norm(turn, dim=-1), left)
 
 
 # Rules of a sample: turn, reached, step, share and cosine (...)

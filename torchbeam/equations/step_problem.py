@@ -213,7 +213,8 @@ class StepProblem(BalanceProblem):
         now = self.conditions
         if not now.interactions:
             return load
-        return interactions.at_nodes(self.model.space, self.nodes(kinematics), now, load)
+        inner = interactions.Inner(None, self.start.memory, self.node_motion(kinematics).dt)
+        return interactions.at_nodes(self.model.space, self.nodes(kinematics), now, load, inner)
 
     def node_balance(self, x: Any) -> tuple[Any, InertiaForces, Tensor | float]:
         kinematics = self.motion.kinematics(x.u, x.m)

@@ -134,7 +134,8 @@ def critical_load(
 
     Scenes in single precision are solved in double and the answer is rounded, as in `modes`.
 
-    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on. At
+    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on,
+    each from the factor before (but where supports turn), whatever load steps would come to. At
     a limit point it ends, or leaps; `path` finds those more quickly. O(N) a factor along one beam
     of more than 96 unknowns without damping; dense, O(N^3), of anything else, and where the few
     eigenvalues of a long one do not converge.
@@ -183,7 +184,8 @@ def _critical_load(
         check_memory(f"{points} factors", NUMBERS * 8 * states, "fewer points are wanted")
         even = torch.linspace(lowest, highest, points, dtype=torch.float64, device=path.device)
         factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
-        coarse = path.spectrum(factors)
+        states = path.branch(factors)
+        coarse = path.spectrum(factors, states)
         unmapped("critical_load", coarse.kind)
         doubtful = coarse.kind[0] != STABLE
         if (doubtful | coarse.neutral[0]).any() and (loose := path.loose(lowest)):
@@ -197,15 +199,18 @@ def _critical_load(
                 "was given; a stable one is wanted there"
             )
         low, high, kind = _first(factors, coarse.kind)
+        path.go_on(factors, states, low)
         # brackets of neighbouring numbers have no inside
         tolerance = max(tolerance, ROUNDING * torch.finfo(low.dtype).eps)
         inner = torch.linspace(0, 1, PARTS + 1).to(even).reshape(-1, *[1] * len(shape))
         while (high - low > tolerance * torch.maximum(high.abs(), low.abs())).any():
             there = low + (high - low) * inner
-            between = path.spectrum(there[1:-1]).kind
+            states = path.equilibrium(there[1:-1], path.start)
+            between = path.spectrum(there[1:-1], states).kind
             low, high, kind = _first(
                 there, torch.cat((torch.zeros_like(kind)[None], between, kind[None]))
             )
+            path.go_on(there[1:-1], states, low)
         factor, leading = path.crossing(low, high, kind)
     critical = (kind == DIVERGENCE) | (kind == FLUTTER)
     leading = torch.where(kind == FLUTTER, leading, 0)
@@ -221,7 +226,7 @@ def _critical_load(
     frequency = leading.imag.abs() if path.damped else leading.real.neg().clamp(min=0).sqrt()
     slow = coarse.eigenvalue if path.damped else _root(coarse.eigenvalue)
     nan = torch.full_like(frequency, torch.nan)
-    shape = upright(v[..., : model.constraints.count - model.joints.held_count])[0].real
+    shape = upright(v[..., : model.constraints.count - model.multipliers.held_count])[0].real
     return Critical(
         torch.where(kind == STABLE, nan, factor),
         kind,

@@ -27,6 +27,7 @@ from .system_matrices import in_basis, of_chain, of_nodes
 
 STABLE, DIVERGENCE, FLUTTER, LOST = range(4)
 COMPLEX = 1e-5  # |Im s| / |s| from which on a pair has met; it counts 1e-10 of the load
+APART = 1e-4  # of a structure, and rad: shapes that differ by more are two
 GROWING = 1e-6  # Re(lambda) / |lambda| from which on a damped motion grows
 Factored = Callable[[Tensor], Scene]
 Matrices = tuple[Any, Any, Any]  # M, D, K: tensors, or chains
@@ -46,8 +47,18 @@ class Spectrum(NamedTuple):
     leading: Tensor
 
 
+def _apart(a: State, b: State) -> Tensor:
+    """(...) bool: whether two shapes are not the same."""
+    size = (b.position - b.position[..., :1, :]).abs().amax((-1, -2))
+    off = (a.position - b.position).abs().amax((-1, -2)) > APART * size
+    cosine = (a.rotation * b.rotation).sum(-1).abs()
+    return off | (cosine < 1 - APART**2).any(-1)
+
+
 class LoadPath:
-    """The scene at any load factor: equilibrium, matrices, eigenvalues."""
+    """The scene at any load factor: equilibrium, matrices, eigenvalues. start: a shape that
+    equilibria are found from, None = the undeformed one.
+    """
 
     def __init__(
         self,
@@ -75,6 +86,8 @@ class LoadPath:
         self.of, self.inputs, self.t, self.lumped, self.count = scene, inputs, t, lumped, count
         self.engine = engine
         self.damped, self.device = False, scene.device if isinstance(scene, Scene) else None
+        self.start: State | None = None
+        self.turned = False  # whether supports do
         self.wide, self.single = wide, isinstance(scene, Scene) and scene.dtype == torch.float32
 
     def scene(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
@@ -113,15 +126,53 @@ class LoadPath:
         t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
         return unheld(discretise(scene), t, inputs, (0,) * len(self.batch_shape(factor)))[1]
 
-    def matrices(
-        self, factor: Tensor, near: Tensor | None = None
-    ) -> tuple[Model, State, Matrices, Tensor | None]:
-        """M, D, K: of a long chain as such, else dense, with their basis, near another one."""
+    def equilibrium(self, factor: Tensor, start: State | None) -> State:
+        """At a factor (...), from a shape on; supports that turn lead there from the beginning, as
+        a shape does not tell how often they have.
+        """
         scene, inputs = self.scene(factor)
+        self.turned = any(support.turn is not None for support in scene.supports)
+        start = None if self.turned else start
         with warnings.catch_warnings():
             # of unstable branches: they are what is looked for
             warnings.simplefilter("ignore", RuntimeWarning)
-            state = equilibrium(scene, t=self.t, throw=False, engine=self.engine, inputs=inputs)
+            return equilibrium(
+                scene, initial=start, t=self.t, throw=False, engine=self.engine, inputs=inputs
+            )
+
+    def branch(self, factor: Tensor) -> State:
+        """Equilibria at factors (P, ...) in order, on one branch: load steps from no load on may
+        come to another one where there are several. Where that of a factor is not what Newton's
+        method finds from the one before, they are found one from another from there on.
+        """
+        each = self.equilibrium(factor, None)
+        if self.turned:
+            return each
+        again = self.equilibrium(factor[1:], each[:-1])
+        other = (again.status == 0) & ((each.status[1:] != 0) | _apart(again, each[1:]))
+        if not other.any():
+            return each
+        first = int(other.flatten().nonzero()[0]) // other[0].numel()
+        shapes = [each[k] for k in range(first + 1)]
+        for k in range(first + 1, len(factor)):
+            shape = self.equilibrium(factor[k], shapes[-1])
+            shapes.append(each[k] if (shape.status != 0).any() else shape)
+        return State.stack(shapes)
+
+    def go_on(self, factor: Tensor, states: State, low: Tensor) -> None:
+        """From the last of equilibria at factors (P, ...), in order, that is not above `low`."""
+        for k, at in enumerate(factor):
+            start = states[k] if self.start is None else self.start
+            self.start = states[k].where(low >= at, start)
+
+    def matrices(
+        self, factor: Tensor, near: Tensor | None = None, state: State | None = None
+    ) -> tuple[Model, State, Matrices, Tensor | None]:
+        """M, D, K: of a long chain as such, else dense, with their basis, near another one; in an
+        equilibrium, None = that which is come to from `start`.
+        """
+        scene, inputs = self.scene(factor)
+        state = self.equilibrium(factor, self.start) if state is None else state
         model = discretise(scene, self.lumped)
         t = torch.as_tensor(self.t, dtype=scene.dtype, device=scene.device)
         M, D, K, lagging = of_nodes(model, state, t, inputs)
@@ -131,8 +182,8 @@ class LoadPath:
             return model, state, (chains[0], None, chains[1]), None
         return model, state, *in_basis(model, M, D, K, lagging, near)
 
-    def spectrum(self, factor: Tensor) -> Spectrum:
-        model, state, (M, D, K), _ = self.matrices(factor)
+    def spectrum(self, factor: Tensor, state: State | None = None) -> Spectrum:
+        model, state, (M, D, K), _ = self.matrices(factor, state=state)
         self.damped, lags = D is not None, model.internal_states > 0
         value, vectors = slow_values(M, D, K, self.count)
         slow = slow_first(value, self.count, lags)

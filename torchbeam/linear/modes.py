@@ -172,7 +172,7 @@ def _modes(
     model: Model, state: State, count: int, normalize: str, given: dict[str, Tensor], time: Tensor
 ) -> Modes:
     """`modes`, about an equilibrium."""
-    free = model.constraints.count - model.joints.held_count
+    free = model.constraints.count - model.multipliers.held_count
     if count > free:
         raise ValueError(
             f"count = {count} was given; {model.scene.beam.element_count} elements have at most "

@@ -217,7 +217,7 @@ class Perturbation:
         """
         zero = self.zero()
         still = zero.new_zeros(*self.shape, self.model.internal_states)
-        slack = zero.new_zeros(*self.shape, self.model.joints.held_count)
+        slack = zero.new_zeros(*self.shape, self.model.multipliers.held_count)
         rows: tuple[slice, ...] = ()
 
         def read(q: Tensor, v: Tensor, z: Tensor, force: Tensor) -> Tensor:

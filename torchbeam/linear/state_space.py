@@ -133,7 +133,7 @@ def _linear(
     """`linearize`, about an equilibrium in the dtype of the model's scene."""
     scene = model.scene
     M, D, K, lags = of_nodes(model, state, time, inputs)
-    G = K.constraints() if model.joints.count else None
+    G = K.constraints() if model.multipliers.count else None
     M, D, K = augmented(
         model, *(None if X is None else dense(model, X) for X in (M, D, K)), lags, None
     )

@@ -219,7 +219,7 @@ def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | 
     With N a basis at the values, Z = N - G^T (G G^T)^-1 G N has these, and the derivatives of G
     Z = 0.
     """
-    if not model.joints.count:
+    if not model.multipliers.count:
         return None
     free = model.constraints.moving.flatten().nonzero()[:, 0]
     G = K.constraints().index_select(-1, free)

@@ -12,9 +12,7 @@ from .block_tridiagonal import positive_definite
 
 
 class BlockChain(NamedTuple):
-    """diagonal (..., n, k, k) blocks; upper and lower (..., n-1, k, k), those to their right, and
-    those below them.
-    """
+    """diagonal (..., n, k, k) blocks; upper, lower (..., n-1, k, k), to the right and below."""
 
     diagonal: Tensor
     upper: Tensor
@@ -89,9 +87,7 @@ class BlockChain(NamedTuple):
 
 
 class FactoredChain(NamedTuple):
-    """Of each pivot block from the first to the last: LU, its pivoting, and its inverse times the
-    block to its right.
-    """
+    """Of each pivot block in order: LU, its pivoting, its inverse times the block to its right."""
 
     matrix: BlockChain
     lu: list[Tensor]
@@ -99,9 +95,7 @@ class FactoredChain(NamedTuple):
     ahead: list[Tensor]
 
     def solve(self, load: Tensor) -> Tensor:
-        """K^-1 load for load (..., n, k, m), refined once: pivots next to impossible strains are
-        ill conditioned.
-        """
+        """K^-1 load for load (..., n, k, m), refined once, as pivots may be ill conditioned."""
         x = self._swept(load)
         return x + self._swept(load - self.matrix.times(x))
 

@@ -1,4 +1,4 @@
-"""Block tridiagonal linear systems, batched."""
+"""Block tridiagonal linear systems, batched: elimination in O(n), pivoting inside the blocks."""
 
 from __future__ import annotations
 
@@ -7,17 +7,6 @@ from torch import Tensor
 
 from .dense import solve_in_order
 from .shapes import broadcast_shapes
-
-
-def block_tridiagonal(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> Tensor:
-    """x of D_i x_i + L_{i-1} x_{i-1} + U_i x_{i+1} = b_i by block elimination: O(n), pivoting
-    inside the blocks.
-
-    D (..., n, k, k), L and U (..., n-1, k, k), b (..., n, k); leading axes broadcast. A singular
-    pivot block gives infinities or NaN in that sample alone.
-    """
-    rows = torch.broadcast_tensors(*backward(*forward(D, L, U, b[..., None])))
-    return torch.cat(rows, -1).mT
 
 
 def forward(D: Tensor, L: Tensor, U: Tensor, b: Tensor) -> tuple[list[Tensor], list[Tensor]]:
@@ -79,9 +68,7 @@ def broadcast_matrices(*blocks: Tensor) -> tuple[Tensor, ...]:
 
 
 def pivots(D: Tensor, L: Tensor, U: Tensor) -> Tensor:
-    """(..., n, k, k) pivot blocks of the elimination from the first to the last; shapes as in
-    `block_tridiagonal`; O(n).
-    """
+    """(..., n, k, k) pivot blocks of the elimination, first to last, O(n)."""
     blocks = [D[..., 0, :, :]]
     for i in range(1, D.shape[-3]):
         blocks.append(

@@ -25,24 +25,18 @@ def normal_probability(z: Tensor) -> Tensor:
 
 
 def log_normal_probability(z: Tensor) -> Tensor:
-    """Logarithm of the standard normal distribution function, any shape: exact where that itself is
-    1 or 0 in rounding.
-    """
+    """Logarithm of the normal distribution function, any shape, exact in both tails."""
     return torch.special.log_ndtr(z)
 
 
 def score_of_tails(below: Tensor, above: Tensor) -> Tensor:
-    """Standard normal quantile of a probability and of what it is short of 1, any shape: the
-    smaller of the two tells it.
-    """
+    """Standard normal quantile of a probability and its complement, by the smaller one."""
     size = -normal_score(torch.minimum(below, above))
     return torch.where(below < above, -size, size)
 
 
 def probability_between(low: Tensor, high: Tensor) -> Tensor:
-    """Standard normal probability of the range from low to high, any shapes that broadcast; exact
-    in both tails.
-    """
+    """Standard normal probability from low to high, of any shapes; exact in both tails."""
     right = low > 0
     a, b = torch.where(right, -high, low), torch.where(right, -low, high)
     return normal_probability(b) - normal_probability(a)

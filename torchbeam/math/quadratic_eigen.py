@@ -372,9 +372,7 @@ def _times(A: Tensor, v: Tensor) -> Tensor:
 
 
 class _Distinct(torch.autograd.Function):
-    """The same, once differentiable, with an error where that of a repeated eigenvalue, or of its
-    vector, is asked for.
-    """
+    """The same, once differentiable; an error for the derivative of a repeated eigenvalue."""
 
     generate_vmap_rule = True
 

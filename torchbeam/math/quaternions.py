@@ -109,9 +109,7 @@ def arc_ratio(c: Tensor, s2: Tensor) -> Tensor:
 
 
 def nearer(q: Tensor, to: Tensor) -> Tensor:
-    """Of q and -q, the same rotation, the one that is nearer; in a plane as well, where a rotation
-    is (cos, sin).
-    """
+    """Of q and -q, the same rotation, the nearer one; in a plane, (cos, sin), as well."""
     return torch.where((q * to).sum(-1, keepdim=True) < 0, -q, q)
 
 

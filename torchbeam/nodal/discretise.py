@@ -18,14 +18,13 @@ from ..scene.scene import Scene
 from ..scene.structure import unstressed
 from ..topology.protocols import Topology
 from .assembly import Assembly
-from .between_nodes import BetweenNodes
 from .constitutive_law import law_of
 from .constraints import Constraints
 from .coordinates.planar import PLANES
 from .coordinates.selection import check_space, coordinates, in_space, only_numbers
 from .coordinates.spatial import Spatial
 from .inertia import Inertia, inertia_of, warn_of_uneven
-from .interactions import Couplings
+from .interactions import couplings_of
 from .joint_constraints import joints_of
 from .model import Model
 from .plane_check import check_plane
@@ -86,7 +85,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         joints=joints_of(scene, space, topology),
         tendons=tendons_of(scene, space, topology),
         touching=touching_of(scene, space, drawn.s),
-        couplings=Couplings(space) if scene.interactions else BetweenNodes(),
+        couplings=couplings_of(scene, space),
     )
     if space.plane is not None:
         check_plane(model)

@@ -221,7 +221,9 @@ class DrivenJoints(Joints):
             M = self.balls.of(self._ball_moment(motion), -2)[..., None]
             own = (self.balls.axes(motion.end).a.mT @ M)[..., 0] @ self.moves[:, 3:].mT
             force = force + self.balls.to_joints(own, -2, self.count)
-        return stacked(self.split(stress)[0], force), driven.acting
+        last = stress.shape[-2] - self.behind
+        parts = stress.narrow(-2, 0, last - self.count), force, stress.narrow(-2, last, self.behind)
+        return stacked(*parts), driven.acting
 
     def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
         wrench = super().wrench(motion, w, (1 - self.turning_rows) * force)
@@ -286,9 +288,9 @@ class DrivenJoints(Joints):
         where they act at its ends, else None.
         """
         step = self.driven(motion).step
-        force, travelled = self.split(stress)[1], step.difference()[0]
+        force, travelled = self.forces(stress), step.difference()[0]
         if before is not None:
-            force = (force + self.split(before.stress)[1]) / 2
+            force = (force + self.forces(before.stress)) / 2
             travelled = step.after - self.coordinate(motion.start, step.after)
         total = -(force * self._coordinates * travelled).sum((-1, -2))
         if self.acting_balls is None:
@@ -306,7 +308,7 @@ class DrivenJoints(Joints):
         return self.angles + self.travels
 
     def _forces(self, stress: Tensor, driven: Driven) -> Tensor:
-        return self.held * self.split(stress)[1] - driven.effort
+        return self.held * self.forces(stress) - driven.effort
 
     def _middle(self, step: CoordinateStep) -> Tensor:
         """(..., J, w) rad"""

@@ -23,7 +23,7 @@ drift.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -57,6 +57,7 @@ class Joints(BetweenNodes):
             in others
     parts   (J, w, 3, 3) 1 where v, w and across (third axis) have a constant, and a vector in the
             axes of the first and of the second node, 0 where there is none
+    behind  how many rows of multipliers there are behind theirs
     """
 
     space: Spatial
@@ -73,6 +74,7 @@ class Joints(BetweenNodes):
     across: Factor
     parts: Tensor = leaf(4)
     balls: Balls | None
+    behind: int = field(default=0, kw_only=True)
 
     present = True
 
@@ -90,18 +92,18 @@ class Joints(BetweenNodes):
         """Their forces."""
         return Multipliers(self.held, self.size)
 
-    def split(self, stress: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Multipliers`."""
-        return self.multipliers.split(stress)
+    def forces(self, stress: Tensor) -> Tensor:
+        """(..., J, w) of the stress."""
+        return stress.narrow(-2, stress.shape[-2] - self.count - self.behind, self.count)
 
     def balance(
         self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
     ) -> tuple[Tensor, Tensor]:
         acting, end, *_ = motion.placed(self.pose)
-        return self.load(acting, self.split(stress)[1], nodes), stacked(gap, self.gap(end))
+        return self.load(acting, self.forces(stress), nodes), stacked(gap, self.gap(end))
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
-        return self.tied(matrix, self.blocks_of(motion, self.split(stress)[1]), self.held)
+        return self.tied(matrix, self.blocks_of(motion, self.forces(stress)), self.held)
 
     def tied(self, matrix: Any, blocks: Tensor, held: Tensor | None = None) -> Any:
         """A matrix with `blocks`, or with those of ends alone."""
@@ -114,7 +116,7 @@ class Joints(BetweenNodes):
     ) -> dict[str, Any]:
         placed = motion.placed(self.pose)
         stress, w = self.acting(fields["stress"], placed)
-        wrench = self.wrench(placed, w, self.split(stress)[1])
+        wrench = self.wrench(placed, w, self.forces(stress))
         joints = self._readings(placed.end, self.after(placed), moving and moving(), wrench)
         return fields | {"stress": stress, "joints": joints}
 

@@ -32,6 +32,11 @@ class Multipliers(Tree):
         """Of rows."""
         return 0 if self.held is None else len(self.held)
 
+    @property
+    def held_count(self) -> int:
+        """How many constraints there are."""
+        return 0 if self.held is None else int(self.held.sum())
+
     def split(self, stress: Tensor) -> tuple[Tensor, Tensor | None]:
         """Stress or gaps: (of the elements (..., N, k), of the rows (..., J, w), None = none)."""
         if self.held is None:

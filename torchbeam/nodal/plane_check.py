@@ -106,8 +106,9 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
     for acting in now.between:
         yield acting.load.called, at_nodes(whole, nodes, replace(now, between=(acting,)))
     for acting in now.interactions:
-        one = replace(now, interactions=(acting,))
-        ((_, push),) = interactions.wrenches(whole.space, nodes, one)
+        one, own = replace(now, interactions=(acting,)), acting.load.unknowns
+        inner = interactions.Inner(still.new_ones(1, own))
+        push = interactions.at_nodes(whole.space, nodes, one, 0.0, inner, bool(own))
         yield acting.load.called, push
 
 

@@ -219,8 +219,11 @@ class Rows(Tree):
 
     @cached
     def multipliers(self) -> Multipliers:
-        """Unknowns of these."""
-        return self.joints.multipliers
+        """Unknowns of these, one after the other."""
+        every = [own for one in self.interactions if (own := one.multipliers).count]
+        if len(every) < 2:
+            return every[0] if every else Multipliers()
+        return Multipliers(torch.cat([own.held for own in every]), every[0].size)
 
     @cached
     def assembly(self) -> Assembly:

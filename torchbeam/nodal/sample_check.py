@@ -28,6 +28,7 @@ from ..scene.effects.load_point import together
 MOTION = ("position", "velocity", "spin", "acceleration", "angular_acceleration", "internal")
 AT_SITES = {"R": 2, "mass": 2, "s": 0} | dict.fromkeys(MOTION, 1)
 OF_ALL = {"axes": 2, "dt": 0, "secant": 0}
+OF_INTERACTION = {"own": 1, "internal": 1}
 FEW = 3  # samples of an axis that are enough, but for functions that hold rows for all of them
 TURN = 0.3  # rad
 SHARE = 0.1  # of the numbers that a load takes by name
@@ -115,6 +116,7 @@ class Trial:
     ) -> Trial:
         along = load.node is None
         axes = {name: own + along for name, own in AT_SITES.items()} | OF_ALL
+        axes |= OF_INTERACTION if load.kind == "interaction" else {}
         values = {("point", name): (getattr(point, name), own) for name, own in axes.items()}
         values |= {("input", name): (x, 1) for name, x in inputs.items()}
         values |= {("time", ""): (t, 0)} | _of_load(load)
@@ -179,6 +181,9 @@ class Trial:
         outputs = [together(load.wrench(point, t, inputs), point.R)]
         if load.internal and isinstance(load, Load):
             outputs.append(load.rates(point, point.internal, t, inputs))
+        if load.kind == "interaction":
+            more = [load.residual] * bool(load.unknowns) + [load.remember] * bool(load.memory)
+            outputs += [own(point, t, inputs)[..., None] for own in more]
         return outputs
 
     def mixes(self) -> bool:

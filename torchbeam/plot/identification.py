@@ -29,12 +29,9 @@ def fit(fit: Any) -> list[Axes]:
         ... )
         >>> panels = tb.plot.fit(fit)
     """
-    shown = [
-        (reading, k, name)
-        for reading in drawable("fit", fit, "a torchbeam.Fit", "readings", "names").readings
-        if reading.data.ndim and len(reading.data) > 1
-        for k, name in enumerate(reading.names)
-    ]
+    drawable("fit", fit, "a torchbeam.Fit", "readings", "names")
+    series = [one for one in fit.readings if one.data.ndim and len(one.data) > 1]
+    shown = [(one, k, name) for one in series for k, name in enumerate(one.names)]
     if not shown:
         raise ValueError(
             "a fit to single readings was given to plot.fit; one with readings over time is wanted"

@@ -101,7 +101,7 @@ def standing(scene: Scene, t: float) -> Iterator[Obstacle]:
 
 def surfaces(scene: Scene, state: State) -> Iterator[tuple[Tensor, Tensor, Obstacle]]:
     """Of the bodies that have some, in the first sample: centre (3) m, axes (3, 3) and surface."""
-    state = of_mesh(state, scene.beam, "a state")
+    state = of_mesh(state, scene, "a state")
     position, R = (x[0] for x in nodes_of(state))
     for part in scene.beam.parts:
         surface = surface_of(scene, part) if part.body else None

@@ -43,7 +43,7 @@ class SolidPicture:
     def of(cls, scene: Scene, state: Any, ax: Axes, seen: list[int], color: Any) -> SolidPicture:
         """On axes that show the coordinates `seen`. Raises ValueError for another scene."""
         instance("scene", scene, Scene)
-        of_mesh(state, scene.beam, "a state")
+        of_mesh(state, scene, "a state")
         plane = next((name for name, pair in PLANES.items() if list(pair) == seen), None)
         return cls(scene, ax, plane, Sections.of(scene, state), color)
 

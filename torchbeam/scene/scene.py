@@ -236,6 +236,19 @@ class Scene(Tree):
         return self._of("interaction")
 
     @cached
+    def memory(self) -> tuple[int, int]:
+        """How many interactions there are, and the most numbers that one of them remembers."""
+        sizes = [one.memory for one in self.interactions]
+        return len(sizes), max(sizes, default=0)
+
+    @cached
+    def stress_count(self) -> int:
+        """How many rows a state's stress has: behind those of the beam own unknowns of
+        interactions.
+        """
+        return self.beam.stress_count + sum(bool(one.unknowns) for one in self.interactions)
+
+    @cached
     def dampings(self) -> tuple[Damping, ...]:
         return self._of("strain")
 

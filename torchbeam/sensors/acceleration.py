@@ -105,7 +105,7 @@ class NodeAcceleration(_OfNode):
         return self.read(state)
 
     def read(self, state: Any) -> Tensor:
-        state = of_mesh(state, self.scene.beam, "NodeAcceleration: a state")
+        state = of_mesh(state, self.scene, "NodeAcceleration: a state")
         # at each instant the loads are asked for once
         if state.t.ndim > 1 and _trajectory(state.t):
             return torch.stack([self.read(state[k]) for k in range(len(state.t))])

@@ -26,7 +26,7 @@ from .of_scene import OfScene
 from .sensor import XYZ
 
 
-class Touched(NamedTuple):
+class TouchingPoints(NamedTuple):
     """Points of a contact: the length (..., n, 1) m that each stands for, 1 of a body; what it does
     there; meets (..., n, 3) m: where the surface is. Of two parts n pairs, whose place along the
     part is `place` (n), of `count`; None = each is its own.
@@ -101,7 +101,7 @@ class OfContact(OfScene):
         """
         return [(one.measure, one.touch) for one in self._places(state)]
 
-    def _places(self, state: State) -> list[Touched]:
+    def _places(self, state: State) -> list[TouchingPoints]:
         """The same, and where."""
         nodes, model, law = self.nodes(state), self.model, self._law
         if law.kind == "pair":
@@ -123,10 +123,10 @@ class OfContact(OfScene):
             meets = point.position
             if load.radius is not None:
                 meets = meets - load.radii * touch.normal
-            touched.append(Touched(measure, touch, meets, None, touch.gap.shape[-2]))
+            touched.append(TouchingPoints(measure, touch, meets, None, touch.gap.shape[-2]))
         return touched
 
-    def _of_pair(self, nodes: Nodes) -> list[Touched]:
+    def _of_pair(self, nodes: Nodes) -> list[TouchingPoints]:
         """Of two parts: at all places of both, on the first."""
         space, touches = self.model.space, []
         motion = PairMotion(
@@ -147,7 +147,7 @@ class OfContact(OfScene):
             own = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
             meets = own.sum(-2) - pairs.radii[..., :1] * found.u
             count = one.places.shares.shape[-2]
-            touches.append(Touched(found.measure, touch, meets, near.point, count))
+            touches.append(TouchingPoints(found.measure, touch, meets, near.point, count))
         return touches
 
     def _means(
@@ -175,9 +175,8 @@ class ContactForce(OfContact):
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
         >>> lying = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), floor])
-        >>> tb.sensors.ContactForce(lying)(tb.equilibrium(lying))[
-        ...     2
-        ... ] > 0  # N, of the floor on the beam
+        >>> force = tb.sensors.ContactForce(lying)(tb.equilibrium(lying))
+        >>> force[2] > 0  # N, of the floor on the beam
         tensor(True)
     """
 

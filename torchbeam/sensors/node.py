@@ -60,9 +60,8 @@ class NodePosition(_OfNode):
             then a displacement)
 
     Examples:
-        >>> tb.sensors.NodePosition(2, reference=tb.rest(scene))(solution.state)[
-        ...     -1
-        ... ]  # m, its displacement
+        >>> moved = tb.sensors.NodePosition(2, reference=tb.rest(scene))
+        >>> moved(solution.state)[-1]  # m, its displacement
         tensor([-0.0052,  0.0000,  0.0652])
     """
 

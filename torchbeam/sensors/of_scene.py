@@ -32,7 +32,7 @@ class OfScene(Sensor):
 
     def nodes(self, state: Any) -> Nodes:
         """How its nodes move, as loads see them."""
-        state = of_mesh(state, self.scene.beam, f"{type(self).__name__}: a state")
+        state = of_mesh(state, self.scene, f"{type(self).__name__}: a state")
         return nodes_of(self.model.space, self.model.space.to_reduced(state))
 
 

@@ -54,6 +54,8 @@ class State(Instant):
         tendons: (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
             length m; None without
         coordinates: which coordinates each joint has, see `Joint.coordinates`
+        memory: (..., I, m) what the scene's interactions remember, in its order, zeros behind; None
+            = nothing
         supports: nodes of the supports that `reaction` is of; None where the state was made without
             a scene
         parts: of a structure, whose nodes and stations stand one part after the other; see
@@ -85,6 +87,7 @@ class State(Instant):
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
     joints: Tensor | None = leaf(2, default=None, kw_only=True)
     tendons: Tensor | None = leaf(2, default=None, kw_only=True)
+    memory: Tensor | None = leaf(2, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
     coordinates: tuple[tuple[int, ...], ...] = field(default=(), kw_only=True)
@@ -182,7 +185,8 @@ class State(Instant):
         rows["reaction"] = self.reaction[..., held, :]
         supports = tuple(self.supports[k] - part.first_node for k in held)
         shape = self.rest_shape and self.rest_shape.of_nodes(part.nodes)
-        none = dict(internal=None, parts=(), joints=None, tendons=None, coordinates=(), joined=())
+        none = dict.fromkeys(("internal", "joints", "tendons", "memory"))
+        none |= dict.fromkeys(("parts", "coordinates", "joined"), ())
         return replace(self, **rows, **none, supports=supports, rest_shape=shape)
 
     def node(self, index: Any) -> Point:
@@ -274,7 +278,7 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
                 "with its axes is wanted"
             )
         shape = wanted
-    numbers = 13 * scene.beam.node_count + 6 * scene.beam.stress_count
+    numbers = 13 * scene.beam.node_count + 6 * scene.stress_count
     size = shape.numel() * numbers * time.element_size()
     check_memory(f"a state of {shape.numel()} samples", size, "fewer are wanted")
     return resting(scene, shape, time, distinct=True)
@@ -285,7 +289,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
     tensor of its own, which the scene and the other fields do not share.
     """
     beam = scene.beam
-    nodes, stresses = beam.node_count, beam.stress_count
+    nodes, stresses = beam.node_count, scene.stress_count
     zero = beam.nodes.new_zeros(())
     states = sum(scene.internal_states)
 
@@ -308,6 +312,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
         frame=orientation(scene, shape, time),
         internal=zero.expand(*shape, states) if states else None,
         **no_motion(scene, zero.expand(shape)),
+        memory=no_memory(scene, zero.expand(shape)),
         supports=supported(scene),
         parts=beam.parts,
         joined=beam.joined,
@@ -318,6 +323,12 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
         return state
     prescribed_motion = PrescribedMotion(scene)
     return at_rest(at_supports(state, prescribed_motion), prescribed_motion).broadcast()
+
+
+def no_memory(scene: Any, like: Tensor) -> Tensor | None:
+    """What interactions of a scene keep before anything has moved, of the batch axes of `like`."""
+    rows, size = scene.memory
+    return like.new_zeros(*like.shape, rows, size) if size else None
 
 
 def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
@@ -366,6 +377,10 @@ def with_optional_fields(state: State, scene: Any) -> State:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     if scene.joints and state.joints is None:
         state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
+    kept = None if state.memory is None else tuple(state.memory.shape[-2:])
+    if scene.memory[1] and kept != scene.memory:
+        memory = no_memory(scene, state.position.new_zeros(state.batch_shape))
+        state = replace(state, memory=memory)
     count = 0 if state.tendons is None else state.tendons.shape[-2]
     return state if count == len(scene.tendons) else with_tendons(state, scene)
 

@@ -7,22 +7,23 @@ from typing import Any
 from torch import Tensor
 
 from ..core.validation import broadcast, refusal
-from ..scene.beam import Beam
 from .state import State
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
     """`state`, to start from, in the scene's dtype; ValueError where it is none of its mesh."""
-    state = of_mesh(state, scene.beam, name)
+    state = of_mesh(state, scene, name)
     broadcast("a scene and an initial state", scene.batch_shape, state.batch_shape)
     return state
 
 
-def of_mesh(state: Any, like: Beam | State, name: str) -> State:
-    """`state`, in the dtype of `like`; ValueError where it is not one of the nodal form, with the
-    nodes and the rows of stress of `like` in each of its fields: native code takes them on trust.
+def of_mesh(state: Any, like: Any, name: str) -> State:
+    """`state`, in the dtype of `like`, a scene or a state; ValueError where it is not one of the
+    nodal form, with the nodes and the rows of stress of `like` in each of its fields: native code
+    takes them on trust.
     """
-    nodes, stresses, dtype = like.node_count, like.stress_count, like.nodes.dtype
+    mesh, stresses = getattr(like, "beam", like), like.stress_count
+    nodes, dtype = mesh.node_count, mesh.nodes.dtype
     if not isinstance(state, State):
         raise refusal(
             f"{name} of type {type(state).__name__}", "a torchbeam.State, of the nodal form,"

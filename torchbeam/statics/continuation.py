@@ -22,6 +22,7 @@ from torch import Tensor
 
 from ..core.status import DIVERGED
 from ..core.validation import unmapped
+from ..equations.load_steps import WOUND, turn_of_supports
 from ..equations.steady import Configuration
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
@@ -114,7 +115,10 @@ class Continuation:
         zero_move = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)
         now = self.settle(PathPoint(*start, none[..., None, None], zero_move), none - 1, None, None)
         first = None if self.control is None else self.led(start, shape)
-        still, final, leap, at, step = no.long(), no, no, none, none + self.step
+        # in which no support turns by more than WOUND
+        whole = turn_of_supports(self.loaded(none + self.span[1]), start) * self.span[1]
+        longest = (WOUND / whole).clamp(max=self.step) if self.control is None else none + self.step
+        still, final, leap, at, step = no.long(), no, no, none, longest
         status = still if active is None else torch.where(active, still, DIVERGED)
         done, record, behind = no, [(now, still, ~no)], now
         for _ in range(steps):
@@ -154,7 +158,7 @@ class Continuation:
             ended = final if first is None else at >= 1 - ENOUGH
             done = done | good & ended & ~leaps
             leap = torch.where(good, leaps, leap)
-            quick = torch.where(outcome.iterations <= EASY, 1.5 * step, step).clamp(max=self.step)
+            quick = torch.where(outcome.iterations <= EASY, 1.5 * step, step).minimum(longest)
             step = torch.where(good, quick, torch.where(beyond, step, step / 2))
             status = torch.where(going & (step < LEAST * self.step), DIVERGED, status)
             final = beyond  # an end that was out of reach in one step is tried again from nearer by

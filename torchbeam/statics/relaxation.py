@@ -28,6 +28,7 @@ from torch import Tensor
 from ..core.leaves import leaf
 from ..core.status import DIVERGED
 from ..core.validation import concrete
+from ..equations.load_steps import WOUND, turn_of_supports
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Residual
 from ..nodal.model import Model
@@ -96,10 +97,14 @@ def relax(
         flexibility = _flexibility(model, force) if model.law.rigid else force
         led = any(support.displaced for support in model.scene.supports) and not loaded
         end = 2.0 if led else 1.0  # supports move when loads are there
+        longest = WOUND / turn_of_supports(whole, x)  # in which a support turns by so much
         reached, step = t.new_full(shape, end if loaded else 0.0), t.new_full(shape, FIRST)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
         going = torch.ones(shape, dtype=torch.bool, device=t.device)
         for _ in range(STEPS):
+            # until supports move, and in what they do next
+            room = (end - 1 - reached).clamp(min=0) + longest
+            step = torch.where(reached < end, torch.minimum(step, room), step)
             now = (reached + step).clamp(max=end)
             fluid = Viscous(
                 _softened(model, (1 - now / end) * flexibility),

@@ -90,10 +90,12 @@ def _forbidden(
         eye = torch.eye(shift.shape[-3]).to(nodes)
         out = (normal, *(3 + j for j in range(3) if j != normal))
         rows += [row for k, row in enumerate(eye) if k % 6 in out]
-    if model.joints.count:
-        w = model.space.unknowns
-        none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
-        G = model.joints.matrix(none, x.stress, problem.node_motion(x)).constraints()
+    if model.multipliers.count:
+        w, motion = model.space.unknowns, problem.node_motion(x)
+        whole = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
+        for one in model.interactions:
+            whole = one.matrix(whole, x.stress, motion)
+        G = whole.constraints()
         own = (size * model.unit).repeat(*(1,) * (size.ndim - 1), model.node_count)[..., None, :]
         G = G / torch.linalg.vector_norm(G * own, dim=-1, keepdim=True)
         rows += (G @ as_unknowns(problem, moves).flatten(-2).mT).unbind(-2)

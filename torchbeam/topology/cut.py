@@ -102,8 +102,8 @@ class Cut:
     """interface: its nodes; runs: those of the same length together; lines: the same by manner
     too; order: where each node is in the row of all lines' nodes, one after the other, those of the
     interface and one that stands for all that have no unknowns; direct: elements whose nodes
-    are both in the interface, with their places there; joints: places of what each connects;
-    ties: of the nodes of each.
+    are both in the interface, with their places there; multipliers: how many rows of these there
+    are behind the nodes; ties: of the nodes of each.
     """
 
     interface: tuple[int, ...]
@@ -111,13 +111,8 @@ class Cut:
     lines: tuple[Line, ...]
     order: Places
     direct: tuple[tuple[int, int, int], ...]
-    joints: Joints
+    multipliers: int = 0
     ties: Ties = ()
-
-    @property
-    def multipliers(self) -> int:
-        """How many rows of these there are behind the nodes."""
-        return len(self.joints)
 
     def holds(self, nodes: tuple[int, ...]) -> bool:
         """Whether any of them is in the interface."""
@@ -184,10 +179,10 @@ def cut(
     row = [node for line in lines for node in line.nodes] + [*interface]
     at = {node: k for k, node in enumerate(row)}
     order = even(at.get(node, len(row)) for node in range(total + singles))
-    ends = tuple(tuple(None if node is None else place[node] for node in pair) for pair in joints)
-    place |= {total + singles + k: len(interface) + k for k in range(len(joints))}
+    multipliers = max((node + 1 for nodes in ties for node in nodes), default=0) - total - singles
+    place |= {total + singles + k: len(interface) + k for k in range(multipliers)}
     tied = tuple(tuple(place[node] for node in nodes) for nodes in ties)
-    return Cut(interface, by_length, lines, order, tuple(direct), ends, tied)
+    return Cut(interface, by_length, lines, order, tuple(direct), max(0, multipliers), tied)
 
 
 def _manner(run: Run) -> tuple[bool, bool]:

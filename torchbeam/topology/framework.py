@@ -32,7 +32,7 @@ class Framework:
     joints   of each of `Joints` the nodes that it connects; None = the ground. None is inside an
              element of order 2
     ties     rows of which each depends on all others of the same tie: nodes, none of them inside an
-             element of order 2 either, and behind them the multipliers of joints
+             element of order 2 either, and behind them multipliers
     """
 
     order: int
@@ -112,7 +112,8 @@ class Framework:
         if self.order == 1:
             return self
         place = {node: k for k, node in enumerate(self.ends)}
-        place |= {self.node_count + k: len(place) + k for k in range(len(self.joints))}
+        behind = sorted({node for nodes in self.ties for node in nodes if node >= self.node_count})
+        place |= {node: node - self.node_count + len(self.ends) for node in behind}
         return Framework(
             1,
             self.chains,

@@ -105,15 +105,9 @@ class ChunkFolder:
 
     def put(self, first: int, chunk: Chunk) -> None:
         """Write a chunk, whole or not at all; NotWritten where that fails."""
-        save(
-            self._file(first),
-            dict(
-                zip(("theta", "y", "status"), chunk, strict=True),
-                run=self.label["run"],
-                first=first,
-                checksum=self.checksum(first, chunk),
-            ),
-        )
+        content = dict(zip(("theta", "y", "status"), chunk, strict=True), run=self.label["run"])
+        content |= dict(first=first, checksum=self.checksum(first, chunk))
+        save(self._file(first), content)
 
     @property
     def reachable(self) -> bool:
@@ -125,9 +119,7 @@ class ChunkFolder:
         folder(self.path)
 
     def finish(self, function: Callable, laws: dict[str, Any]) -> None:
-        """Called after a run: what the run itself changed (a counter, a cache) does not count as
-        part of the function.
-        """
+        """After a run: what it changed itself (a counter, a cache) is no part of the function."""
         known, (now, _) = self.label["parts"], _parts(function, laws, self.label["version"])
         parts = {name: value if now.get(name) == value else None for name, value in known.items()}
         if parts != known:
@@ -255,14 +247,10 @@ def _difference(there: dict[str, Any], label: dict[str, Any]) -> tuple[str, str]
     names = old if None in old.values() else {**old, **new}  # None: the run itself changes it
     changed = [name for name in names if old.get(name, "") not in (None, new.get(name, ""))]
     laws = [name for name in changed if name.startswith("the law of ")]
-    return (
-        (
-            "other laws" if laws else "another function",
-            f"changed: {', '.join((laws or changed)[:3])}",
-        )
-        if changed
-        else None
-    )
+    if not changed:
+        return None
+    what = "other laws" if laws else "another function"
+    return what, f"changed: {', '.join((laws or changed)[:3])}"
 
 
 def _both(old: Any, new: Any) -> str:

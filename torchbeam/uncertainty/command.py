@@ -1,6 +1,4 @@
-"""python -m torchbeam montecarlo: a run by a configuration file, here, on all cores, or on a
-cluster; taken up again.
-"""
+"""python -m torchbeam montecarlo: a run by a file, here, on all cores, or on a cluster."""
 
 from __future__ import annotations
 
@@ -102,15 +100,9 @@ def _run(config: Config, arguments: argparse.Namespace, out: Path) -> Any:
         before = _files(out)
         with _executor(arguments, config) as executor:
             try:
-                return run(
-                    config.function,
-                    config.laws,
-                    *(() if n is None else (n,)),
-                    out=out,
-                    executor=executor,
-                    progress=None if arguments.quiet else True,
-                    **config.options,
-                )
+                asked = (config.function, config.laws, *(() if n is None else (n,)))
+                told = None if arguments.quiet else True
+                return run(*asked, out=out, executor=executor, progress=told, **config.options)
             except BrokenExecutor:
                 if arguments.workers is None or (trial == AGAIN - 1 and _files(out) == before):
                     raise

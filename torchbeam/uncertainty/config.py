@@ -105,9 +105,7 @@ def read(path: Path) -> Config:
 
 
 def load(path: Path) -> ModuleType:
-    """The Python file as a module of its name, which other processes here can import too;
-    ValueError where another has it.
-    """
+    """A file as a module of its name, importable elsewhere too; ValueError if that is taken."""
     path, name = path.resolve(), path.stem
     loaded = sys.modules.get(name)
     if loaded is not None and getattr(loaded, "__file__", None) == str(path):

@@ -86,9 +86,7 @@ class Plain:
 
 @dataclass(frozen=True)
 class Given:
-    """Samples of the user's own, taken as independent: theta (n, columns); `offset`, the number of
-    its first row.
-    """
+    """A user's samples, as independent: theta (n, columns); `offset`, number of its first row."""
 
     values: Tensor
     offset: int = 0
@@ -164,9 +162,7 @@ def replicate_seed(seed: int, k: int) -> int:
 
 
 def sobol(dimension: int, seed: int, first: int, last: int) -> Tensor:
-    """Points first to last - 1 of the scrambled Sobol sequence in (0, 1)^dimension,
-    (last - first, dimension) float64.
-    """
+    """Points first to last - 1 of scrambled Sobol, (last - first, dimension) float64 in (0, 1)."""
     engine = torch.quasirandom.SobolEngine(max(dimension, 1), scramble=True, seed=seed)
     # the engine itself walks to the point before, one by one; each bit of its Gray code is an
     # exclusive or

@@ -63,9 +63,7 @@ class Estimate:
 
     @property
     def relative_error(self) -> Tensor:
-        """Half the interval's width over the size of the estimate; 0 where that has no width, as of
-        a y at rest.
-        """
+        """Half the interval's width over the estimate's size; 0 of no width, as of a y at rest."""
         width = self.high - self.low
         return torch.where(width == 0, 0.0, width / (2 * self.estimate.abs()))
 

@@ -92,9 +92,7 @@ class Evaluation:
     def chunks(
         self, first: int, last: int, progress: Progress | None = None
     ) -> Generator[Any, None, None]:
-        """Chunks of samples first to last - 1, in order; from the folder where they are there, and
-        reduced if so wished.
-        """
+        """Chunks of samples first to last - 1, in order, stored ones too; reduced if asked for."""
         stored: dict[int, Chunk] = {}
         todo: Iterable[tuple[int, int]] = self._ends(first, last)
         if self.folder is not None:
@@ -147,9 +145,7 @@ class Evaluation:
 def evaluated(
     function: Function, joint: JointLaw, theta: Tensor, by_name: bool
 ) -> tuple[Tensor, Tensor]:
-    """y (n, ...) and status (n,) of a function at n samples, detached and on the CPU; ValueError
-    where they do not fit.
-    """
+    """y (n, ...) and status (n,) of n samples, detached, on the CPU; ValueError if unfit."""
     y, status = (x.detach().cpu() for x in called(function, joint, theta, by_name))
     return _alone(y), status
 
@@ -195,9 +191,7 @@ def called(
 
 
 def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:
-    """ValueError where y changes its shape or dtype from one chunk to the next; chunks with their
-    first samples.
-    """
+    """ValueError where y changes shape or dtype between chunks, given with first samples."""
     kind = None
     for first, (_, y, _) in chunks:
         now = (y.dtype, tuple(y.shape[1:]))
@@ -241,9 +235,7 @@ def points_of(n: int, replicates: Any, fewest: int = 1, least: int = 1) -> int:
 
 
 def _alone(x: Tensor) -> Tensor:
-    """The tensor without what it is a part of, such as the state of all nodes: that would be kept,
-    and written, with it.
-    """
+    """The tensor without what it is part of, which would be kept, and written, with it."""
     return x.clone() if x.untyped_storage().nbytes() > x.numel() * x.element_size() else x
 
 

@@ -144,15 +144,13 @@ class JointLaw:
                 column, wanted = v.new_zeros(len(v)) + law.value, (len(v),)
             else:
                 column, wanted = one(law, part[:, 0]), (len(v),)
-            wrong = (
-                f"a {type(column).__name__}"
-                if not isinstance(column, Tensor)
-                else f"{tuple(column.shape)}"
-                if column.shape != wanted
-                else "numbers that are not finite"
-                if not torch.isfinite(column).all()
-                else None
-            )
+            wrong = None
+            if not isinstance(column, Tensor):
+                wrong = f"a {type(column).__name__}"
+            elif column.shape != wanted:
+                wrong = f"{tuple(column.shape)}"
+            elif not torch.isfinite(column).all():
+                wrong = "numbers that are not finite"
             if wrong:
                 raise ValueError(
                     f"a law of {name!r} that gave {wrong} for u ({len(v)},) was given; finite "

@@ -37,9 +37,7 @@ TORCHS = {
 
 
 def as_own(law: Any) -> Any:
-    """The same law as one that tells scores, where it is a pair or one of torch's that are known
-    here; as it is otherwise.
-    """
+    """A law that tells scores in place of a pair, or of one of torch's; others as they are."""
     if isinstance(law, (tuple, list)):
         return Uniform(*law)
     make = TORCHS.get(type(law))

@@ -15,17 +15,11 @@ from .parametric_laws import Constant, Gumbel, LogNormal, Normal, Triangular, Un
 from .random_field import RandomField
 from .truncated_law import Truncated
 
+# fmt: off
 __all__ = [
-    "Constant",
-    "Empirical",
-    "Gumbel",
-    "LogNormal",
-    "Normal",
-    "RandomField",
-    "Triangular",
-    "Truncated",
-    "Uniform",
-    "Weibull",
+    "Constant", "Empirical", "Gumbel", "LogNormal", "Normal", "RandomField", "Triangular",
+    "Truncated", "Uniform", "Weibull",
 ]
+# fmt: on
 entry_points(globals(), __all__)
 Law = Any

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -138,12 +139,9 @@ def moment_derivatives(
     samples = int(sum(total[0] for total in sums))
     halves = [student_half(scatter, level) for scatter in each]
     method = f"{len(good)} replicates"
-    return MomentDerivatives(
-        *(
-            Estimate.about(centre, half, level, samples, method, reasons)
-            for centre, half in zip(pooled, halves, strict=True)
-        )
-    )
+    rest = level, samples, method, reasons
+    pairs = zip(pooled, halves, strict=True)
+    return MomentDerivatives(*(Estimate.about(*pair, *rest) for pair in pairs))
 
 
 def _refuse_a_part(
@@ -198,17 +196,12 @@ def _sums(
     about = good.detach().mean(0) if about is None and len(good) else about
     values = (good if about is None else good - about).reshape(len(good), math.prod(y.shape[1:]))
     moments = (values.sum(0), values.square().sum(0))
-    by = (
-        [
-            [
-                torch.autograd.grad(number, q, retain_graph=True, allow_unused=True)[0]
-                for number in moment.unbind()
-            ]
-            for moment in moments
-        ]
-        if y.requires_grad
-        else [[None]]
-    )
+
+    def slopes(moment: Tensor) -> list[Tensor | None]:
+        by = partial(torch.autograd.grad, inputs=q, retain_graph=True, allow_unused=True)
+        return [by(number)[0] for number in moment.unbind()]
+
+    by = [slopes(moment) for moment in moments] if y.requires_grad else [[None]]
     if all(part is None for part in by[0]):
         raise ValueError(
             "a function whose y carries no gradient by q was given; one of torch operations, and "
@@ -237,9 +230,5 @@ def _moments(sums: tuple[Tensor, ...]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     deviation = variance.clamp_min(0).sqrt()
     # of a number that does not vary, as at an instant at rest: neither does its deviation
     still = deviation == 0
-    return (
-        mean,
-        deviation,
-        mean_by,
-        torch.where(still, 0.0, variance_by / torch.where(still, 1.0, 2 * deviation)),
-    )
+    slope = variance_by / torch.where(still, 1.0, 2 * deviation)
+    return mean, deviation, mean_by, torch.where(still, 0.0, slope)

@@ -42,15 +42,9 @@ class Moments:
         fourth = (self.fourth + other.fourth + d**4 * (a * b * (a * a - a * b + b * b) / n**3)
                   + 6 * d**2 * (a * a * other.second + b * b * self.second) / n**2
                   + 4 * d * (a * other.third - b * self.third) / n)  # fmt: skip
-        return Moments(
-            n,
-            self.mean + d * (b / n),
-            second,
-            third,
-            fourth,
-            torch.minimum(self.least, other.least),
-            torch.maximum(self.largest, other.largest),
-        )
+        mean = self.mean + d * (b / n)
+        ends = torch.minimum(self.least, other.least), torch.maximum(self.largest, other.largest)
+        return Moments(n, mean, second, third, fourth, *ends)
 
     @property
     def deviation(self) -> Tensor:

@@ -148,13 +148,9 @@ def monte_carlo(
         done = end
         firsts = torch.tensor([0, *(len(c[0]) for c in chunks)]).cumsum(0).tolist()
         one_kind(zip(firsts, chunks, strict=False))
-        samples = Samples(
-            joint.names,
-            *(torch.cat(part) for part in zip(*chunks, strict=True)),
-            1 if plan.independent or points is None else done // points,
-            plan.independent,
-            reasons,
-        )
+        columns = (torch.cat(part) for part in zip(*chunks, strict=True))
+        several = 1 if plan.independent or points is None else done // points
+        samples = Samples(joint.names, *columns, several, plan.independent, reasons)
         if until is not None and _reached(samples, until):
             break
     return samples

@@ -109,9 +109,7 @@ def _write(folder: ChunkFolder, stream: Stream, done: int) -> None:
 
 
 def _taken_up(folder: ChunkFolder, empty: Stream) -> tuple[Stream, int]:
-    """Summary in the folder, and how many samples it is of; the empty one where there is none, or a
-    damaged one.
-    """
+    """Summary in the folder, and of how many samples; `empty` where it is damaged or not there."""
 
     def content(stored: dict[str, Any]) -> tuple[Stream, int]:
         stream, done = stored["stream"], stored["done"]

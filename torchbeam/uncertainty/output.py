@@ -145,12 +145,8 @@ def write_found(path: Path, summary: dict[str, Any]) -> None:
     if path.suffix == ".json":
         write(path, json.dumps(summary, indent=1) + "\n")
     else:
-        write(
-            path,
-            csv_text(
-                [COLUMNS, *([row[name] for name in COLUMNS] for row in summary["statistics"])]
-            ),
-        )
+        rows = ([row[name] for name in COLUMNS] for row in summary["statistics"])
+        write(path, csv_text([COLUMNS, *rows]))
 
 
 def _several(name: str, values: Any) -> tuple[float, ...]:

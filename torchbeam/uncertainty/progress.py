@@ -40,20 +40,15 @@ class Progress:
         self.done += samples
         self.restored += samples * stored
         self.failed += failed
+        terminal = sys.stderr.isatty()
+        late = time.monotonic() - self._reported > (EVERY if terminal else LOG)
         if self.report is not True:
             self.report(self)
-        elif (
-            time.monotonic() - self._reported > (EVERY if sys.stderr.isatty() else LOG)
-            or self.done >= self.total
-        ):
+        elif late or self.done >= self.total:
             self._reported = time.monotonic()
-            over = sys.stderr.isatty() and self.done < self.total
-            print(
-                f"\r{self}" if sys.stderr.isatty() else self,
-                end="" if over else "\n",
-                file=sys.stderr,
-                flush=True,
-            )
+            over = terminal and self.done < self.total
+            line, end = (f"\r{self}", "" if over else "\n") if terminal else (f"{self}", "\n")
+            print(line, end=end, file=sys.stderr, flush=True)
 
     @property
     def seconds(self) -> float:

@@ -88,9 +88,7 @@ class RandomField:
 
     @property
     def captured(self) -> Tensor:
-        """Share (m,) of the variance (of the logarithm, of a lognormal field) that the terms hold
-        at each place.
-        """
+        """Share (m,) of the variance (of a lognormal field's logarithm) that the terms hold."""
         return (self.shape.square() * self.eigenvalue).sum(-1)
 
     def of_scores(self, z: Tensor) -> Tensor:

@@ -1,6 +1,4 @@
-"""Rare events: probabilities of 1e-3 to 1e-9, by subset simulation or by importance sampling from
-design points.
-"""
+"""Rare events of 1e-3 to 1e-9: subset simulation, or importance sampling at design points."""
 
 from __future__ import annotations
 

@@ -186,17 +186,11 @@ class Samples(Tables):
         return n, ((means - centre).square().sum(0) / freedom).sqrt()
 
     def _groups(self, y: Tensor | None = None, good: Tensor | None = None) -> list[Tensor]:
-        """Good samples of each replicate that has some; all of them together, where replicates do
-        not tell the error.
-        """
+        """Good samples by replicate, or all together where replicates do not tell the error."""
         y = self.y.double() if y is None else y
         good = self.status == 0 if good is None else good
-        groups = [
-            part[chosen]
-            for part, chosen in zip(
-                y.chunk(self.replicates), good.chunk(self.replicates), strict=True
-            )
-        ]
+        parts = zip(y.chunk(self.replicates), good.chunk(self.replicates), strict=True)
+        groups = [part[chosen] for part, chosen in parts]
         whole = self._filled(torch.cat(groups))
         groups = [group for group in groups if len(group)]
         return groups if estimate.replicated_well(len(groups), len(whole)) else [whole]

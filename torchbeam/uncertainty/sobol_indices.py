@@ -59,11 +59,10 @@ class SobolIndices:
                 f"{self.evaluations} evaluations)"
             )
         columns = (self.first, self.low[0], self.high[0], self.total, self.low[1], self.high[1])
+        numbers = zip(self.names, *(x.tolist() for x in columns), strict=True)
         rows = [
             f"{name} first {a:.3f} ({b:.3f} to {c:.3f}), total {d:.3f} ({e:.3f} to {f:.3f})"
-            for name, a, b, c, d, e, f in zip(
-                self.names, *(x.tolist() for x in columns), strict=True
-            )
+            for name, a, b, c, d, e, f in numbers
         ]
         return (
             f"SobolIndices({'; '.join(rows)}; {self.evaluations} evaluations, {self.failed} "

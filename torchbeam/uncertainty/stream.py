@@ -228,9 +228,7 @@ class Stream(Summary):
         return (-above.diff(dim=-1) / self._good).reshape(*self.shape, -1)
 
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> Tensor:
-        """Half the intervals (...) of P(y > x) from its shares in the replicates, x (...); at least
-        the rule of three.
-        """
+        """Half the intervals (...) of P(y > x) by replicates; at least the rule of three."""
         pairs = zip(self.sketches, self.moments, strict=True)
         known = [(sketches[j], own.n) for sketches, own in pairs if own is not None]
         shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])

@@ -1,6 +1,4 @@
-"""Subset simulation: a rare event as the last of a row of events, each ten times less likely than
-the one before.
-"""
+"""Subset simulation: a rare event as the last of several, each ten times less likely."""
 
 from __future__ import annotations
 

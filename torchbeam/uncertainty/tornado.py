@@ -50,12 +50,8 @@ class Tornado:
             raise ValueError(
                 f"the rows of a y {tuple(self.base.shape)} were asked for; one number is wanted"
             )
-        return [
-            (name, *at, a.item(), b.item())
-            for name, at, a, b in zip(
-                self.names, self.at.tolist(), self.low, self.high, strict=True
-            )
-        ]
+        columns = zip(self.names, self.at.tolist(), self.low, self.high, strict=True)
+        return [(name, *at, a.item(), b.item()) for name, at, a, b in columns]
 
     def __repr__(self) -> str:
         return (

@@ -92,9 +92,5 @@ class Truncated(TwoTails):
 
     def _ends(self, like: Tensor) -> tuple[Tensor, Tensor]:
         """Normal scores of the law just below `least` and at `largest`."""
-        return tuple(
-            like.new_full((1,), x)
-            if math.isinf(x)
-            else score(self.law, like.new_tensor([x])).to(like.dtype)
-            for x in (self._below, self.largest)
-        )
+        ends = (like.new_tensor([x]) for x in (self._below, self.largest))
+        return tuple(x if x.isinf() else score(self.law, x).to(like.dtype) for x in ends)

@@ -7,7 +7,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.analysis.trials import change, operations
+from studies.operations import operations
+from torchbeam.analysis.advise import change
 
 BEAM = tb.Beam.straight(
     1.0, 4, tb.Section.from_stiffness(EA=1e4, GA=(5.0, 4e3), GJ=1.0, EI=1.0, mass=0.2, inertia=1e-6)

@@ -3,13 +3,14 @@ that.
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+import torchbeam as tb
 from torchbeam.core.batch_subset import BatchSubset, NotSeparable
 from torchbeam.core.derivatives import cached, no_derivatives
 from torchbeam.core.leaves import (
@@ -214,3 +215,14 @@ def test_a_tree_is_equal_to_itself_alone():
     one, other = (Cloud((point(),), point()) for _ in range(2))
     assert one == one and one != other and other not in (one,) and len({one: 0, other: 1}) == 2
     assert hash(one) == hash(one) and map_leaves(lambda value, axes: value, one) == one
+
+
+def test_what_another_version_saved_is_refused_in_a_sentence():
+    """A field that its class had not yet, of an object by itself and of one within a file."""
+    section = tb.Section.from_stiffness(EA=1.0, GA=1.0, GJ=1.0, EI=1.0, mass=1.0)
+    beam = tb.Beam.straight(1.0, 2, section)
+    held = beam.__getstate__()
+    name = next(field.name for field in fields(beam) if not hasattr(tb.Beam, field.name))
+    del held[name]
+    with pytest.raises(ValueError, match=f"^a Beam that another version .* without {name}; one"):
+        object.__new__(tb.Beam).__setstate__(held)

@@ -13,7 +13,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.analysis.trials import Counter
+from studies.operations import Counter
 from torchbeam.dynamics import prepared as module
 from torchbeam.dynamics.stepper import Stepper
 

@@ -14,6 +14,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam.equations import load_steps
+from torchbeam.linear import load_path
 from torchbeam.linear.system_matrices import in_basis, of_chain, of_nodes
 from torchbeam.math.block_chain import BlockChain
 from torchbeam.math.quadratic_eigen import slow_first, slow_values
@@ -351,3 +353,63 @@ def test_parts_that_do_not_touch_leave_the_chain(monkeypatch):
         for more in ([], [tb.SelfContact(thickness=1e-3, force=1.0, radius=0.01)])
     )
     assert_close(beside, alone, rtol=1e-8, atol=0)
+
+
+def test_a_rod_that_is_twisted_buckles_into_a_helix():
+    """Clamped, and turned about its axis at the other end, which may slide: M L/EI = 8.98682, the
+    first zero of tan x = x times 2 (Greenhill 1883), at an angle of M L/GJ, more than two turns. To
+    2e-3, of four elements.
+    """
+    section = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=0.7, EI=1.0, mass=1.0, inertia=1e-4)
+    beam = tb.Beam.straight(1.0, 4, section, order=2)
+
+    def twisted(angle):
+        turn = torch.stack((angle, 0 * angle, 0 * angle), -1)
+        held = tb.Support(0), tb.Support(-1, "yz", "xyz", turn=turn)
+        return tb.Scene(beam, [], supports=held)
+
+    found = tb.critical_load(twisted, 15.0, lowest=11.0, points=3, tolerance=1e-2)
+    assert found.divergence
+    assert_close(found.factor, torch.tensor(8.98682 / 0.7), rtol=2e-3, atol=0)
+
+
+def test_one_branch_is_followed(monkeypatch):
+    """A column with a trace of a load across, whose equilibria from no load on are taken on the
+    branch that has buckled, and is stable: they are found from one to the next, on the first.
+    """
+
+    def column(P):
+        return planar(4, tb.TipLoad(force=along_x(-P) + torch.tensor([0.0, 0, 1e-9])))
+
+    want = tb.critical_load(column, 4.0, points=3, tolerance=1e-2).factor
+    own, calls = load_path.equilibrium, []
+
+    def buckled(scene, initial=None, **named):
+        calls.append(initial is None)
+        return own(scene, initial=initial, branch="stable" if initial is None else "first", **named)
+
+    monkeypatch.setattr(load_path, "equilibrium", buckled)
+    found = tb.critical_load(column, 4.0, points=3, tolerance=1e-2)
+    assert calls[0] and not any(calls[1:])
+    assert_close(found.factor, want, rtol=1e-4, atol=0)
+
+
+def test_a_bent_column_is_followed_in_few_iterations(monkeypatch):
+    """Beside a spring that is off its axis a column is bent from the start: each equilibrium is
+    found from one nearby, 47 iterations in all where there were 1,192 from no load on.
+    """
+    iterations, own = [], load_steps.newton
+
+    def counted(*args, **named):
+        outcome = own(*args, **named)
+        iterations.append(int(outcome.iterations.max()))
+        return outcome
+
+    monkeypatch.setattr(load_steps, "newton", counted)
+    spring = tb.Spring(-1, stiffness=5.0, offset=(0, 0, 0.1))
+    section = tb.Section.rectangle(0.03, 0.002, 69e9, 0.33, 2700.0)
+    beam = tb.Beam.straight(1.0, 8, section)
+    found = tb.critical_load(
+        lambda P: tb.Scene(beam, [tb.TipLoad(force=along_x(-P)), spring]), 30.0
+    )
+    assert found.divergence and sum(iterations) < 100

@@ -7,8 +7,9 @@ import torch
 from torch.testing import assert_close
 
 from torchbeam.math.block_tridiagonal import (
-    block_tridiagonal,
+    backward,
     finite_pivots,
+    forward,
     pivots,
     positive_definite,
 )
@@ -34,6 +35,11 @@ def dense(D, L, U):
     return A.flatten(-4, -3).flatten(-2)
 
 
+def solved(D, L, U, b):
+    rows = torch.broadcast_tensors(*backward(*forward(D, L, U, b[..., None])))
+    return torch.cat(rows, -1).mT
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_equals_the_dense_solve(n):
     """Elimination in blocks against torch.linalg.solve of the same matrix: to rounding times the
@@ -41,13 +47,13 @@ def test_equals_the_dense_solve(n):
     """
     D, L, U, b = system(n)
     x = torch.linalg.solve(dense(D, L, U), b.flatten(-2)).view_as(b)
-    assert_close(block_tridiagonal(D, L, U, b), x, **ROUNDING)
+    assert_close(solved(D, L, U, b), x, **ROUNDING)
 
 
 def test_leading_axes_broadcast():
     D, L, U, b = system()
-    x = block_tridiagonal(D[0], L, U[0], b[1])
-    assert_close(x[2], block_tridiagonal(D[0], L[2], U[0], b[1]), **ROUNDING)
+    x = solved(D[0], L, U[0], b[1])
+    assert_close(x[2], solved(D[0], L[2], U[0], b[1]), **ROUNDING)
 
 
 @pytest.mark.parametrize("bad", [0.0, float("nan"), float("inf")])
@@ -56,11 +62,11 @@ def test_a_singular_sample_leaves_the_others_alone(bad):
     for bit what they were.
     """
     D, L, U, b = system()
-    good = block_tridiagonal(D, L, U, b)
+    good = solved(D, L, U, b)
     D, L = D.clone(), L.clone()
     D[1, 2] = bad
     L[1] = 0
-    x = block_tridiagonal(D, L, U, b)
+    x = solved(D, L, U, b)
     assert not torch.isfinite(x[1]).all()
     for i in (0, 2, 3):
         assert_close(x[i], good[i], rtol=0, atol=0)

@@ -11,8 +11,8 @@ from torch.autograd import forward_ad
 from torch.testing import assert_close
 
 import torchbeam as tb
+from studies.operations import Counter
 from studies.verification.wing import goland
-from torchbeam.analysis.trials import Counter
 from torchbeam.nodal.rates import Rates
 from torchbeam.scene.effects import LoadEffect
 

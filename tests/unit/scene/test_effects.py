@@ -11,8 +11,8 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from cases.rows import ROWS, WITHOUT
+from studies.operations import Counter
 from tests.cases.nodal_cases import state as random_state
-from torchbeam.analysis.trials import Counter
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise

@@ -9,7 +9,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.analysis.trials import Counter
+from studies.operations import Counter
 
 SECTION = tb.Section.from_stiffness(EA=4e4, GA=1.5e4, GJ=0.8, EI=1.0, mass=0.2, inertia=5e-6)
 

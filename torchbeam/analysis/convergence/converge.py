@@ -21,13 +21,13 @@ from ...core.validation import as_tensor, increasing, refusal
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
 from ...statics.equilibrium import equilibrium
-from .convergence import Convergence, Tried
+from .convergence import Convergence, TriedSetting
 from .notes import notes
 from .reading import Reader, takes_scene
 from .remesh import least_elements, remesh
 from .search import Checked, Search
 from .setting import ELEMENTS, METHODS, Setting
-from .trials import Trials
+from .trials import TrialRuns
 
 Report = Callable[[int, Setting], None]
 
@@ -114,7 +114,7 @@ def converge(
     options = {} if t is None else dict(initial=initial, inputs=inputs, engine=engine)
     reader, report = Reader(read, first, size), _report(progress)
     run = solve or equilibrium
-    trials = Trials(make, reader, t, run, float(share), options, report, float(seconds))
+    trials = TrialRuns(make, reader, t, run, float(share), options, report, float(seconds))
     interval = None if t is None else t.diff().min().item()
     kinds = list(dict.fromkeys(listed(elements)))
     own = [] if t is None else list(dict.fromkeys(listed(methods)))
@@ -134,9 +134,7 @@ def converge(
 def _problem(
     scene: Any, t: Any, read: Any, size: Any, solve: Any
 ) -> tuple[Callable[[Setting], Scene], int, Scene, Tensor | None]:
-    """How a scene is made by a setting, of which number its elements are multiples, one such, and
-    the instants.
-    """
+    """How to make a scene by a setting, the divisor of its elements, one such scene, instants."""
     if not isinstance(read, Sensor):
         check_function("read", read, *("solution", "scene")[: 1 + takes_scene(read)])
     if solve is not None:
@@ -174,21 +172,18 @@ def _report(progress: bool | Report) -> Report | None:
     return None if progress is False else check_function("progress", progress, "done", "setting")
 
 
-def _table(trials: Trials, best: Checked) -> tuple[Tried, ...]:
+def _table(trials: TrialRuns, best: Checked) -> tuple[TriedSetting, ...]:
     """All that was run, against the chosen reading with what its finer levels change."""
     chosen = trials(best.setting).reading
     limit = chosen.clone()
     for coarse, fine in best.levels:
         limit = limit + (trials(fine).reading - trials(coarse).reading)
     limit = replace(trials(best.setting), reading=limit)
-    return tuple(
-        Tried(
-            trial.setting,
-            None if trials.t is None else trials.step_count(trial.setting.step),
-            trials.apart(trial, limit),
-            trial.seconds,
-            trial.iterations,
-            trial.setting == best.setting,
+    tried = []
+    for trial in trials.made.values():
+        steps = None if trials.t is None else trials.step_count(trial.setting.step)
+        off, chosen = trials.apart(trial, limit), trial.setting == best.setting
+        tried.append(
+            TriedSetting(trial.setting, steps, off, trial.seconds, trial.iterations, chosen)
         )
-        for trial in trials.made.values()
-    )
+    return tuple(tried)

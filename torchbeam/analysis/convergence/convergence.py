@@ -12,7 +12,7 @@ from .setting import Setting
 
 
 @dataclass(frozen=True)
-class Tried:
+class TriedSetting:
     """One setting that was run.
 
     steps      their number, None in statics
@@ -31,7 +31,7 @@ class Tried:
     chosen: bool
 
 
-COLUMNS = "element", "elements", "method", "step", *[f.name for f in fields(Tried)][1:]
+COLUMNS = "element", "elements", "method", "step", *[f.name for f in fields(TriedSetting)][1:]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Convergence:
         rtol: what was wanted converged: whether the error is no more
         notes: sentences on what was observed: orders that were not reached, what was refused, what
             would be needed
-        table: `Tried` settings, in the order in which they were run
+        table: the settings that were tried, in the order in which they were run
         seconds: CPU time of the search, compiling included
 
     Examples:
@@ -65,7 +65,7 @@ class Convergence:
     mesh_error: float
     step_error: float
     notes: tuple[str, ...]
-    table: tuple[Tried, ...]
+    table: tuple[TriedSetting, ...]
     seconds: float
 
     @property
@@ -97,13 +97,8 @@ class Convergence:
 
     def rows(self) -> list[list[Any]]:
         """The table's values, by `COLUMNS`."""
-        return [
-            [
-                getattr(tried.setting if hasattr(tried.setting, name) else tried, name)
-                for name in COLUMNS
-            ]
-            for tried in self.table
-        ]
+        both = [{**vars(tried), **vars(tried.setting)} for tried in self.table]
+        return [[own[name] for name in COLUMNS] for own in both]
 
     def csv(self, path: Any) -> None:
         """Write the table to a file."""
@@ -125,10 +120,5 @@ class Convergence:
         ]
         reached = "" if self.converged else f", more than the {self.rtol:g} that were wanted"
         parts = f" (mesh {self.mesh_error:.1e}, step {self.step_error:.1e})" * bool(self.options)
-        return "\n".join(
-            [
-                f"{self.settings}: estimated error {self.error:.1e}{parts}{reached}",
-                *self.notes,
-                *aligned([head, *rows]),
-            ]
-        )
+        said = f"{self.settings}: estimated error {self.error:.1e}{parts}{reached}"
+        return "\n".join([said, *self.notes, *aligned([head, *rows])])

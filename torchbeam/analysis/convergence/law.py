@@ -1,4 +1,4 @@
-"""Law: how an error falls with the fineness of a mesh or of the steps, from some of each."""
+"""Law of errors: how one falls with the fineness of a mesh or of the steps, from some of each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ LEAST_ORDER = 0.5  # a law that falls slower counts as one of this order, which 
 
 
 @dataclass
-class Law:
+class ErrorLaw:
     """Errors by fineness (elements, or steps), and between and beyond these by powers.
 
     rate      order of the error where the solution is smooth, which no prediction exceeds

@@ -60,14 +60,10 @@ def remesh(
     fine = fine.linked() if linked else fine
     rows = _Rows(beam, elements, order)
     given = scene.supports.given
-    return replace(
-        scene,
-        beam=fine,
-        effects=tuple(_moved(effect, rows) for effect in scene.effects),
-        supports=None
-        if given is None
-        else [with_values(support, node=rows(support.node)) for support in given],
-    )
+    if given is not None:
+        given = [with_values(support, node=rows(support.node)) for support in given]
+    effects = tuple(_moved(effect, rows) for effect in scene.effects)
+    return replace(scene, beam=fine, effects=effects, supports=given)
 
 
 def least_elements(scene: Scene, nodes: Iterable[int] = ()) -> int:

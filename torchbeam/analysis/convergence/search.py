@@ -2,8 +2,8 @@
 
 A setting is run, and one with twice the elements, and one with half the step: what these change are
 the errors that it is accepted by, each told at equal steps or on one mesh: where both would cancel
-that is no accuracy. Errors fall by powers (`Law`), so that the cost of what is fine enough can be
-told before it is run. What was run serves again wherever it tells the same.
+that is no accuracy. Errors fall by powers (`ErrorLaw`), so that the cost of what is fine enough can
+be told before it is run. What was run serves again wherever it tells the same.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from itertools import takewhile
 
 from ...dynamics.step_solver import mixes_ends
 from ...nodal.discretise import discretise
-from .law import Law
+from .law import ErrorLaw
 from .setting import ELEMENTS, METHODS, Setting
-from .trials import Trials
+from .trials import TrialRuns
 
 SAFETY = 0.7  # share of the wanted error that a choice is predicted to have
 # numbers of elements and of steps: 1, 2, 3, 4, 6, 8, 12, ...
@@ -64,7 +64,7 @@ class Search:
     space, time  laws of the errors, by the name of an element and of a method, that were measured
     """
 
-    trials: Trials
+    trials: TrialRuns
     rtol: float
     base: int
     interval: float | None
@@ -73,8 +73,8 @@ class Search:
     most: tuple[int, int]
     refused: dict[str, str] = field(default_factory=dict)
     failed: dict[str, int] = field(default_factory=dict)
-    space: dict[str, Law] = field(default_factory=dict)
-    time: dict[str, Law] = field(default_factory=dict)
+    space: dict[str, ErrorLaw] = field(default_factory=dict)
+    time: dict[str, ErrorLaw] = field(default_factory=dict)
     checked: list[Checked] = field(default_factory=list)
 
     def run(self) -> Checked:
@@ -140,10 +140,10 @@ class Search:
             return math.inf
         if name in self.time:
             return self.time[name].predicted(steps)
+        kind = METHODS[name]
         guesses = [
-            METHODS[name].factor
-            * (law.predicted(steps) / METHODS[other].factor)
-            ** (METHODS[name].rate / METHODS[other].rate)
+            kind.factor
+            * (law.predicted(steps) / METHODS[other].factor) ** (kind.rate / METHODS[other].rate)
             for other, law in self.time.items()
         ]
         return min(guesses, default=0.0)
@@ -163,9 +163,7 @@ class Search:
         return guess(name, count) * max(off, default=1.0)
 
     def _first(self) -> Setting:
-        """The cheapest mesh that is guessed to do, by the longest steps: how short they have to be
-        is not guessed.
-        """
+        """The cheapest mesh that is guessed to do, by the longest steps, which are not guessed."""
         method = min(self.methods, key=lambda m: METHODS[m].cost, default=None)
         step = None
         if method is not None:
@@ -267,14 +265,14 @@ class Search:
         space = time = math.inf
         if changes and changes[0] < math.inf:
             kind = ELEMENTS[choice.element]
-            law = self.space.setdefault(choice.element, Law(kind.rate, kind.expected))
+            law = self.space.setdefault(choice.element, ErrorLaw(kind.rate, kind.expected))
             law.changes[choice.elements] = changes[0]
             space = law.error(choice.elements)
         if steps is None:
             time = 0.0
         elif changes and changes[1] < math.inf:
             method, count = METHODS[choice.method], self.trials.step_count(choice.step)
-            law = self.time.setdefault(choice.method, Law(method.rate, method.expected))
+            law = self.time.setdefault(choice.method, ErrorLaw(method.rate, method.expected))
             law.changes[count] = changes[1]
             time = law.error(count)
         self.checked.append(Checked(choice, space, time, tuple(levels)))

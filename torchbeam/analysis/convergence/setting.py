@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 
-class Element(NamedTuple):
+class ElementKind(NamedTuple):
     """Of a scene's elements: order and linked interpolation, as `remesh` takes them; the order of
     their error where the solution is smooth. For a first guess, as seen in soft rods: the error of
     a mesh of 8 intervals, the order in that range, and the CPU time of an interval, in linear
@@ -21,7 +21,7 @@ class Element(NamedTuple):
     cost: float
 
 
-class Method(NamedTuple):
+class MethodKind(NamedTuple):
     """Of steps: the order of their error where the motion is smooth. For a first guess: the error's
     factor of (omega h)^order, in midpoint steps', the order that a single change is taken for, and
     the CPU time of a step, in midpoint steps'.
@@ -34,14 +34,14 @@ class Method(NamedTuple):
 
 
 ELEMENTS = {
-    "linear": Element(1, False, 2.0, 8e-3, 2.0, 1.0),
-    "linked": Element(1, True, 4.0, 1.5e-3, 2.3, 1.0),
-    "order 2": Element(2, False, 4.0, 1.5e-3, 3.5, 1.3),
+    "linear": ElementKind(1, False, 2.0, 8e-3, 2.0, 1.0),
+    "linked": ElementKind(1, True, 4.0, 1.5e-3, 2.3, 1.0),
+    "order 2": ElementKind(2, False, 4.0, 1.5e-3, 3.5, 1.3),
 }
 METHODS = {
-    "midpoint": Method(2.0, 1.0, 2.0, 1.0),
-    "midpoint4": Method(4.0, 1.0, 3.0, 5.0),
-    "generalized_alpha": Method(2.0, 4.0, 2.0, 1.0),
+    "midpoint": MethodKind(2.0, 1.0, 2.0, 1.0),
+    "midpoint4": MethodKind(4.0, 1.0, 3.0, 5.0),
+    "generalized_alpha": MethodKind(2.0, 4.0, 2.0, 1.0),
 }
 
 

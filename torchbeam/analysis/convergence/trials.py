@@ -1,4 +1,4 @@
-"""Trials: a scene solved by settings, each once, with what it gave and took."""
+"""Trial runs: a scene solved by settings, each once, with what it gave and took."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ...scene.scene import Scene
 from .reading import Reader
 from .setting import ELEMENTS, METHODS, Setting
 
-END = 4  # nodes that a step of a beam without any would cost as much as, see `Trials.work`
+END = 4  # nodes that a step of a beam without any would cost as much as, see `TrialRuns.work`
 SPAN = 1e-6  # of a step: how much longer an interval may be than a whole number of them
 
 
 @dataclass(frozen=True)
-class Trial:
+class TrialRun:
     """One setting, tried. reading (time, ..., *) or (..., *); failed (...) samples; seconds of CPU
     time, without that of compiling; iterations of Newton's method, the mean of the samples (None =
     not counted).
@@ -40,7 +40,7 @@ class Trial:
 
 
 @dataclass
-class Trials:
+class TrialRuns:
     """Runs settings of a problem and remembers them.
 
     mesh     (setting) -> the scene on its mesh
@@ -59,13 +59,13 @@ class Trials:
     options: dict[str, Any]
     report: Callable[[int, Setting], None] | None = None
     seconds: float = math.inf
-    made: dict[Setting, Trial] = field(default_factory=dict)
+    made: dict[Setting, TrialRun] = field(default_factory=dict)
     counts: dict[float, int] = field(default_factory=dict)  # of steps, by their length
     setup: float = 0.0  # CPU s of a run without steps, as these runs tell
     scenes: dict[tuple[str, int], Scene] = field(default_factory=dict)  # by their meshes
     in_time: bool | None = None  # whether readings are histories, if their shape is that of one
 
-    def __call__(self, setting: Setting) -> Trial:
+    def __call__(self, setting: Setting) -> TrialRun:
         if setting not in self.made:
             if self.report is not None:
                 self.report(len(self.made), setting)
@@ -84,7 +84,7 @@ class Trials:
         """The relative error that `share` of the samples do not exceed; inf where a run failed."""
         return self.apart(self(setting), self(reference))
 
-    def apart(self, trial: Trial, reference: Trial) -> float:
+    def apart(self, trial: TrialRun, reference: TrialRun) -> float:
         """The same of two trials."""
         count = len(self.t) if self.in_time else None
         errors = self.reader.errors(trial.reading, reference.reading, count)
@@ -130,9 +130,7 @@ class Trials:
         return self.setup + rate * self.work(setting)
 
     def _setup(self) -> float:
-        """CPU seconds of a run without steps, as those of one element and method tell of which the
-        work differs most.
-        """
+        """CPU seconds of a run without steps, by those of one kind whose work differs most."""
         span, setup = 1.0, 0.0
         kinds: dict[tuple, list[tuple[float, float]]] = {}
         for one in self.made.values():
@@ -153,7 +151,7 @@ class Trials:
         more = sum(self.cost(s) for s in settings if s not in self.made)
         return spent + more <= self.seconds
 
-    def _run(self, setting: Setting) -> Trial:
+    def _run(self, setting: Setting) -> TrialRun:
         with no_derivatives(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of samples that failed
             for _ in range(2):  # the second time only where the first one compiled
@@ -173,7 +171,7 @@ class Trials:
             failed = failed.any(0)
         counted = getattr(getattr(result, "stats", None), "iterations", None)
         iterations = None if counted is None else counted.double().sum(0).mean().item()
-        return Trial(setting, reading, failed, seconds, iterations, result)
+        return TrialRun(setting, reading, failed, seconds, iterations, result)
 
     def _solve(self, scene: Scene, setting: Setting) -> Any:
         if self.t is None:

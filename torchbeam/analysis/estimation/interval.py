@@ -26,9 +26,7 @@ from .unknowns import Slopes, Unknowns
 
 
 class Moved(NamedTuple):
-    """The state at the end of an interval, its readings (..., m), and the derivatives of its z and
-    of the readings.
-    """
+    """State and readings (..., m) at an interval's end, and derivatives of z and of these."""
 
     state: State
     readings: Tensor
@@ -97,9 +95,7 @@ class Interval:
         return y.detach()[0], slope.movedim(0, -2) @ self.model.slopes(start)[1]
 
     def changed(self, state: State, z: Tensor) -> State:
-        """The state whose coordinates are z (..., n) more; a sample of which there is none keeps
-        its own, and fails.
-        """
+        """The state with coordinates z (..., n) more; where there is none, its own, which fails."""
         space = self.model.space
         reduced, by = space.to_reduced(state), (self.model.moves @ z[..., None])[..., 0]
         try:

@@ -84,14 +84,8 @@ def bootstrap(
             size = np.sqrt(n / np.random.default_rng(seed).chisquare(n, (repeats, len(n))))
             noise = noise * problem.noise.each(torch.as_tensor(size).to(x))[:, problem.known]
         repeated = problem.with_targets(r + problem.target + noise)
-        fits = search(
-            repeated,
-            starts,
-            repeated.region(starts).holding(held),
-            ITERATIONS,
-            TOLERANCE,
-            known=(-noise, J.expand(repeats, -1, -1)),
-            negligible=NEGLIGIBLE * scale**2,
-        )
+        region, known = repeated.region(starts).holding(held), (-noise, J.expand(repeats, -1, -1))
+        few = dict(known=known, negligible=NEGLIGIBLE * scale**2)
+        fits = search(repeated, starts, region, ITERATIONS, TOLERANCE, **few)
     transform = problem.parameters.transform
     return Bootstrap(transform.theta(fits.x), fits.status, fits.x, x, transform)

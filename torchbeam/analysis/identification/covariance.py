@@ -1,6 +1,4 @@
-"""Covariance of a fit: parameters that bounds hold, and degrees of freedom of noise that is found
-with the parameters.
-"""
+"""Covariance of a fit: held parameters, and degrees of freedom of noise that is found."""
 
 from __future__ import annotations
 

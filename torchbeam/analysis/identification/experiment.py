@@ -107,12 +107,8 @@ def experiments_of(model: Any, data: Any, sigma: Any) -> tuple[Experiment, ...]:
             f"sigma of {', '.join(map(str, wrong))} was given; there are data of "
             f"{', '.join(map(str, data))}"
         )
-    return tuple(
-        _experiment(
-            name, model[name] if isinstance(model, Mapping) else model, data[name], sigmas.get(name)
-        )
-        for name in data
-    )
+    models = model if isinstance(model, Mapping) else dict.fromkeys(data, model)
+    return tuple(_experiment(n, models[n], data[n], sigmas.get(n)) for n in data)
 
 
 def _experiment(name: str | None, model: Any, data: Any, sigma: Any) -> Experiment:

@@ -19,7 +19,7 @@ from .measurement import Measurement, each, sigma_given
 from .noise import NOISES
 from .parameter import Parameter
 from .problem import FitProblem
-from .regularization import CRITERIA, Linearised, Weighing, weigh
+from .regularization import CRITERIA, Linearised, RegularizationChoice, weigh
 from .smoothness import Smoothness, SmoothnessRows
 
 NOISE = 0.05  # first deviation of data without sigma, over their RMS
@@ -62,7 +62,7 @@ class FieldFit:
     weight: dict[str, float]
     sigma: float
     effective: float
-    weighing: Weighing
+    weighing: RegularizationChoice
     rounds: int
     settled: bool
     samples: Tensor | None = None
@@ -349,9 +349,7 @@ class _Task:
             return fit, self._linearised(fit.problem, x, r, fit.jacobian[None], sigma)
 
     def start_from(self, fit: Fit) -> dict[str, Any]:
-        """Fields by their logarithms from where they were found, others as they were: those may
-        have begun at zero.
-        """
+        """Fields by their logarithms from where they were found; others may have begun at zero."""
         return {
             name: replace(one, start=fit[name])
             if isinstance(one, Parameter) and one.transform == "log" and not one.own

@@ -327,9 +327,7 @@ class Fit:
 
     @classmethod
     def load(cls, path: str | Path) -> Fit:
-        """A fit from its file: without the model, so without profiles and bootstrap. Raises
-        ValueError for another file.
-        """
+        """A fit from its file: no model, profiles or bootstrap. ValueError for another file."""
         path = files.path_of("path", path)
         given = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         try:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from .problem import FitProblem
 from .readings import Readings
-from .residuals import FEWEST, Alarm, Residuals
+from .residuals import FEWEST, Residuals, ResidualTest
 
 UNIT = 1000.0
 NEAR = 5.0  # factor by which a start may be off that has the right unit
@@ -114,12 +114,10 @@ def _is_noisy(r: Tensor, data: Tensor) -> bool:
     return (r.square().sum() > torch.finfo(r.dtype).eps * data.square().sum()).item()
 
 
-def _least(alarms: Sequence[Alarm], level: float) -> Iterator[tuple[Alarm, str, str]]:
-    """Of alarms below a level the least probable one, of which channel and how many more, and how
-    probable; or nothing.
-    """
+def _least(tests: Sequence[ResidualTest], level: float) -> Iterator[tuple[ResidualTest, str, str]]:
+    """The least probable test below a level: of which channel and how many more, how probable."""
     below = sorted(
-        (a for a in alarms if a.probability < level), key=lambda a: (a.probability, -abs(a.size))
+        (a for a in tests if a.probability < level), key=lambda a: (a.probability, -abs(a.size))
     )
     for a in below[:1]:
         more = f" and {len(below) - 1} more channel{'s' * (len(below) > 2)}" * (len(below) > 1)

@@ -50,12 +50,8 @@ def with_priors_observed(problem: FitProblem) -> FitProblem:
         for name in ("sigma", "values")
     )
     rows, q, (least, largest) = len(values), len(problem.basis), parameters.limits
-    parameters = replace(
-        parameters,
-        entries=tuple(replace(e, prior=left.get(e.first)) for e in parameters.entries),
-        least=least,
-        largest=largest,
-    )
+    entries = tuple(replace(e, prior=left.get(e.first)) for e in parameters.entries)
+    parameters = replace(parameters, entries=entries, least=least, largest=largest)
     noise = replace(
         problem.noise,
         channel=torch.cat((problem.noise.channel, problem.noise.channel.new_full((rows,), -1))),

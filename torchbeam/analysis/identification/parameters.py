@@ -21,9 +21,7 @@ ROUNDING = 64  # of a coordinate and back, in units of the last place
 
 @dataclass(frozen=True)
 class Entry:
-    """One parameter's place in the vector: numbers first to first + size - 1, of a shape;
-    `experiment` whose own it is.
-    """
+    """One parameter's place in the vector, its shape, and whose own it is (`experiment`)."""
 
     name: str
     first: int
@@ -43,13 +41,10 @@ class Entry:
         """Ends (size,) of the prior's support, infinite where it has none; a little inside of those
         that are not zero, as some densities are zero at an end.
         """
-        low, high = (
-            torch.as_tensor(getattr(self.prior.support, name, end), dtype=like.dtype)
-            .to(like)
-            .expand(self.shape)
-            .reshape(self.size)
-            for name, end in (("lower_bound", -torch.inf), ("upper_bound", torch.inf))
-        )
+        ends = dict(lower_bound=-torch.inf, upper_bound=torch.inf)
+        ends = [getattr(self.prior.support, name, end) for name, end in ends.items()]
+        ends = [torch.as_tensor(end, dtype=like.dtype).to(like) for end in ends]
+        low, high = (end.expand(self.shape).reshape(self.size) for end in ends)
         inside = ROUNDING * torch.finfo(like.dtype).eps
         return tuple(
             torch.where(torch.isfinite(end), end + side * inside * end.abs(), end)
@@ -285,12 +280,8 @@ def _named(
             [x.expand_as(like(one)).flatten() for x, one in zip(numbers, given, strict=True)]
         )
 
-    low, high = (
-        joined(
-            lambda one, end=end, i=i: one.bounds[i] if one.bounds is not None else torch.tensor(end)
-        )
-        for i, end in enumerate((-torch.inf, torch.inf))
-    )
+    unbounded = torch.tensor(-torch.inf), torch.tensor(torch.inf)
+    low, high = (joined(lambda one, i=i: (one.bounds or unbounded)[i]) for i in (0, 1))
     logs, logits = (
         joined(lambda one, name=name: float(one.transform == name)).bool()
         for name in ("log", "logit")

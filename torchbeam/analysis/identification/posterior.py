@@ -1,6 +1,4 @@
-"""Posterior of fields: samples of the linearised model, weights, noise and sharp rows no better
-known than the data say.
-"""
+"""Posterior of fields: samples of the linearised model, weights, noise and sharp rows."""
 
 from __future__ import annotations
 

@@ -75,9 +75,7 @@ def predicted(
     experiment: str | None,
     measurement: str | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """Readings (...) of a model at coordinates x (p,), and their derivatives (..., p), as the
-    problem takes derivatives.
-    """
+    """Readings (...) of a model at coordinates x (p,), and their derivatives (..., p)."""
     instrument, linear = _instrument(problem, measurement, experiment, sensor, times)
     read = _reader(problem, model, instrument or sensor, times, experiment)
     m = problem.parameters.model

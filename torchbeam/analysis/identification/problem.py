@@ -115,9 +115,7 @@ class FitProblem:
         return [(e, m) for e in self.experiments for m in e.measurements]
 
     def rows(self) -> Iterator[tuple[Experiment, Measurement, Tensor]]:
-        """Each measurement, with the rows of its readings among the data, of its shape, -1 where
-        nothing was measured.
-        """
+        """Each measurement, with the rows of its readings among the data, -1 of what is missing."""
         row = torch.full(self.known.shape, -1, device=self.known.device)
         row[self.known] = torch.arange(int(self.known.sum()), device=row.device)
         for (e, m), own in zip(self.measurements, self.by_measurement(row), strict=True):

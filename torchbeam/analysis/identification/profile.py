@@ -83,9 +83,7 @@ def profiles(
 def _least(
     problem: FitProblem, x: Tensor, covariance: Tensor, held: Tensor, away: Tensor
 ) -> Tensor:
-    """Twice the least objective (n,) with the parameters `held` (n,) at x + away; infinite where no
-    fit is found.
-    """
+    """Twice the least objective (n,) with `held` (n,) at x + away; infinite without a fit."""
     ridge = covariance[held] / covariance[held, held][:, None]
     starts = x + ridge * away[:, None]
     least, largest = problem.parameters.bounds(starts)
@@ -114,9 +112,7 @@ def _within(stop: Sequence[float], places: Sequence[float]) -> list[float]:
 
 
 def _end(points: dict[float, float], side: int) -> float:
-    """Where the signed root passes `side`, by a straight line between the neighbours; infinite
-    where it does not.
-    """
+    """Where the signed root passes `side`, linear between neighbours; infinite if nowhere."""
     inner = 0.0
     for c in sorted((c for c in points if c * side > 0), key=abs):
         if points[c] * side >= 1:

@@ -31,15 +31,11 @@ def refined(
             f"{', '.join(map(str, names))} are wanted"
         )
     by_name = isinstance(model, Mapping)
-    finer = replace(
-        problem,
-        experiments=tuple(
-            replace(e, model=function("model", model[e.name] if by_name else model))
-            if e.measured
-            else e
-            for e in problem.experiments
-        ),
-    )
+    experiments = []
+    for e in problem.experiments:
+        own = function("model", model[e.name] if by_name else model) if e.measured else e.model
+        experiments.append(replace(e, model=own))
+    finer = replace(problem, experiments=tuple(experiments))
     every, iterates = torch.arange(len(x), device=x.device), [x]
     last, done = torch.full_like(x[:, 0], torch.inf), torch.zeros_like(every, dtype=torch.bool)
     failed = done.clone()

@@ -1,6 +1,4 @@
-"""Weights of Tikhonov regularisation: evidence, generalised cross validation, corner of the
-L-curve, linearised.
-"""
+"""Weights of Tikhonov regularisation: evidence, cross validation, corner of the L-curve."""
 
 from __future__ import annotations
 
@@ -77,7 +75,7 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Weighing:
+class RegularizationChoice:
     """What a criterion found: weight (fields,); sigma of the data, over that given; effective:
     numbers that the data determine.
 
@@ -95,7 +93,7 @@ class Weighing:
     value: Tensor
 
 
-def weigh(problem: Linearised, criterion: str, known: bool) -> Weighing:
+def weigh(problem: Linearised, criterion: str, known: bool) -> RegularizationChoice:
     """Weights by a criterion, each in turn; those of unknown noise are over the data's variance.
     `known`: misfits are over the data's deviations. Raises ValueError for the L-curve of several
     fields.
@@ -127,7 +125,7 @@ def weigh(problem: Linearised, criterion: str, known: bool) -> Weighing:
     solved = problem.solved(weight)
     freedom = (len(problem.r) - solved.determined).clamp(min=1)
     sigma = 1.0 if known else (solved.misfit / freedom).sqrt().item()
-    return Weighing(weight, sigma, solved.determined.item(), tried, *curves)
+    return RegularizationChoice(weight, sigma, solved.determined.item(), tried, *curves)
 
 
 def _value(

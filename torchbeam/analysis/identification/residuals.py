@@ -31,7 +31,7 @@ DETERMINED = 1e-3  # of a line's squares that the parameters leave, below which 
 
 
 @dataclass(frozen=True)
-class Alarm:
+class ResidualTest:
     """Probability that a channel's residuals are noise; `size` and `at` go into a sentence."""
 
     name: str
@@ -76,15 +76,15 @@ class Residuals:
         variance = self.r.square().sum().item() / self.left
         return max(variance, 1.0) if self.known else variance
 
-    def excess(self) -> Alarm:
+    def excess(self) -> ResidualTest:
         """More squares than sigma allows: `size` is their root over that of noise."""
         ratio, half = self.r.square().sum().item() / self.left, self.freedom / 2
         tail = torch.special.gammaincc(
             *torch.tensor((half, half * ratio), dtype=torch.float64)
         ).item()
-        return Alarm(self.name, tail, math.sqrt(ratio))
+        return ResidualTest(self.name, tail, math.sqrt(ratio))
 
-    def correlation(self) -> Alarm:
+    def correlation(self) -> ResidualTest:
         """Ljung's and Box's sum (1978, Biometrika 65, 297) over lags, of squared correlations less
         their means under noise, over their variances there, which are exact where M is a
         projection; `size` is the largest correlation.
@@ -112,9 +112,9 @@ class Residuals:
         first, second = len(off) ** 2 / alike.square().sum().item(), self.freedom / 2 + HEAVY
         ratio = off.square().mean().item()
         tail = beta_probability(second / (second + first * ratio), second / 2, first / 2)
-        return Alarm(self.name, tail, correlation[off.abs().argmax()].item())
+        return ResidualTest(self.name, tail, correlation[off.abs().argmax()].item())
 
-    def line(self) -> Alarm:
+    def line(self) -> ResidualTest:
         """The largest line of the periodogram: by how much a cosine and a sine beside the
         parameters make the squares fall, over what they do of noise on average (`size`).
         Frequencies go from that of the whole time to one in two readings, two for each that is
@@ -125,7 +125,7 @@ class Residuals:
         times = torch.arange(n).to(self.r) if self.times is None else self.times
         step = ((times[-1] - times[0]) / (n - 1)).item()
         if not step > 0:
-            return Alarm(self.name, 1.0, 0.0)
+            return ResidualTest(self.name, 1.0, 0.0)
         place = (PARTS * (times - times[0]) / step).round().long()
 
         # sums of values * exp(-i w t), or at 2 w
@@ -153,7 +153,7 @@ class Residuals:
             if self.times is None
             else f"at {1 / period:.4g} Hz"
         )
-        return Alarm(self.name, min(tail, 1.0), fall[k].item() / 2, at)
+        return ResidualTest(self.name, min(tail, 1.0), fall[k].item() / 2, at)
 
 
 def _neighbours(values: Tensor, lag: int) -> Tensor:

@@ -82,12 +82,8 @@ def conclusions(
     doubts: tuple[str, ...] = ()
     if spread.scale:
         doubts = misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
-    hints = (
-        *odd,
-        *noise_hints(spare, problem.sigma_given),
-        *doubts,
-        *bound_hints(parameters.names, theta[best], spread.held),
-    )
+    bounded = bound_hints(parameters.names, theta[best], spread.held)
+    hints = (*odd, *noise_hints(spare, problem.sigma_given), *doubts, *bounded)
     if odd:
         warn(odd[0], UserWarning)
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
@@ -140,9 +136,7 @@ def _known(problem: FitProblem, r: Tensor) -> Tensor:
 
 
 def _values(problem: FitProblem, x: Tensor, r: Tensor) -> Tensor:
-    """The model's values (all numbers,) at coordinates (p,); it is asked for those alone that
-    residuals do not tell.
-    """
+    """The model's values (all numbers,) at coordinates (p,), by it where residuals lack some."""
     if problem.known.all():
         return _known(problem, r)
     theta = problem.parameters.transform.theta(x)

@@ -1,6 +1,4 @@
-"""What data do not tell: parameters that ran away, and directions of parameters that leave the
-misfit as it is, in words.
-"""
+"""What data do not tell, in words: parameters that ran away, directions without a misfit."""
 
 from __future__ import annotations
 

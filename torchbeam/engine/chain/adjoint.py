@@ -34,7 +34,8 @@ from .node_kinds import Kinds, without_side
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
-OF_INTERACTIONS = "joints", "last_force", "tension"  # of their states, and of tendons
+# of their states, and of tendons
+OF_INTERACTIONS = "last_force", "tension", *(one.kept for one in INTERACTIONS if one.kept)
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 
 
@@ -234,7 +235,9 @@ class AdjointProgram(NativeProgram):
                 layout.record("support", SUPPORTS, [(name, w)] * read)
             cotangents(layout, "reaction", SUPPORTS, [("reaction", w)])
         for one in interactions.present(self.kinds):
-            interactions.record_adjoint(layout, self.functions, one, w)
+            interactions.record_adjoint(layout, self.functions, one, self.kinds)
+        if self.kinds.multiplied:
+            interactions.record_adjoint_of_multipliers(layout, self.functions, w)
         if self.kinds.stretches:
             stretches.record_adjoint(layout)
         return layout

@@ -18,8 +18,7 @@ from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .layout import STATES, cotangent
-from .node_kinds import SIDES
+from .interaction import SIDES
 from .tendon_adjoint import TendonAdjoint
 
 
@@ -47,7 +46,7 @@ class AdjointDriver(TendonAdjoint, Elimination):
         self._call(name, of, ("change", 0), {bar(field): place for field, place in ends.items()})
         for out, value in self.functions[name].outputs.items():
             record, row, field = of(out.removesuffix("_bar"))
-            to, field = cotangent(record, field)
+            to, field = self.layout.cotangent(record, field)
             good = self.at("sample", 0, "good")
             self._sum((to, row, field), ("change", 0, out), good, len(value.nodes))
 
@@ -60,15 +59,13 @@ class AdjointDriver(TendonAdjoint, Elimination):
 
     def _step(self) -> None:
         code, N, nodes = self.code, self.args["elements"], self.args["nodes"]
-        states = [name for name in STATES if f"{name}_bar" in self.layout.records]
+        states = self.layout.states
         for name in states:
             with self._rows_of(f"{name}_bar") as k:
                 self._add((f"{name}_bar", k), (f"{name}_grad", k))
         for to, source in zip(self._of_samples("_bar"), self._of_samples("_grad"), strict=True):
             self._add(("sample", 0, to), ("sample", 0, source))
-        self._zeros_in(
-            *(f"{name}_start_bar" for name in states), "unknown_bar", "joint_unknown_bar"
-        )
+        self._zeros_in(*(f"{name}_start_bar" for name in states), "unknown_bar", "multiplier_bar")
         self._fill(("nothing", 0))
         with code.loop(0, self._move_of(nodes, self.order)) as j:
             for record in ("asked", "push", "move", "found"):

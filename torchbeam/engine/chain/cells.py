@@ -8,7 +8,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from ...topology.framework import Framework
-from .layout import ELEMENTS, JOINTS, NODES, SUPPORTS
+from .interaction import INTERACTIONS
+from .layout import ELEMENTS, MULTIPLIERS, NODES, SUPPORTS
 from .node_kinds import Kinds
 from .order import Connectivity, manners_by, order_of
 
@@ -28,18 +29,27 @@ class Cells(NamedTuple):
 
 
 def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
-    """The most cells that a structure is made of, None = it is not, or something couples them: a
-    tendon, a joint that closes a loop within a cell. kinds: of all rows.
+    """The most cells that a structure is made of, None = it is not, or something couples them, or
+    closes a loop within a cell. kinds: of all rows.
     """
     framework = connectivity.framework
-    if framework.ties or kinds.stretches or kinds.touching or kinds.couplings:
+    others = [
+        own
+        for one, own in zip(INTERACTIONS, connectivity.edges, strict=True)
+        if own and not one.celled
+    ]
+    if framework.ties or others or kinds.touching:
         return None
     chains = len(framework.chains)
     starts = [*framework.starts, framework.node_count - framework.singles]
     nodes = [range(a, b) for a, b in pairwise(starts)]
     nodes += [range(a, a + 1) for a in range(starts[-1], framework.node_count)]
     part_of = {node: part for part, own in enumerate(nodes) for node in own}
-    joined = [{part_of[node] for node in pair if node is not None} for pair in framework.joints]
+    joined = [
+        {part_of[node] for node in edge.nodes if node is not None}
+        for own in connectivity.edges
+        for edge in own
+    ]
     degree = {part: sum(part in pair for pair in joined) for part in range(chains, len(nodes))}
     candidates = []
     for least in {*degree.values(), max(degree.values(), default=0) + 1}:
@@ -55,7 +65,7 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
 
 
 def _components(parts: list[int], joined: list[set[int]]) -> list[list[int]]:
-    """Of these parts, by joints between them."""
+    """Of these parts, by what couples them."""
     root = {part: part for part in parts}
     for pair in joined:
         there = [part for part in pair if part in root]
@@ -73,7 +83,9 @@ def _alike(
     shared: tuple[int, ...],
 ) -> Cells | None:
     """Of these parts, if they are alike."""
-    framework, supports, held, *_ = connectivity
+    framework, supports, every, _ = connectivity
+    (which,) = (k for k, one in enumerate(INTERACTIONS) if one.celled)
+    edges, sorts = every[which], (NODES, ELEMENTS, INTERACTIONS[which].rows)
     chains, order = len(framework.chains), framework.order
     common = [node for part in shared for node in nodes[part]]
     firsts = [sum(framework.chains[:k]) for k in range(chains)]
@@ -82,34 +94,35 @@ def _alike(
         own = [node for part in group for node in nodes[part]]
         own_nodes, beams = {*own}, [part for part in group if part < chains]
         place = {node: k for k, node in enumerate((*own, *common))}
-        joints = [k for k, pair in enumerate(framework.joints) if own_nodes & {*pair}]
-        joints += [k for k, pair in enumerate(framework.joints) if {*pair} <= {*common, None}]
+        inner = [k for k, edge in enumerate(edges) if own_nodes & {*edge.nodes}]
+        inner += [k for k, edge in enumerate(edges) if {*edge.nodes} <= {*common, None}]
         held_nodes = [k for k, node in enumerate(supports) if node in place]
         rows = {
             NODES: [*own, *common],
             ELEMENTS: [firsts[k] + e for k in beams for e in range(framework.chains[k])],
-            JOINTS: joints,
+            sorts[-1]: inner,
+            MULTIPLIERS: inner,
             SUPPORTS: sorted(held_nodes, key=lambda k: place[supports[k]]),
         }
-        pairs = tuple(
-            tuple(None if node is None else place[node] for node in framework.joints[k])
-            for k in joints
+        place[None] = None
+        own_edges = tuple(
+            edges[k]._replace(nodes=tuple(place[node] for node in edges[k].nodes)) for k in inner
         )
         own_framework = Framework(
             order,
             tuple(framework.chains[k] for k in beams),
             len(group) - len(beams) + len(common),
-            pairs,
+            tuple(edge.nodes for edge in own_edges),
         )
         own_kinds = Kinds(
             *(
                 tuple(there[k] for k in rows[sort])
-                for there, sort in zip(kinds[:3], (NODES, ELEMENTS, JOINTS), strict=True)
+                for there, sort in zip(kinds[:3], sorts, strict=True)
             )
         )
         own_supports = tuple(place[supports[k]] for k in rows[SUPPORTS])
-        own_held = tuple(held[k] for k in joints)
-        alone = Connectivity(own_framework, own_supports, own_held, shared=len(common))
+        celled = tuple(own_edges if k == which else () for k in range(len(INTERACTIONS)))
+        alone = Connectivity(own_framework, own_supports, celled, len(common))
         cells.append((alone, own_kinds, rows))
     (first, own_kinds, first_rows), (_, _, next_rows) = cells[:2]
     if not first.framework.chains or any(cell[:2] != (first, own_kinds) for cell in cells):

@@ -29,8 +29,9 @@ from .cells import cells_of
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
 from .constants import Constants
-from .cotangents import FORCES, Adjoint, Differentiated
+from .cotangents import Adjoint, Differentiated
 from .extrapolated_functions import OTHER, ExtrapolatedFunctions
+from .layout import FORCES
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
@@ -167,9 +168,9 @@ class CompiledStep:
         self.constant, length = self._constant(), model.spans.detach()
         total, longest = length.sum((-1, -2)), length.amax((-1, -2))
         self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
-        if model.joints.count:
+        if model.multipliers.count:
             size = model.multipliers.size.detach()
-            self._lengths.append(Field("common", "joint_size", size, 0))
+            self._lengths.append(Field("common", "constraint_size", size, 0))
         self.sources = [*[one.value for one in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None

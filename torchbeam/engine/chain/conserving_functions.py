@@ -46,24 +46,19 @@ class ConservingFunctions(LocalFunctions):
         return {"kinetic": kinetic, "rise": rise + strain}
 
     def finish_element_load(self, kind: Any, **fields: Tensor) -> Fields:
-        work = super().finish_element_load(kind, **fields)["work"]
-        return {"work": work, "rise": -work}
+        return _with_rise(super().finish_element_load(kind, **fields))
 
     def finish_joint(self, kind: Any, **fields: Tensor) -> Fields:
-        after = super().finish_joint(kind, **fields)
-        return after | {"rise": -after["work"]}
+        return _with_rise(super().finish_joint(kind, **fields))
 
     def finish_pair(self, kind: Any, **fields: Tensor) -> Fields:
-        work = super().finish_pair(kind, **fields)["work"]
-        return {"work": work, "rise": -work}
+        return _with_rise(super().finish_pair(kind, **fields))
 
     def finish_coupling(self, kind: Any, **fields: Tensor) -> Fields:
-        work = super().finish_coupling(kind, **fields)["work"]
-        return {"work": work, "rise": -work}
+        return _with_rise(super().finish_coupling(kind, **fields))
 
     def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
-        work = super().tendon_work(tension, change, start)["work"]
-        return {"work": work, "rise": -work}
+        return _with_rise(super().tendon_work(tension, change, start))
 
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
@@ -73,3 +68,8 @@ class ConservingFunctions(LocalFunctions):
     def scaled(self, velocity: Tensor, spin: Tensor, scale: Tensor) -> Fields:
         """Velocity and spin of a node."""
         return {"velocity": scale * velocity, "spin": scale * spin}
+
+
+def _with_rise(outputs: Fields) -> Fields:
+    """With what the work makes the energy rise by less."""
+    return outputs | {"rise": -outputs["work"]}

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ...equations.balance_problem import BalanceProblem
 from ...nodal import interactions
@@ -13,6 +14,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.conditions import Conditions
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
+from .interaction import OWN
 from .interaction_functions import of_ends
 from .local_problem import Ends, Fields, LocalProblems
 from .node_kinds import CouplingKind
@@ -23,21 +25,39 @@ class CouplingFunctions(LocalProblems):
     """Functions of a coupling."""
 
     def coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
-        """Its push (w) on the balances of its nodes, and its blocks (w, w), see `interaction`."""
+        """Its push (w) on the balances of its nodes, and its blocks (w, w), see `of_ends`."""
         problem, x = self.of_coupling(fields, kind)
-        return of_ends(problem, x, problem.model.couplings, kind.sides)[0]
+        own = OWN if kind.multiplied else ""
+        return of_ends(problem, x, problem.model.couplings, kind.sides, own)
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
-        """Its work over the step."""
+        """Its work over the step, its forces, and what it remembers."""
         problem, x = self.of_coupling(fields, kind)
-        return {"work": problem.work(problem.node_balance(problem.apply_supports(x))[0])}
+        kinematics = problem.node_balance(problem.apply_supports(x))[0]
+        outputs = {"work": problem.t.new_zeros(()) + problem.work(kinematics)}
+        outputs |= {"force": fields["force"]} if kind.multiplied else {}
+        if not kind.kept:
+            return outputs
+        given, motion = {"stress": x.stress}, problem.node_motion(kinematics)
+        memory = problem.model.couplings.finished(given, motion, None, None).get("memory")
+        memory = x.stress.new_zeros(1, 0) if memory is None else memory
+        return outputs | {"memory": pad(memory[0], (0, kind.kept - memory.shape[-1]))}
+
+    def coupling_solution(self, kind: CouplingKind, **fields: Tensor) -> Fields:
+        """The unknown forces of a step (w), from those that have acted in it."""
+        return {"force": fields["after_force"]}
 
     def of_coupling(self, fields: Fields, kind: CouplingKind) -> tuple[BalanceProblem, Any]:
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""
         ends = self.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
         now = self._coupled(ends, ends.common.now, kind)
-        rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space))
-        problem, x = self._problem(rows, None, ends.common, ends.given, now)
+        given, own = ends.given, ()
+        if kind.multiplied:
+            held = fields["force"].new_tensor([kind.held])
+            own, given = (held, held.new_ones(())), given | {"stress": fields["force"][None]}
+        given |= {"memory": fields["memory"][None]} if kind.kept else {}
+        rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space, *own))
+        problem, x = self._problem(rows, None, ends.common, given, now)
         if ends.common.before is not None:
             before = self._coupled(ends, ends.common.before, kind)
             problem = replace(problem, before=before)

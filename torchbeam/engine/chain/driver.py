@@ -23,9 +23,8 @@ from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
 from .driver_code import ALL, Place, Places
 from .elimination_driver import Elimination
-from .interaction import JOINT
+from .interaction import SIDES
 from .layout import LAW
-from .node_kinds import SIDES
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 SQUARES = ("square_force", "square_moment")
@@ -62,7 +61,7 @@ class Driver(Elimination):
         """Stresses and forces to start from."""
         with self.code.loop(0, self.args["elements"]) as e:
             self._copy_to(("stress", e), ("start_stress", e))
-        self._start_joints()
+        self._start_multipliers()
         self._start_tendons()
 
     def _hoisted(self) -> None:
@@ -71,7 +70,9 @@ class Driver(Elimination):
             self._at_node("before node", j, ("before node", j))
         with self.code.loop(0, self.args["elements"]) as e:
             self._at_element("before element", e, ("before element", e))
-        self._each_of(JOINT, self._hoist)
+        for one in self.interactions:
+            if f"before {one.name}" in self.layout.records:
+                self._each_of(one, self._hoist)
 
     def _border(self) -> None:
         """What is on either side of all nodes: nothing, which does not move."""
@@ -181,7 +182,7 @@ class Driver(Elimination):
             self._at_node("update", j, ("change", 0), {"move": ("move", self._move_of(j))})
             for name in self.layout.fields("unknown"):
                 self._blend(("unknown", j, name), ("change", 0, name), over)
-        self._update_joints(over)
+        self._update_multipliers(over)
 
     def _react(self, k: str, node: str, over: str) -> None:
         """The reaction of support k, at a node, but of samples that are over."""
@@ -232,8 +233,7 @@ class Driver(Elimination):
         return [
             ("unknown", "last_unknown", args["nodes"]),
             ("stress", "last_stress", args["elements"]),
-            *[("joint_unknown", "last_joint_unknown", args["joint_count"])]
-            * bool(self.kinds.joints),
+            *[("multiplier", "last_multiplier", args["multipliers_count"])] * self.kinds.multiplied,
         ]
 
     def _judge(self) -> None:

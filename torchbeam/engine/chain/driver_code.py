@@ -18,9 +18,9 @@ from ..compiler.loop_text import Code
 from ..compiler.shared_ends import END
 from .cell_sums import CellSums
 from .conserving_functions import ENERGIES
-from .interaction import INTERACTIONS
-from .layout import ELEMENTS, INTERFACE, MIDDLE, NODES, ONE, SUPPORTS, TENDONS, Layout, cotangent
-from .node_kinds import SIDES, Kinds
+from .interaction import INTERACTIONS, SIDES
+from .layout import ELEMENTS, INTERFACE, MIDDLE, MULTIPLIERS, NODES, ONE, SUPPORTS, Layout
+from .node_kinds import Kinds
 from .tables import COUNTS, LISTS, WIDTH
 from .transfers import Transfers
 
@@ -32,8 +32,11 @@ ALL = (
     *("supports", "memory", "first_group", "end_group", *LISTS, *COUNTS),
 )
 # how many rows there are of each sort
-ROWS = {NODES: "nodes", ELEMENTS: "elements", SUPPORTS: "supports", TENDONS: "tendon_count"}
+ROWS = {NODES: "nodes", ELEMENTS: "elements", SUPPORTS: "supports"}
 ROWS |= {one.rows: f"{one.constants}_count" for one in INTERACTIONS}
+ROWS |= {
+    name: f"{name}_count" for name in (MULTIPLIERS, *(one.of for one in INTERACTIONS if one.of))
+}
 
 
 class DriverCode:
@@ -195,7 +198,7 @@ class DriverCode:
 
     def _has(self, record: str, field: str) -> bool:
         """Whether a record has a field, or one of its cotangents."""
-        own, bars = cotangent(record, field)
+        own, bars = self.layout.cotangent(record, field)
         return field in self.layout.fields(record) or bars in self.layout.fields(own)
 
     def _first_of(self, records: Iterable[str], field: str, row: str | int = 0) -> Place:
@@ -222,7 +225,7 @@ class DriverCode:
             )
         return self._first_of(("element", "stress", "law", "element_state"), field, e)
 
-    def _at_joint_node(self, name: str, node: str) -> Place:
+    def _at_end_node(self, name: str, node: str) -> Place:
         """A field of a node that something connects to others."""
         return ("free", node, name) if name == "free" else self._of_node(name, node)
 
@@ -297,11 +300,11 @@ class DriverCode:
             yield k, self._integers(table, k)
 
     def _range(self, what: str, shared: bool | None = None) -> tuple[str | int, str]:
-        """Numbers of entries, or joints: first and end; see `_entries`."""
+        """Numbers of entries, or edges: first and end; see `_entries`."""
         count = self.args[f"{what}_count"]
         if shared is None:
             return 0, count
-        own = self.args["own_interface" if what == "interface" else "own_joints"]
+        own = self.args["own_interface" if what == "interface" else "own_edges"]
         return (own, count) if shared else (0, own)
 
     @property

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .driver_code import Place, Places
-from .interaction import COUPLING, JOINT, PAIR, TIE
 from .layout import BETWEEN, INNER, MIDDLE, OWN
 from .tendon_driver import TendonCode
 
@@ -20,12 +19,12 @@ class Elimination(TendonCode):
     """Elimination, and moves: of what `_node` and `_element`, and what connects nodes, give."""
 
     def _eliminate(self) -> None:
-        """Of what nodes, elements and joints give. What cells share comes last, with what each of
-        them leaves there.
+        """Of what nodes, elements and interactions give. What cells share comes last, with what
+        each of them leaves there.
         """
         if self.has_interface:
             self._groups("clear", self.args["group_count"])
-            self._rows_at_joints(self.parts[0])
+            self._rows_at_interface(self.parts[0])
             with self._entries("direct") as (_, (i, j, *places)):
                 self._add_block(*places[:2], self.at("interface", i, "U"))
                 self._add_block(*places[2:], self.at("interface", j, "L"))
@@ -36,15 +35,16 @@ class Elimination(TendonCode):
             return
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        for one in (TIE, PAIR, COUPLING):
-            self._each_of(one, self._join)
+        for one in self.interactions:
+            if not one.celled:
+                self._each_of(one, self._join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
         if self.cells > 1:
             shared = self._matrix(self.args["shared_first"])
             self._over_cells("sum", shared, self.args["shared_size"])
-            self._rows_at_joints(True)
+            self._rows_at_interface(True)
             self._groups("eliminate", self.args["shared_groups"], self.args["shared_table"])
 
     def _at_interface(self) -> None:
@@ -82,11 +82,13 @@ class Elimination(TendonCode):
         with self.code.when(self.code.compare("slt", place, self.order + 1)):
             self._node(node, place)
 
-    def _rows_at_joints(self, shared: bool | None) -> None:
-        """Rows of the interface and of joints."""
+    def _rows_at_interface(self, shared: bool | None) -> None:
+        """Rows of the interface, with interactions that cells may have."""
         with self._entries("interface", shared=shared) as (p, entry):
             self._interface(p, entry)
-        self._each_of(JOINT, self._join, shared=shared)
+        for one in self.interactions:
+            if one.celled:
+                self._each_of(one, self._join, shared=shared)
 
     def _node(self, j: str, turn: str | int) -> None:
         """What node j gives its row, and the elements at it, where it is held."""

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import partial
 
 from .driver_code import Place, Places
-from .interaction import FINISHED, JOINT, PAIR
-from .interaction_driver import KEPT, Entry, InteractionCode
+from .interaction import FINISHED
+from .interaction_driver import Entry, InteractionCode
 
 
 class InteractionAdjoint(InteractionCode):
@@ -17,8 +17,8 @@ class InteractionAdjoint(InteractionCode):
         """Blocks of the transposed matrix, and what is asked of the moves of its ends."""
         nodes, to = {side: self._move_of(entry.nodes[side]) for side in entry.sides}, entry.name
         places: Places = {f"{side}.reaction": ("push", node) for side, node in nodes.items()}
-        if entry.of is JOINT:
-            places["force_bar"] = ("joint_unknown_bar", entry.number)
+        if entry.own is not None:
+            places["force_bar"] = ("multiplier_bar", entry.own)
         self._call_of(f"{to} blocks {entry.function}", entry, f"{to} blocks", places)
         size = self.coupled(entry.of, entry.function)
         for side, node in nodes.items() if self.held else ():
@@ -34,14 +34,20 @@ class InteractionAdjoint(InteractionCode):
         raise NotImplementedError
 
     def _solutions(self) -> None:
-        """Forces of joints between the states of a step, and which pairs are far."""
-        self._each_of(PAIR, lambda entry: None, look=True)
+        """Forces of constraints between the states of a step, and which pairs are far."""
 
         def solution(entry: Entry) -> None:
-            after: Places = {"after_force": ("joint_after", entry.number)}
-            self._call_of(f"joint solution {entry.function}", entry, "joint_unknown", after)
+            if entry.own is not None:
+                places: Places = {
+                    "after_force": ("multiplier_after", entry.own),
+                    "> force": ("multiplier", entry.own),
+                }
+                name = f"{entry.name} solution {entry.function}"
+                self._call(name, lambda f: self._of_interaction(f, entry), places=places)
 
-        self._each_of(JOINT, solution)
+        for one in self.interactions:
+            if one.unknowns or one.far:
+                self._each_of(one, solution, look=True)
 
     def _interaction_energies(self) -> None:
         """To what the energy rises by: less the work of what acts in them."""
@@ -54,13 +60,14 @@ class InteractionAdjoint(InteractionCode):
             self._each_of(one, add)
 
     def _interaction_ends(self) -> None:
-        """What the cotangents of their work, and of joints' states at the end, ask of the start, of
+        """What the cotangents of their work, and of their states at the end, ask of the start, of
         nodes, of forces.
         """
 
         def ends(entry: Entry) -> None:
             made = self._made(f"{entry.name}_state", entry.number)
-            made |= {name: made[kept] for name, kept in KEPT.items() if kept in made}
+            if entry.own is not None:
+                made["force"] = ("multiplier_state_bar", entry.own, "last_force")
             self._bars_of(f"finish {entry.name} bar {entry.function}", entry, made)
 
         for one in FINISHED:
@@ -71,8 +78,8 @@ class InteractionAdjoint(InteractionCode):
 
         def bars(entry: Entry) -> None:
             ends = self._pushed_bars(entry)
-            if entry.of is JOINT:
-                ends["right"] = self._solution_of(JOINT, entry.number)
+            if entry.own is not None:
+                ends["right"] = self._solution_of(entry)
             self._bars_of(f"{entry.name} bar {entry.function}", entry, ends)
 
         for one in FINISHED:

@@ -13,17 +13,18 @@ from typing import NamedTuple
 from ..compiler.function import Output
 from ..compiler.split import HOISTED
 from .driver_code import DriverCode, Place, Places
-from .interaction import JOINT, OWN, PAIR, TIE, Interaction
+from .interaction import OWN, Interaction
 from .interactions import SUMS, all_kinds, kinds_of, present
 from .node_kinds import alike
 
 NUMBER = "i32"  # as large as a number of the smallest dtype
-KEPT = {"joints": "joints", "force": "last_force"}  # of what has acted in a joint its state keeps
+MULTIPLIED = "multiplier", "multiplier_state"  # records of forces of constraints
 
 
 class Entry(NamedTuple):
     """An interaction in a loop: its number, its row of the table, the nodes at its ends, the number
-    of its functions, and what its ends are called that are nodes.
+    of its functions, what its ends are called that are nodes, and which of all multipliers its
+    forces are; None = it has none.
     """
 
     of: Interaction
@@ -32,6 +33,7 @@ class Entry(NamedTuple):
     nodes: dict[str, str]
     function: int
     sides: tuple[str, ...]
+    own: str | None
 
     @property
     def name(self) -> str:
@@ -60,7 +62,7 @@ class InteractionCode(DriverCode):
         if one not in self.interactions:
             return
         code = self.code
-        if one is not PAIR:
+        if not one.far:
             with code.loop(*self._range(one.constants, shared)) as number:
                 self._by_kind(one, number, then)
             return
@@ -72,8 +74,8 @@ class InteractionCode(DriverCode):
         code.store(0, count, NUMBER)
 
         def near(entry: Entry) -> None:
-            self._call_of(f"far pair {entry.function}", entry, "pair blocks")
-            far = self.at("pair blocks", entry.number, "far")
+            self._call_of(f"far {one.name} {entry.function}", entry, f"{one.name} blocks")
+            far = self.at(f"{one.name} blocks", entry.number, "far")
             code.call("all", far, result := code.slot())
             with code.when(code.compare("eq", code.load(result), 0)):
                 k = self._integer(count)
@@ -81,14 +83,8 @@ class InteractionCode(DriverCode):
                     code.store(code.new(f"trunc i64 {value} to {NUMBER}"), to, NUMBER)
                 then(entry)
 
-        with code.loop(0, self.args["pair_count"]) as number:
+        with code.loop(0, self.args[f"{one.constants}_count"]) as number:
             self._by_kind(one, number, near)
-
-    def _each_row(self, one: Interaction, then: Callable[[str], None]) -> None:
-        """then(number) of each, of whatever kind."""
-        if one in self.interactions:
-            with self.code.loop(0, self.args[f"{one.constants}_count"]) as number:
-                then(number)
 
     def _by_kind(self, one: Interaction, number: str, then: Then) -> None:
         code, row = self.code, self._entry(one.constants, number)
@@ -96,8 +92,9 @@ class InteractionCode(DriverCode):
         own = all_kinds(self.kinds, one)
         with self._each(f"{one.constants}_kinds", len(own), number) as kinds:
             for k in kinds:
-                function = alike(own, k, one.name) if one is TIE else k
-                then(Entry(one, number, row, nodes, function, own[k].sides))
+                function = alike(own, k, one.name)
+                mine = code.load(code.at(row, one.width - 1)) if own[k].multiplied else None
+                then(Entry(one, number, row, nodes, function, own[k].sides, mine))
 
     def _integer(self, pointer: str) -> str:
         """That lies there."""
@@ -108,7 +105,10 @@ class InteractionCode(DriverCode):
         one, number = entry.of, entry.number
         side, _, name = field.partition(".")
         if side in one.sides:
-            return self._at_joint_node(name, entry.nodes[side])
+            return self._at_end_node(name, entry.nodes[side])
+        for record in MULTIPLIED:
+            if entry.own is not None and self._has(record, field):
+                return record, entry.own, field
         return self._first_of((one.constants, *one.state, f"{one.name} blocks"), field, number)
 
     def _call_of(self, name: str, entry: Entry, to: str, places: Places | None = None) -> None:
@@ -128,7 +128,10 @@ class InteractionCode(DriverCode):
         return self.functions[name].outputs
 
     def _part(self) -> int | None:
-        return min((self.coupled(PAIR, k) for k, _ in kinds_of(self.kinds, PAIR)), default=None)
+        sizes = {
+            self.coupled(one, k) for one in self.interactions for k, _ in kinds_of(self.kinds, one)
+        }
+        return min(sizes - {self.width}, default=None)
 
     @property
     def width(self) -> int:
@@ -154,7 +157,7 @@ class InteractionCode(DriverCode):
                 self._join_blocks(entry)
         if "right" in self._blocks_of(entry.of, entry.function):
             width = entry.of.width
-            first, stride = (self.code.load(self.code.at(entry.row, width - k)) for k in (3, 2))
+            first, stride = (self.code.load(self.code.at(entry.row, width - k)) for k in (4, 3))
             with self._there(first):
                 right = self.at(f"{entry.name} blocks", entry.number, "right")
                 self._add_column(first, stride, right)
@@ -179,17 +182,19 @@ class InteractionCode(DriverCode):
         """What is written runs where a place is one."""
         return self.code.when(self.code.compare("sge", place, 0))
 
-    def _solution_of(self, one: Interaction, number: str) -> str:
+    def _solution_of(self, entry: Entry) -> str:
         """The moves of its own unknowns."""
-        at = self.code.at(self._entry(one.constants, number), one.width - 1)
-        return self._matrix(self.code.load(at))
+        return self._matrix(self.code.load(self.code.at(entry.row, entry.of.width - 2)))
 
     # Balance, and what becomes of them in a step
 
     def _push(self, entry: Entry) -> None:
         """Its balance and blocks, and its push on the nodes."""
         record, size = f"{entry.name} blocks", self.coupled(entry.of, entry.function)
-        hoisted: Places = {HOISTED: ("before joint", entry.number)} if entry.of is JOINT else {}
+        before = f"before {entry.name}"
+        hoisted: Places = {}
+        if before in self.layout.records:
+            hoisted = {HOISTED: (before, entry.number)}
         self._call_of(f"{entry.name} {entry.function}", entry, record, hoisted)
         for side in entry.sides:
             push = record, entry.number, f"{side}.push"
@@ -205,7 +210,7 @@ class InteractionCode(DriverCode):
 
     def _interaction_reactions(self, support: str, node: str) -> None:
         """What interactions add to the reaction of a support, at a node. Where cells share nodes,
-        there are joints alone.
+        there are no others than those that cells have.
         """
         code, to = self.code, self.at("support", support, "reaction")
         total = to if self.cells == 1 else self.at("end_reaction", 0, "total")
@@ -217,7 +222,7 @@ class InteractionCode(DriverCode):
                 f"{side}.move": ("move", self._move_of(entry.nodes[side])) for side in entry.sides
             }
             if entry.of.unknowns:
-                moves[f"{OWN}.move"] = self._solution_of(entry.of, entry.number)
+                moves[f"{OWN}.move"] = self._solution_of(entry)
             moves["end_free"] = ("free", node)
             for side in entry.sides:
                 with code.when(code.compare("eq", entry.nodes[side], node)):
@@ -236,39 +241,45 @@ class InteractionCode(DriverCode):
 
     def _finish_interaction(self, entry: Entry, good: str) -> None:
         """Its state after the step, of what has gone well, and its work."""
-        self._call_of(name := f"finish {entry.name} {entry.function}", entry, "change")
-        for field, kept in KEPT.items():
-            if field in self.functions[name].outputs:
-                to = f"{entry.name}_state", entry.number, kept
-                self._take(to, ("change", 0, field), good)
-        own = self._counted(good, entry.number, "own_joints")
+        self._call_of(f"finish {entry.name} {entry.function}", entry, "change")
+        for name in self.layout.fields(f"{entry.name}_state"):
+            self._take((f"{entry.name}_state", entry.number, name), ("change", 0, name), good)
+        if entry.own is not None:
+            self._take(("multiplier_state", entry.own, "last_force"), ("change", 0, "force"), good)
+        own = self._counted(good, entry.number, "own_edges")
         self._sum(("sample", 0, "work"), ("change", 0, "work"), own)
         if "energy" in self.layout.records:
             self._add(("energy", 0, "rise"), ("change", 0, "rise"))
 
-    # Joints, whose forces are unknowns
+    # Forces of constraints, which are unknowns
 
-    def _start_joints(self) -> None:
-        """Their forces to start from."""
-        self._each_row(
-            JOINT, lambda k: self._copy_to(("joint_unknown", k), ("joint_state", k, "last_force"))
+    def _each_multiplier(self, then: Callable[[str], None]) -> None:
+        """then(number) of each."""
+        if self.kinds.multiplied:
+            with self._rows_of("multiplier") as number:
+                then(number)
+
+    def _start_multipliers(self) -> None:
+        """Those to start from."""
+        self._each_multiplier(
+            lambda k: self._copy_to(("multiplier", k), ("multiplier_state", k, "last_force"))
         )
 
-    def _update_joints(self, over: str) -> None:
-        """Their forces after the moves, but of samples that are over."""
+    def _update_multipliers(self, over: str) -> None:
+        """Those after the moves, but of samples that are over."""
 
         def update(k: str) -> None:
-            places: Places = {"force": ("joint_unknown", k), "move": self._solution_of(JOINT, k)}
-            self._call("joint update", to=("change", 0), places=places)
-            self._blend(("joint_unknown", k), ("change", 0, "force"), over)
+            move = self._matrix(self.code.load(self._entry("multipliers", k)))
+            places: Places = {"force": ("multiplier", k), "move": move}
+            self._call("multiplier update", to=("change", 0), places=places)
+            self._blend(("multiplier", k), ("change", 0, "force"), over)
 
-        self._each_row(JOINT, update)
+        self._each_multiplier(update)
 
-    def _keep_joints(self, good: str) -> None:
-        """Their forces, of what has gone well."""
-        self._each_row(
-            JOINT,
-            lambda k: self._take(("joint_state", k, "last_force"), ("joint_unknown", k), good),
+    def _keep_multipliers(self, good: str) -> None:
+        """Those of what has gone well."""
+        self._each_multiplier(
+            lambda k: self._take(("multiplier_state", k, "last_force"), ("multiplier", k), good)
         )
 
     def _counted(self, good: str, row: str, own: str) -> str:

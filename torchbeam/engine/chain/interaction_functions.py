@@ -33,8 +33,10 @@ def pushed(push: Tensor, sides: tuple[str, ...], blocks: Tensor, own: str = "") 
 
 def of_ends(
     problem: Any, x: Any, one: BetweenNodes, sides: tuple[str, ...], own: str = ""
-) -> tuple[Fields, Tensor]:
-    """`pushed` of the one that acts in a problem at unknowns x; its gaps (1, w)."""
+) -> Fields:
+    """`pushed` of the one that acts in a problem at unknowns x; with unknowns of its own also what
+    its constraints are to change by (`right`, w), and the largest gap and turn.
+    """
     x, w, rows = problem.apply_supports(x), problem.model.space.unknowns, len(sides) + len(own)
     kinematics, inertia, _ = problem.node_balance(x)
     motion = problem.node_motion(kinematics, problem.node_tangent(kinematics, inertia)[0])
@@ -42,7 +44,11 @@ def of_ends(
     push, gap = one.balance(none[..., 0], x.stress.new_zeros(0, w), x.stress, motion)
     blocks = one.matrix(problem.model.topology.diagonal(none), x.stress, motion).tied
     blocks = none.new_zeros(rows**2, w, w) if blocks is None else blocks
-    return pushed(push, sides, blocks.unflatten(0, (rows, rows)), own), gap
+    outputs = pushed(push, sides, blocks.unflatten(0, (rows, rows)), own)
+    if not own:
+        return outputs
+    sizes = zip(GAPS, gap[0].abs().split(problem.model.space.dims[:2]), strict=True)
+    return outputs | {"right": -gap[0]} | {name: size.amax() for name, size in sizes}
 
 
 def free_blocks(**fields: Tensor) -> Fields:

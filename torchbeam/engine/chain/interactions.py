@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
-from .interaction import INTERACTIONS, JOINT, PAIR, TIE, Interaction
+from .interaction import FINISHED, INTERACTIONS, Interaction
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
-from .layout import FLAGS, JOINTS, ONE, PAIRS, Layout, cotangents, largest
+from .layout import FLAGS, MULTIPLIERS, ONE, Layout, cotangents, largest
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, distinct
 from .tracing import Tracing
@@ -29,10 +28,14 @@ def present(kinds: Kinds) -> list[Interaction]:
     return [one for one in INTERACTIONS if all_kinds(kinds, one)]
 
 
+def kept(kinds: Kinds, one: Interaction) -> int:
+    """How many numbers a state has of each."""
+    return max((kind.kept for kind in all_kinds(kinds, one)), default=0)
+
+
 def kinds_of(kinds: Kinds, one: Interaction) -> list[tuple[int, Any]]:
     """Those whose functions are not those of an earlier one, with their numbers."""
-    own = all_kinds(kinds, one)
-    return distinct(own, one.name) if one is TIE else [*enumerate(own)]
+    return distinct(all_kinds(kinds, one), one.name)
 
 
 def of_interaction(
@@ -47,10 +50,17 @@ def of_interaction(
     functions = {}
     for k, kind in kinds_of(kinds, one):
         functions[f"{one.name} {k}"] = own = function(kind)
+        if one.far:
+            functions[f"far {one.name} {k}"] = _far(local, traced, one, kind)
         if held:
             functions |= _free(local, traced, f"free {one.name} {k}", own, kind.sides)
             functions |= _reactions(local, traced, f"{one.name} reaction {k}", own, kind.sides)
     return functions
+
+
+def _far(local: LocalFunctions, traced: Tracing, one: Interaction, kind: Any) -> Function:
+    """Whether one of a kind is too far to act."""
+    return traced(partial(getattr(local, f"far_{one.name}"), kind), getattr(traced, one.constants))
 
 
 def _free(
@@ -94,15 +104,15 @@ def adjoint_of_interaction(
         functions[f"{one.name} blocks {k}"] = blocks
         if held:
             functions |= _free(local, traced, f"free {one.name} {k}", blocks, kind.sides)
-        if one is JOINT:
-            functions[f"joint solution {k}"] = traced(partial(local.joint_solution, kind), fields)
+        if kind.multiplied:
+            solution = partial(getattr(local, f"{one.name}_solution"), kind)
+            functions[f"{one.name} solution {k}"] = traced(solution, fields)
         whole = traced(partial(getattr(local, one.name), kind), fields)
-        asked = [f"{side}.push" for side in kind.sides] + ["right"] * (one is JOINT)
+        asked = [f"{side}.push" for side in kind.sides] + ["right"] * kind.multiplied
         functions[f"{one.name} bar {k}"] = derivative(whole, asked, ())
-        if one is PAIR:
-            far = traced(partial(local.far_pair, kind), fields)
-            functions[f"far pair {k}"] = far.only(["far"])
-        if one is TIE:
+        if one.far:
+            functions[f"far {one.name} {k}"] = _far(local, traced, one, kind).only(["far"])
+        if one not in FINISHED:
             continue
         finish = traced(partial(getattr(local, f"finish_{one.name}"), kind), fields)
         functions[f"finish {one.name} bar {k}"] = derivative(finish, (), ("u", "m", "force"))
@@ -115,6 +125,7 @@ def record(
     layout: Layout,
     functions: dict[str, Function],
     one: Interaction,
+    kinds: Kinds,
     constants: list[tuple[str, int]],
     w: int,
 ) -> None:
@@ -124,33 +135,45 @@ def record(
     blocks = layout.fields(f"{one.name} blocks")
     layout.record("sums", ONE, [(name, 1) for name in SUMS if name in blocks])
     layout.record("end_reaction", ONE, [("total", w)])
-    if one is JOINT:
-        layout.record("sample", ONE, [("counted", 1)])
-        layout.record("common", ONE, [("joint_size", 1)])
-        layout.record("joint_state", JOINTS, [("joints", JOINT_READINGS), ("last_force", w)])
-        layout.record("joint_unknown", JOINTS, [("force", w)])
-        layout.record("before joint", JOINTS, largest(functions, "before joint").items())
+    before = largest(functions, f"before {one.name}")
+    if before:
+        layout.record(f"before {one.name}", one.rows, before.items())
+    if kept(kinds, one):
+        layout.record(f"{one.name}_state", one.rows, [(one.kept, kept(kinds, one))])
+
+
+def record_multipliers(layout: Layout, w: int) -> None:
+    """Records of an iteration and of a step, where there are forces of constraints."""
+    layout.record("sample", ONE, [("counted", 1)])
+    layout.record("common", ONE, [("constraint_size", 1)])
+    layout.record("multiplier_state", MULTIPLIERS, [("last_force", w)])
+    layout.record("multiplier", MULTIPLIERS, [("force", w)])
+
+
+def record_adjoint_of_multipliers(layout: Layout, functions: dict[str, Function], w: int) -> None:
+    """Those of the adjoint."""
+    read = any("last_force" in function.inputs for function in functions.values())
+    layout.record("multiplier_state", MULTIPLIERS, [("last_force", w)] * read)
+    cotangents(layout, "multiplier_state", MULTIPLIERS, [("last_force", w)])
+    for name in ("multiplier", "multiplier_after", "multiplier_bar"):
+        layout.record(name, MULTIPLIERS, [("force", w)])
 
 
 def record_adjoint(
-    layout: Layout, functions: dict[str, Function], one: Interaction, w: int
+    layout: Layout, functions: dict[str, Function], one: Interaction, kinds: Kinds
 ) -> None:
     """Records of the adjoint, but for those of constants."""
     _record(layout, functions, one, f"{one.name} blocks")
-    if one is JOINT:
-        read = any("last_force" in function.inputs for function in functions.values())
-        own = [("joints", JOINT_READINGS), *[("last_force", w)] * read]
-        layout.record("joint_state", JOINTS, own)
-        for name in ("joint_after", "joint_unknown", "joint_unknown_bar"):
-            layout.record(name, JOINTS, [("force", w)])
-        state = [("last_force", w), ("joints", JOINT_READINGS)]
-        cotangents(layout, "joint_state", JOINTS, state)
+    if kept(kinds, one):
+        own = [(one.kept, kept(kinds, one))]
+        layout.record(f"{one.name}_state", one.rows, own)
+        cotangents(layout, f"{one.name}_state", one.rows, own)
 
 
 def _record(layout: Layout, functions: dict[str, Function], one: Interaction, called: str) -> None:
     """called: the functions that give blocks."""
     for name in (called, f"far {one.name}"):
         layout.record(f"{one.name} blocks", one.rows, largest(functions, name).items())
-    if one is PAIR:
-        layout.record("near", PAIRS, [("pair", 1)])  # numbers of those that are not far
+    if one.far:
+        layout.record("near", one.rows, [("number", 1)])  # numbers of those that are not far
         layout.record("near_count", ONE, [("count", 1)])

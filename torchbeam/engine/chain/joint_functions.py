@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from .interaction import OWN
-from .interaction_functions import GAPS, of_ends
+from .interaction_functions import of_ends
 from .local_problem import Fields, LocalProblems
 from .node_kinds import JointKind
 
@@ -26,10 +26,7 @@ class JointFunctions(LocalProblems):
         `interaction`, its own being 1 for forces that it has not; the largest gap and turn.
         """
         problem, x = self.of_joint(fields, kind)
-        outputs, (gap,) = of_ends(problem, x, problem.model.joints, kind.sides, OWN)
-        sizes = gap.abs().split(self.model.space.dims[:2])
-        sizes = {name: size.amax() for name, size in zip(GAPS, sizes, strict=True)}
-        return outputs | {"right": -gap} | sizes
+        return of_ends(problem, x, problem.model.joints, kind.sides, OWN)
 
     def finish_joint(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The joint at the end of the step: its forces (w), what is read of it, the work done by
@@ -50,7 +47,3 @@ class JointFunctions(LocalProblems):
         joints = problem.model.joints
         placed = problem.node_motion(kinematics).placed(joints.pose)
         return {"force": force + joints.held[0] * joints.driven(placed).effort[0]}
-
-    def joint_update(self, force: Tensor, move: Tensor) -> Fields:
-        """The forces of a joint (w) after they have changed."""
-        return {"force": force + move}

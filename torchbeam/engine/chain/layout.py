@@ -17,6 +17,9 @@ JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
 STRETCHES, TENDONS = "stretches", "tendons"  # of tendons their stretches, and themselves
 PAIRS = "pairs"  # of what may touch
 COUPLINGS = "couplings"  # interactions of a class of their own
+# what these are called beside the stress of elements, whose rows they follow in a state
+FORCES = "multiplier_force"
+MULTIPLIERS = "multipliers"  # forces of constraints, see `nodal.multipliers`
 # where what nodes and elements give is held: by turns while a run of nodes is eliminated, and of
 # those at the interface for as long as the elimination takes
 NODE_PLACES, ELEMENT_PLACES = "node places", "element places"
@@ -26,10 +29,7 @@ OWN, BETWEEN, LAW = "own", "between", "law"
 # what an element of three nodes gives their rows, and what its midside node follows by
 INNER, MIDDLE = "inner", "middle"
 GIVEN = {1: BETWEEN, 2: INNER}  # what elements of an order give
-# parts of a state, by the records of their cotangents: those of what a step has made ("_grad"), of
-# its end ("_bar"), and of its start ("_start_bar")
-STATES = "state", "stress", "reaction", "element_state", "joint_state", "tendon_state"
-REACTIONS = {"found": "reaction_bar", "last": "reaction_start_bar"}  # of a support
+REACTIONS = {"found": "reaction_bar", "last": "reaction_start_bar"}  # cotangents of a support's
 FLAGS = "passed", "near"  # of what may touch, see `StepProblem`
 
 
@@ -77,6 +77,18 @@ class Layout:
         """Of a record; none where there is none of that name."""
         return self.records[record].fields if record in self.records else {}
 
+    def cotangent(self, record: str, field: str) -> tuple[str, str]:
+        """Record and field of the cotangent of a field: of a state, at the start of a step."""
+        if record == "support" and field in REACTIONS:
+            return REACTIONS[field], "reaction"
+        start = f"{record}_start_bar"
+        return start if start in self.records else f"{record}_bar", field
+
+    @property
+    def states(self) -> list[str]:
+        """Parts of a state that have cotangents, see `cotangents`."""
+        return [name.removesuffix("_grad") for name in self.records if name.endswith("_grad")]
+
     def bases(self, counts: dict[str, int]) -> tuple[list[int], int]:
         """First component of each record's first row, in order; components in all. counts: how many
         rows there are of each sort, see `counts`.
@@ -103,15 +115,10 @@ class Layout:
         return layout
 
 
-def cotangent(record: str, field: str) -> tuple[str, str]:
-    """Record and field of the cotangent of a field: of a state, at the start of a step."""
-    if record == "support" and field in REACTIONS:
-        return REACTIONS[field], "reaction"
-    return f"{record}_start_bar" if record in STATES else f"{record}_bar", field
-
-
 def cotangents(layout: Layout, name: str, rows: str, fields: list[tuple[str, int]]) -> None:
-    """Records of the cotangents of a part of the state."""
+    """Records of the cotangents of a part of the state: of what a step has made, of its end, and of
+    its start.
+    """
     for what in ("grad", "bar", "start_bar"):
         layout.record(f"{name}_{what}", rows, fields)
 

@@ -26,12 +26,13 @@ from ...state.supported_nodes import set_node
 from .call import Call, Field, Output, ProgramInstance
 from .chain_constants import Trees
 from .constants import Constants, LoadRoles
-from .cotangents import FORCES, OF_JOINTS, constant_fields
+from .cotangents import OF_MULTIPLIERS, constant_fields
 from .coverage import MISSING, installed, meaning, natively
+from .layout import FORCES
 from .load_program import JudgedProgram, LoadProgram
 from .native import NativeProgram
 from .node_kinds import kinds_of
-from .order import stretches_of
+from .order import connectivity_of
 from .program import NewtonProgram, program_of
 from .steady_functions import SteadyFunctions
 from .step_structure import by_numbers, keep_structure, key_of, known_structure
@@ -141,17 +142,22 @@ def _climbed(
     lanes: int | None,
     around: Surroundings | None,
 ) -> Climbed:
-    # where stretches of tendons have unknowns of their own, it is looked at by torch
-    judged = judged and not any(stretch.coupled for stretch in stretches_of(model.tendons))
+    # where there are own unknowns that are no forces of constraints, it is looked at by torch
+    edges = connectivity_of(model).edges
+    judged = judged and not any(edge.alone for own in edges for edge in own)
     structure, trees = _structure(
         model, t, inputs, around, JudgedProgram if judged else LoadProgram
     )
-    instance, joints = structure.instance, model.joints.count > 0
+    instance, multiplied = structure.instance, model.multipliers.count > 0
     exact = same_law(trees.element.C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
     stress, forces = model.multipliers.split(x.stress)
-    start = x._asdict() | {"stress": stress} | ({FORCES: forces} if joints else {})
-    place = {"stress": ("start_stress", "stress"), **OF_JOINTS, "reaction": ("support", "last")}
+    start = x._asdict() | {"stress": stress} | ({FORCES: forces} if multiplied else {})
+    place = {
+        "stress": ("start_stress", "stress"),
+        **OF_MULTIPLIERS,
+        "reaction": ("support", "last"),
+    }
     given = [
         *fields_at_rest(instance, model, trees, t, inputs),
         Field("common", "exact", exact, 0),
@@ -174,7 +180,7 @@ def _climbed(
         for x in call.run([one.value for one in given], limit=LIMIT)
     ]
     solution = dict(zip(shapes, found, strict=False))
-    if joints:
+    if multiplied:
         solution["stress"] = stacked(solution["stress"], solution.pop(FORCES))
     *shape, reaction = solution.values()
     status, indefinite = found[-2:]
@@ -231,8 +237,8 @@ def fields_at_rest(
     for name, columns in (("force", slice(p)), ("moment", slice(p, None))):
         sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))
         numbers[f"least_{name}"] = torch.stack(sizes).amax(0)
-    if model.joints.count:
-        numbers["joint_size"] = model.multipliers.size
+    if model.multipliers.count:
+        numbers["constraint_size"] = model.multipliers.size
     fields = [
         *constant_fields(trees),
         *_poses(model, t),

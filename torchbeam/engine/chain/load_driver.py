@@ -91,7 +91,9 @@ class LoadDriver(RestDriver):
         self._pass()
         self._back()
         with code.loop(0, self.args["nodes"]) as j:
-            self._call("turn", lambda f: self.at("move", self._move_of(j), f), ("change", 0))
+            places = {name: ("pose", j, name) for name in self.functions["turn"].inputs}
+            places |= {"move": ("move", self._move_of(j)), "rotation": ("kept", j, "rotation")}
+            self._call("turn", to=("change", 0), places=places)
             code.call("largest", self.at("sample", 0, "turn"), self.at("change", 0, "turn"))
         self._rule("first_step")
         self._rule("shares")
@@ -108,7 +110,7 @@ class LoadDriver(RestDriver):
         with self.code.loop(0, self.args["nodes"]) as j:
             self._take(("kept", j), ("unknown", j), good)
         self._keep_forces(good)
-        self._keep_joints(good)
+        self._keep_multipliers(good)
 
 
 class PathDriver(RestDriver):
@@ -128,7 +130,7 @@ class PathDriver(RestDriver):
         """The changes that are asked for: those of stresses and forces from zero."""
         with self.code.loop(0, self.args["elements"]) as e:
             self._fill(("stress", e))
-        self._zeros_in("joint_unknown")
+        self._zeros_in("multiplier")
         self._back()
 
     def _condensed(self, e: str) -> None:

@@ -44,9 +44,13 @@ class LoadProgram(RestProgram):
 
     def _of_samples(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         w, q = self.w, self.shapes["rotation"]
+        turned = {"rotation": q} | {f"pose.{name}": (POSE[name],) for name in ("rotation", "turn")}
+        turns = local.model.space.turns and any(
+            kind.placed and kind.placed.displaced[1] for kind in self.kinds.nodes
+        )
         functions = {
             "cosine": traced(local.cosine, {"before": q, "rotation": q}),
-            "turn": traced(local.turn, {"move": (w,)}),
+            "turn": traced(local.turn, {"move": (w,)} | (turned if turns else {})),
         }
         return functions | {name: self._of_numbers(traced, getattr(local, name)) for name in RULES}
 

@@ -537,10 +537,14 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
         right = fields.pop("force_bar", None)
         outputs = transposed(getattr(self, name)(kind, **fields), reactions)
-        if right is None:
+        if not kind.multiplied:
             return outputs
         right = right * right.new_tensor(kind.held)
         return outputs | {"right": right + outputs.get("right", 0.0)}
+
+    def multiplier_update(self, force: Tensor, move: Tensor) -> Fields:
+        """Forces of constraints (w) after they have changed."""
+        return {"force": force + move}
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
         """What the cotangent of a reaction is to the balance of its node (w)."""
@@ -656,7 +660,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         """A scaled residual with the gaps of joints, if there are any, see `judge`."""
         if not joints:
             return size
-        apart = joints["gap_position"] / joints["joint_size"]
+        apart = joints["gap_position"] / joints["constraint_size"]
         return measured(size, torch.maximum(apart, joints["gap_rotation"]))
 
     def outcome(

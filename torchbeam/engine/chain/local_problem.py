@@ -43,8 +43,8 @@ from .chain_constants import (
     filled,
     flattened,
 )
+from .interaction import SIDES
 from .node_kinds import (
-    SIDES,
     CouplingKind,
     ElementKind,
     EndKind,
@@ -288,6 +288,7 @@ class LocalProblems:
             across=known(2, constants.across),
             moves=joints.moves.detach(),
             balls=replace(constants.balls, at=(0,)) if kind.ball else None,
+            behind=0,
             **numbers,
         )
 
@@ -407,6 +408,7 @@ class LocalProblems:
             frame=common.frame,
             internal=given.get(INTERNAL),
             joints=given.get("joints"),
+            memory=given.get("memory"),
         )
         x = self.UNKNOWNS(given.get("u"), given.get("m"), stress)
         return self._stepping(rows, start, common, given, now, C), x

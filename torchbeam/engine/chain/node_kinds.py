@@ -5,7 +5,7 @@ called.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from torch import Tensor
 
@@ -13,6 +13,8 @@ from ...nodal.acting import ActingLoad
 from ...nodal.centreline import piece_nodes
 from ...nodal.fixed_touching import FixedTouching
 from ...nodal.model import Model
+from ...state.instant import READINGS
+from .interaction import PAIR_SIDES, SIDES
 from .order import MANNERS, manners_of
 
 
@@ -88,6 +90,8 @@ class JointKind(NamedTuple):
     shifts: tuple[tuple[float | None, ...], ...]
     parts: tuple[tuple[tuple[float, ...], ...], ...]
     ball: bool = False
+    multiplied: ClassVar[bool] = True  # whether it has forces of constraints
+    kept: ClassVar[int] = READINGS  # how many numbers a state has of it
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -103,6 +107,8 @@ class StretchKind(NamedTuple):
     ends: tuple[EndKind | None, EndKind | None]
     elastic: bool
     rubs: bool
+    multiplied: ClassVar[bool] = False
+    kept: ClassVar[int] = 0
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -114,7 +120,7 @@ class StretchKind(NamedTuple):
         """Whether its tension depends on where the other stretches are."""
         return self.elastic or self.rubs
 
-    def parts(self) -> dict[str, tuple[Any, ...]]:
+    def by_word(self) -> dict[str, tuple[Any, ...]]:
         """What each of its functions depends on, by the first word of their names."""
         return {
             "stretch": (self.ends, self.coupled, self.rubs),
@@ -123,13 +129,13 @@ class StretchKind(NamedTuple):
         }
 
 
-def alike(kinds: tuple[StretchKind, ...], k: int, word: str) -> int:
+def alike(kinds: tuple[Any, ...], k: int, word: str) -> int:
     """The first of the kinds that has the same functions of this word as kind k."""
-    own = [kind.parts()[word] for kind in kinds]
+    own = [kind.by_word()[word] if hasattr(kind, "by_word") else kind for kind in kinds]
     return own.index(own[k])
 
 
-def distinct(kinds: tuple[StretchKind, ...], word: str) -> list[tuple[int, StretchKind]]:
+def distinct(kinds: tuple[Any, ...], word: str) -> list[tuple[int, Any]]:
     """Those whose functions of this word are not those of an earlier one, with their numbers."""
     return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
 
@@ -144,23 +150,25 @@ class PairKind(NamedTuple):
     damps: bool
     surface: type | None
     tapers: bool
+    multiplied: ClassVar[bool] = False
+    kept: ClassVar[int] = 0
 
     sides = property(lambda self: PAIR_SIDES)
 
 
 class CouplingKind(NamedTuple):
     """What code of an `Interaction` depends on: what holds its nodes; its number among the loads in
-    `CommonConditions`.
+    `CommonConditions`; its row of `Couplings.held`, () = it has no unknowns; the most numbers that
+    one of a scene remembers.
     """
 
     ends: tuple[EndKind, ...]
     load: int
+    held: tuple[float, ...] = ()
+    kept: int = 0
 
     sides = property(lambda self: PAIR_SIDES[: len(self.ends)])
-
-
-SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
-PAIR_SIDES = ("a", "b", "c", "d", "e", "f")  # those of a pair that may touch
+    multiplied = property(lambda self: bool(self.held))
 
 
 def _sides(ends: tuple[EndKind | None, ...]) -> tuple[str, ...]:
@@ -193,16 +201,21 @@ class Kinds(NamedTuple):
         """Those of each of `INTERACTIONS`."""
         return self.joints, self.stretches, self.pairs, self.couplings
 
+    @property
+    def multiplied(self) -> bool:
+        """Whether there are forces of constraints."""
+        return any(kind.multiplied for own in self.between for kind in own)
+
     @classmethod
     def of(
         cls,
         nodes: list[NodeKind],
         model: Model,
         loads: Callable[[int], tuple[int, ...]],
-        several: dict[int, tuple[int, ...]],
+        several: dict[int, ActingLoad],
     ) -> Kinds:
         """From those of all nodes of a model, and the numbers of the loads between those of each
-        element; several: the nodes of those that act on several.
+        element; several: those that act on several nodes.
         """
         held, topology = [node.end for node in nodes], model.topology
         ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
@@ -210,8 +223,15 @@ class Kinds(NamedTuple):
         joints, stretches = _of_joints(model, held), _of_stretches(model, held)
         pairs, touching = _of_pairs(model, held)
         runs = MANNERS if touching else manners_of(model)  # pairs come and go
+        w = model.space.unknowns
         couplings = tuple(
-            CouplingKind(tuple(held[node] for node in own), k) for k, own in several.items()
+            CouplingKind(
+                tuple(held[node] for node in act.node),
+                k,
+                _own(act.load.unknowns, w),
+                model.scene.memory[1],
+            )
+            for k, act in several.items()
         )
         return cls(tuple(nodes), elements, joints, runs, stretches, pairs, touching, couplings)
 
@@ -220,6 +240,11 @@ class Kinds(NamedTuple):
         kinds = Kinds(*(tuple(dict.fromkeys(own)) for own in self))
         kinds = kinds._replace(pairs=kinds.touching)
         return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
+
+
+def _own(count: int, w: int) -> tuple[float, ...]:
+    """Which of w numbers so many unknowns are; () = none."""
+    return tuple(float(k < count) for k in range(w)) if count else ()
 
 
 def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
@@ -297,7 +322,7 @@ def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:
 def kinds_of(model: Model, loads: tuple[ActingLoad, ...], rest: bool = False) -> Kinds:
     """Of a model's nodes, on which these loads act, and elements: in a step, or at rest."""
     nodes, supports = model.node_count, {}
-    several = {k: act.node for k, act in enumerate(loads) if isinstance(act.node, tuple)}
+    several = {k: act for k, act in enumerate(loads) if isinstance(act.node, tuple)}
     hinges = {node: tuple(axis.tolist()) for node, axis in model.constraints.hinges}
     for support, fixed in zip(
         model.scene.supports, map(tuple, model.constraints.fixed.tolist()), strict=True

@@ -13,9 +13,10 @@ from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
+from .interaction import PAIR_SIDES
 from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems, by_secants, far_fields
-from .node_kinds import PAIR_SIDES, PairKind
+from .node_kinds import PairKind
 
 
 @dataclass(frozen=True)

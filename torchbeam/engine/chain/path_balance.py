@@ -25,8 +25,9 @@ from ..compiler.derivative import dot
 from .call import Call, Field, Output
 from .chain_constants import Trees
 from .constants import Constants
-from .cotangents import FORCES, OF_JOINTS, constant_fields
+from .cotangents import OF_MULTIPLIERS, constant_fields
 from .coverage import meaning, natively
+from .layout import FORCES
 from .load_climb import fields_at_rest, instance_at_rest, refusal
 from .load_driver import PIVOT
 from .path_program import RATE, PathFunctions, PathProgram, by_rows
@@ -127,7 +128,7 @@ class NativeBalance:
                 ("kept", "position", position, 2),
                 ("kept", "rotation", rotation, 2),
                 ("start_stress", "stress", stress, 2),
-                *(() if forces is None else ((*OF_JOINTS[FORCES], forces, 2),)),
+                *(() if forces is None else ((*OF_MULTIPLIERS[FORCES], forces, 2),)),
                 ("common", "load_factor", share, 0),
                 ("common", "reached", share, 0),
             )
@@ -144,7 +145,7 @@ class NativeBalance:
             ("sample", "size"): (),
         }
         if forces is not None:
-            rows["joint_unknown", "force"] = forces.shape[-2:]
+            rows["multiplier", "force"] = forces.shape[-2:]
         if self.by_rows:
             rows["row", PIVOT] = (self.instance.rows("row"), *size)
         if self.by_rows and self.instance.has("middle pivot", PIVOT):

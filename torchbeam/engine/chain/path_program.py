@@ -14,6 +14,7 @@ from torch import Tensor
 from ...equations.balance_problem import BalanceProblem
 from ...nodal.balance import mixed, scaled
 from ...nodal.model import Model
+from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS
@@ -21,8 +22,8 @@ from .interaction import Interaction
 from .layout import ELEMENTS, NODES, ONE, Layout
 from .load_driver import PIVOT, PathDriver
 from .load_program import RestProgram
-from .local_problem import Fields
-from .node_kinds import SIDES, ElementKind, JointKind, NodeKind, without_side
+from .local_problem import BetweenKind, Ends, Fields
+from .node_kinds import ElementKind, NodeKind, without_side
 from .rows import given_by_rows
 from .steady_functions import SteadyFunctions
 from .tracing import Tracing
@@ -52,10 +53,10 @@ class PathFunctions(SteadyFunctions):
             fields = _led(fields, f"{side}.")
         return super().of_element(fields, kind)
 
-    def of_joint(self, fields: Fields, kind: JointKind) -> tuple[BalanceProblem, Any]:
-        for side in SIDES[1]:
+    def of_ends(self, fields: Fields, kind: BetweenKind, topology: Framework) -> Ends:
+        for side in kind.sides:
             fields = _led(fields, f"{side}.")
-        return super().of_joint(fields, kind)
+        return super().of_ends(fields, kind, topology)
 
     def pivot(self, block: Tensor) -> Fields:
         """The pivot block itself; nothing in a structure with an interface, where others are asked
@@ -170,7 +171,7 @@ class PathProgram(RestProgram):
             given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
         function = partial(getattr(local, one.name), kind)
         whole = traced(function, getattr(traced, one.constants) | given)
-        asked = [*(f"{side}.push" for side in kind.sides), *["right"] * one.unknowns]
+        asked = [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
         slope = self._slopes(whole, local, asked)
         others = {name: slope.outputs[dot(name)].nodes for name in asked}
         return _or_else(whole, slope.inputs, others)

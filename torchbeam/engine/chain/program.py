@@ -17,14 +17,14 @@ from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk, structure
 from .driver import SQUARES, SUMS
-from .interaction import FINISHED, INTERACTIONS, JOINT, TIE, Interaction
+from .interaction import FINISHED, INTERACTIONS, TIE, Interaction
 from .layout import (
     ELEMENTS,
     FLAGS,
     INTERFACE,
-    JOINTS,
     LAW,
     MOVES,
+    MULTIPLIERS,
     NODE_PLACES,
     NODES,
     ONE,
@@ -119,7 +119,10 @@ class NewtonProgram(NativeProgram):
                     **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
                 },
             )
-        judging = (*self.judging, *((*interactions.GAPS, "joint_size") * bool(self.kinds.joints)))
+        judging = (
+            *self.judging,
+            *((*interactions.GAPS, "constraint_size") * self.kinds.multiplied),
+        )
         functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
         if local.searches:
             functions |= self._searching(local, traced, judging)
@@ -137,7 +140,7 @@ class NewtonProgram(NativeProgram):
             "search": traced(local.search, dict.fromkeys(given, ())),
             "between": traced(local.between, ends | {"ratio": ()}),
         }
-        sizes = {"stress": self.k} | ({"joint_unknown": self.w} if self.kinds.joints else {})
+        sizes = {"stress": self.k} | ({"multiplier": self.w} if self.kinds.multiplied else {})
         for name, size in sizes.items():
             numbers = {"x": (size,), "to": (size,), "ratio": ()}
             functions[f"part {name}"] = traced(local.part, numbers)
@@ -149,16 +152,15 @@ class NewtonProgram(NativeProgram):
         for one in INTERACTIONS:
             own = partial(self._of_interaction, traced, local, one)
             functions |= interactions.of_interaction(local, traced, one, kinds, self.held, own)
-        changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
-        for k in range(len(kinds.joints)):
-            joint = functions[f"joint {k}"]
-            _split(functions, f"joint {k}", joint, (*changing, "force", *self.varying))
-        if kinds.joints:
-            functions["joint update"] = traced(local.joint_update, {"force": (w,), "move": (w,)})
+            changing = [f"{side}.{name}" for side in one.sides for name in self.unknown]
+            for k, _ in interactions.kinds_of(kinds, one) if one.hoisted else ():
+                name = f"{one.name} {k}"
+                _split(functions, name, functions[name], (*changing, "force", *self.varying))
+        if kinds.multiplied:
+            numbers = {"force": (w,), "move": (w,)}
+            functions["multiplier update"] = traced(local.multiplier_update, numbers)
         shapes = dict.fromkeys(self.varying, ()) | stretches.TOLD
         functions |= stretches.of_tensions(local, traced, kinds.stretches, shapes)
-        for k, kind in enumerate(kinds.pairs):
-            functions[f"far pair {k}"] = traced(partial(local.far_pair, kind), traced.pair)
         return functions
 
     def _of_loads_between(
@@ -240,11 +242,14 @@ class NewtonProgram(NativeProgram):
         if INTERFACE in self.kinds.runs:
             layout.record("push", NODES, [("push", w)])
         for one in interactions.present(self.kinds):
-            interactions.record(layout, self.functions, one, inputs(one.constants), w)
+            given = self.kinds, inputs(one.constants), w
+            interactions.record(layout, self.functions, one, *given)
+        if self.kinds.multiplied:
+            interactions.record_multipliers(layout, w)
         if self.kinds.stretches:
             stretches.record(layout, self.functions)
-        if "part joint_unknown" in self.functions:
-            _beside(layout, "joint_unknown", JOINTS)
+        if "part multiplier" in self.functions:
+            _beside(layout, "multiplier", MULTIPLIERS)
         return layout
 
 

@@ -86,9 +86,15 @@ class SteadyFunctions(LocalFunctions):
         space = self.model.space
         return {"cosine": space.cosine(space.multiply(space.inverse(before), rotation)).abs()}
 
-    def turn(self, move: Tensor) -> Fields:
-        """Angle by which a move (w) turns a node."""
-        return {"turn": torch.linalg.vector_norm(move[self.model.space.dims.position :])}
+    def turn(self, move: Tensor, rotation: Tensor | None = None, **pose: Tensor) -> Fields:
+        """Angle by which a move (w) turns a node, or its support does, where that turns some."""
+        turn = torch.linalg.vector_norm(move[self.model.space.dims.position :])
+        if rotation is None:
+            return {"turn": turn}
+        still, by, space = pose["pose.rotation"], pose["pose.turn"], self.model.space.of_nodes(0)
+        led = load_steps.way_of_support(space, rotation, still, by)
+        led = torch.where((by != 0).any(-1), led, torch.zeros_like(led))
+        return {"turn": load_steps.with_supports(turn, led)}
 
     def terms(self, load: Tensor | None, inertia: Tensor | None) -> list[Tensor]:
         """Loads less all inertia, of which `inertia` is what neighbours share."""

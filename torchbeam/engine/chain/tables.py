@@ -16,21 +16,9 @@ from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
-from .interaction import COUPLING, INTERACTIONS, JOINT, OWN, TIE, Interaction
-from .layout import (
-    COUPLINGS,
-    ELEMENT_PLACES,
-    ENTRIES,
-    INTERFACE,
-    JOINTS,
-    NODE_PLACES,
-    PAIRS,
-    SIGNS,
-    STRETCHES,
-    TENDONS,
-)
-from .node_kinds import PAIR_SIDES
-from .order import Connectivity, connectivity_of, order_of
+from .interaction import INTERACTIONS, LAST, OWN, Edge, Edges, Interaction
+from .layout import ELEMENT_PLACES, ENTRIES, INTERFACE, MULTIPLIERS, NODE_PLACES, SIGNS
+from .order import Connectivity, Order, connectivity_of, order_of
 
 # tables of integers that code reads, and numbers, by name
 LISTS = (
@@ -38,15 +26,17 @@ LISTS = (
     *(f"{one.constants}_{what}" for one in INTERACTIONS for what in ("kinds", "table")),
     *("element_nodes", "left_elements", "right_elements", "node_places", "element_places"),
     *("kept_nodes", "kept_elements", "interface", "direct", "elimination", "substitution"),
+    "multipliers",
     *("forward", "backward", "bordered", "following"),
 )
 COUNTS = (
     *("nodes", "kept_node_count", "kept_element_count", "interface_count", "direct_count"),
     *("forward_count", "backward_count", "bordered_count", "following_count"),
-    *(*(f"{one.constants}_count" for one in INTERACTIONS), "tendon_count", "entry_count"),
-    *("group_count", "first_groups", "last_groups", "last_table"),
+    *(*(f"{one.constants}_count" for one in INTERACTIONS), "entry_count", "group_count"),
+    *(*(f"{one.of}_count" for one in INTERACTIONS if one.of), "multipliers_count"),
+    *("first_groups", "last_groups", "last_table"),
     *("shared_groups", "shared_table", "shared_first", "shared_size"),
-    *("own_nodes", "own_interface", "own_joints"),
+    *("own_nodes", "own_interface", "own_edges"),
 )
 # integers of an entry
 WIDTH = {
@@ -56,6 +46,7 @@ WIDTH = {
     "backward": 7,
     "bordered": 16,
     "following": 20,
+    "multipliers": 1,
     **{one.constants: one.width for one in INTERACTIONS},
 }
 NONE = (-1, -1)  # the place of a block that is not there
@@ -87,19 +78,19 @@ def flat(rows: Iterable[Iterable[int]]) -> list[int]:
 
 @lru_cache(maxsize=64)
 def _tables(w: int, connectivity: Connectivity) -> Tables:
-    framework, _, held, stretches, pairs, shared, couplings_of = connectivity
+    framework, _, edges, shared = connectivity
     order = order_of(connectivity)
-    how, ends, own_units = framework.cut, framework.ends, order.own_units
-    nodes, J = [ends[end] for end in how.interface], len(how.joints)
+    how, ends = framework.cut, framework.ends
+    nodes = [ends[end] for end in how.interface]
     runs = [run for runs in how.runs for run in runs]
     forward, backward = (
         [run for run in runs if run.manner == manner] for manner in ("forward", "backward")
     )
     couplings = [*order.couplings, *((run.before, run.after) for run in order.bordered)]
-    groups, moves, equation = _equations(order.groups, len(nodes), held, w)
+    groups, moves, equation = _equations(order, len(nodes), w)
     units = len(equation)
     at_nodes = {node: k for k, node in enumerate(nodes)}
-    pairs = tuple(tuple(at_nodes[node] for node in own) for own in pairs)
+    multipliers = {unit: k for k, unit in enumerate(order.constraints)}
     blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
     blocks += [(equation[node], node) for node in range(len(nodes))]
     # what a following run goes on from, also where the node's equation stands elsewhere
@@ -117,31 +108,20 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
     def between(row: int, column: int) -> tuple[int, int]:
         return pattern.place(equation[row], column)
 
-    def row(one: Interaction, units: dict[str, int | None], more: list[int]) -> list[int]:
-        """Of an interaction, whose ends and unknowns are these; None = there are none."""
-        table = [0 if units[side] is None else nodes[units[side]] for side in one.sides] + more
-        own = units[OWN]
+    def row(one: Interaction, edge: Edge, own: int | None) -> list[int]:
+        """Of an interaction; own: the unit of its unknowns."""
+        units = dict.fromkeys(one.sides) | {OWN: own, LAST: own - 1 if edge.chained else None}
+        units |= zip(one.sides, map(at_nodes.get, edge.nodes), strict=False)
+        table = [0 if units[side] is None else nodes[units[side]] for side in one.sides]
+        table += edge.more
         for block in one.blocks:
             at = [units[name] for name in block]
             there = None not in at and (block != "oo" or equation[own] == own)  # a weld has none
             table += between(*at) if there else NONE
         if own is None:
-            return [*table, *NONE, -1] if one.unknowns else table
-        return [*table, *pattern.right(equation[own]), pattern.solution(own)]
-
-    def joint(k: int) -> list[int]:
-        return row(JOINT, dict(zip("ijo", (*how.joints[k], len(nodes) + k), strict=True)), [])
-
-    def stretch(s: int) -> list[int]:
-        own, unit = stretches[s], own_units.get(s)
-        at = [None if node is None else at_nodes[node] for node in own.nodes]
-        before = None if unit is None or own.first else unit - 1
-        units = dict(zip("ijop", (*at, unit, before), strict=True))
-        return row(TIE, units, [int(own.first), int(own.last), own.tendon])
-
-    def coupling(own: tuple[int, ...]) -> list[int]:
-        ends = [at_nodes[node] for node in own] + [None] * (len(PAIR_SIDES) - len(own))
-        return row(COUPLING, dict(zip(PAIR_SIDES, ends, strict=True)) | {OWN: None}, [])
+            return [*table, *NONE, -1, -1] if one.unknowns else table
+        table += *pattern.right(equation[own]), pattern.solution(own)
+        return [*table, multipliers.get(own, -1)]
 
     def follow(unit: int, run: Run, place: int) -> list[int]:
         """A run that goes on from a node which is eliminated, to the other one."""
@@ -156,15 +136,19 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
         both = (*own(run.before), *own(run.after), *between(*pair), *between(*pair[::-1]))
         return ends[run.first], run.count, *pair, *both
 
-    def touching() -> np.ndarray:
-        own = np.array(pairs).reshape(len(pairs), -1)
-        rows = np.array([equation[node] for node in range(len(nodes))])[own]
-        blocks = pattern.places(rows[:, :, None], own[:, None]).reshape(len(own), -1)
-        return np.concatenate((np.array(nodes)[own], blocks), -1).ravel()
+    def table(one: Interaction, own: Edges, units: tuple[int | None, ...]) -> Sequence[int]:
+        """Of an interaction, row by row, or, of edges that have nothing but nodes, all at once."""
+        if one.unknowns or any(len(edge.nodes) < len(one.sides) for edge in own):
+            return flat(row(one, edge, unit) for edge, unit in zip(own, units, strict=True))
+        at = np.array([[at_nodes[node] for node in edge.nodes] for edge in own], int)
+        at = at.reshape(len(own), len(one.sides))
+        rows = np.array([equation[node] for node in range(len(nodes))], int)[at]
+        blocks = pattern.places(rows[:, :, None], at[:, None]).reshape(len(own), -1)
+        return np.concatenate((np.array(nodes, int)[at], blocks), -1).ravel()
 
     common = {*range(len(nodes) - shared, len(nodes))}
-    own_joints = [k for k, pair in enumerate(how.joints) if not {*pair} <= {*common, None}]
-    common |= {len(nodes) + k for k in range(J) if k not in own_joints}
+    of_common = [k for k, one in order.constraints.items() if {*one.ends} <= {*common, None}]
+    common |= {*of_common}
     # groups between following runs, and of what cells share: how many, and where their tables begin
     cuts = [
         1 + max(g for g, group in enumerate(pattern.groups) if {place, equation[place]} & {*group})
@@ -203,10 +187,11 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
             (*follow(outer[k], run, place), *parts[k + 1], *back[k])
             for k, (run, place) in enumerate(order.following)
         ),
-        "joint_table": flat(map(joint, range(J))),
-        "stretch_table": flat(map(stretch, range(len(stretches)))),
-        "pair_table": touching() if pairs else [],
-        "coupling_table": flat(map(coupling, couplings_of)),
+        **{
+            f"{one.constants}_table": table(one, own_edges, units) if own_edges else []
+            for one, own_edges, units in zip(INTERACTIONS, edges, order.own, strict=True)
+        },
+        "multipliers": [pattern.solution(unit) for unit in order.constraints],
         "elimination": np.concatenate((np.empty(0, int), *pattern.elimination)),
         "substitution": flat(pattern.substitution),
     }
@@ -224,16 +209,18 @@ def _tables(w: int, connectivity: Connectivity) -> Tables:
         "shared_size": pattern.begin(len(pattern.groups)) - pattern.begin(own_groups),
         "own_nodes": framework.node_count - shared,
         "own_interface": len(nodes) - shared,
-        "own_joints": len(own_joints),
+        "own_edges": len(order.constraints) - len(of_common),
     }
     for table, width in WIDTH.items():
         numbers[f"{table}_count"] = len(lists.get(f"{table}_table", lists.get(table, ()))) // width
     flags = pattern.size // BYTES + 1  # one a number, in bytes
-    rows = {JOINTS: J, INTERFACE: len(nodes), ENTRIES: pattern.size + flags}
-    rows |= {STRETCHES: len(stretches), TENDONS: len({x.tendon for x in stretches})}
-    rows |= {COUPLINGS: len(couplings_of)}
-    numbers["tendon_count"] = rows[TENDONS]
-    rows |= {PAIRS: len(pairs), SIGNS: max((w * len(group) for group in groups), default=0) ** 2}
+    rows = {INTERFACE: len(nodes), ENTRIES: pattern.size + flags, MULTIPLIERS: len(multipliers)}
+    for one, own_edges in zip(INTERACTIONS, edges, strict=True):
+        rows[one.rows] = len(own_edges)
+        if one.of is not None:
+            rows[one.of] = len({edge.more[-1] for edge in own_edges})
+            numbers[f"{one.of}_count"] = rows[one.of]
+    rows[SIGNS] = max((w * len(group) for group in groups), default=0) ** 2
     rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
     rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
     return Tables(rows, lists, numbers)
@@ -262,16 +249,17 @@ def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list
 
 
 def _equations(
-    groups: tuple[tuple[int, ...], ...], nodes: int, held: tuple[int, ...], w: int
+    order: Order, nodes: int, w: int
 ) -> tuple[list[tuple[int, ...]], list[int], dict[int, int]]:
     """Groups of unknowns, how many of each are moves (see `BlockPattern`), and whose equation
     stands in the row of each unit. A weld's constraints give the moves of the node that hangs by
     it, the node's balance the weld's force: two groups in the place of one, whose signs are always
     as they should be. Those of forces alone are not looked at.
     """
-    parts, moves, equation = [], [], {unit: unit for group in groups for unit in group}
-    for group in groups:
-        if group[0] < nodes and [held[unit - nodes] for unit in group[1:]] == [w]:
+    parts, moves = [], []
+    equation = {unit: unit for group in order.groups for unit in group}
+    for group in order.groups:
+        if group[0] < nodes and [order.constraints[unit].firm for unit in group[1:]] == [True]:
             node, weld = group
             equation |= {node: weld, weld: node}
             parts += [(node,), (weld,)]

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from .driver_code import Place
-from .interaction import TIE
+from .interaction import SIDES, TIE
 from .interaction_driver import Entry, InteractionCode
-from .node_kinds import SIDES, alike
+from .node_kinds import alike
 from .tendon_functions import SUMMED
 
 FIRST, LAST, TENDON = 2, 3, 4  # in an entry of the table
@@ -54,7 +54,7 @@ class TendonCode(InteractionCode):
         """
         side, _, name = field.partition(".")
         if side in SIDES[1]:
-            return self._at_joint_node(name, self._stretch_node(s, side))
+            return self._at_end_node(name, self._stretch_node(s, side))
         if side in ("own", "last"):
             return self._of_pull(name, s if side == "own" else self.code.sub(s, 1))
         if side == "beyond":

@@ -28,9 +28,10 @@ from ...nodal.joint_motion import end_moves
 from ...nodal.rope import Rope, Stretches, along_stretch
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
+from .interaction import SIDES
 from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems
-from .node_kinds import SIDES, EndKind, StretchKind
+from .node_kinds import EndKind, StretchKind
 
 # what a tension follows from, of all stretches from one on
 SUMMED = "length", "before", "change", "rate"

@@ -13,12 +13,13 @@ from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
 from .extrapolated_functions import OTHER
+from .interaction import PAIR_SIDES, SIDES
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import PAIR_SIDES, SIDES
 from .tendon_functions import SUMMED
 
 Shapes = dict[str, tuple[int, ...]]
+FORCES = ("force", "last_force", "after_force", "force_bar")  # of constraints
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 # functions that ask loads, and so what users wrote
 OF_LOADS = ("node", "finish", "coupling", "transposed_interaction", "finish_coupling")
@@ -79,18 +80,15 @@ class Tracing:
         self.joint = {
             **self.constants["joint"],
             **self.constants["common"],
-            "force": (p + s,),
             "joints": (JOINT_READINGS,),
-            "last_force": (p + s,),
-            "after_force": (p + s,),
-            "force_bar": (p + s,),
+            **(forces := dict.fromkeys(FORCES, (p + s,))),
             **(ends := _at_sides(own | free)),
         }
         self.stretch = {**self.constants["stretch"], **self.constants["common"], **ends}
         self.stretch |= of_stretch()
         self.pair = {**self.constants["pair"], **self.constants["common"]}
         self.pair |= _at_sides(own | free, PAIR_SIDES)
-        self.coupling = self.pair
+        self.coupling = self.pair | forces | {"memory": (local.model.scene.memory[1],)}
 
         own = [x for one in local.common.captured for x, _ in flattened(one)]
         self.captured = {

@@ -182,7 +182,8 @@ class Load(LoadEffect):
         motion = ("position", "rotation", "velocity", "spin", "t")
         for name in _wants(self.function, len(motion)) - {*names}:
             raise ValueError(
-                f"Load's function of {name!r} was given; of=(..., {name!r}) hands it over by name"
+                f"Load's function of {name!r} was given; one of {', '.join(motion)} is wanted, to "
+                f"which of=(..., {name!r}) hands it over by name"
             )
         check_function("Load's function", self.function, *motion, named=names)
         if self.rate is not None:
@@ -304,9 +305,12 @@ class Load(LoadEffect):
 
 
 def _wants(function: Callable[..., Any], behind: int) -> set[str]:
-    """What a function wants by names that may be asked for in `of`, behind so many arguments."""
+    """What a function wants by names that may be asked for in `of`, behind so many arguments; of
+    one that has fewer, at all.
+    """
     try:
-        parameters = [*inspect.signature(function).parameters.values()][behind:]
+        parameters = [*inspect.signature(function).parameters.values()]
+        parameters = parameters[behind if len(parameters) >= behind else 0 :]
     except ValueError:  # one of C's, that does not say
         return set()
     return {p.name for p in parameters if p.default is p.empty} & {PLACE, *INERTIAL}

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from ...core.arguments import listed
 from ...core.leaves import with_values
 from ...math.quaternions import skew
 from ..parts import Place
-from .load_point import INERTIAL, MOTION, ROTATION, LoadEffect, LoadPoint, jacobians, together
+from .load_point import (
+    INERTIAL,
+    MOTION,
+    OWN,
+    POSITION,
+    ROTATION,
+    LoadEffect,
+    LoadPoint,
+    Wrench,
+    jacobians,
+    together,
+)
 from .values import Inputs
 
-MOST = 6  # nodes
+MOST, MOST_UNKNOWNS = 6, 6  # nodes, and unknowns
 
 
 @dataclass(frozen=True)
@@ -32,9 +44,22 @@ class Interaction(LoadEffect):
     (position (..., n, 3), R (..., n, 3, 3); velocity, spin, absolute, frame a), its own leaves have
     not. In equilibria it is raised with the loads.
 
+    A class with `unknowns`, one to six (in a plane three), has so many numbers of its own, which
+    its `residual(point, t, inputs)` (..., unknowns), m or rad, determines: it is zero at the end of
+    a step, of whose `point` position, R and `own` (..., unknowns) are known. Its wrench is that of
+    the constraint residual = 0, by whose forces `own` it pulls against what makes the residual
+    grow, N or N m; a class may write another one. It is there whatever the loads are, and does no
+    work but for what the constraint bends in a step.
+
+    A class with a `memory` of so many numbers has them kept by `State.memory`: at the end of a
+    step, in an equilibrium too, `remember(point, t, inputs)` (..., memory) gives them, of a point
+    with those of its start, 0 at first (`internal`), its length `dt`, places and turns at its end,
+    and velocities and own unknowns as they act. The wrench knows them as `internal`, too.
+
     Raises:
         ValueError: for fewer than two nodes, or more than six, one twice, or one that is not there.
-        TypeError: when the class is defined, for one that depends on an acceleration.
+        TypeError: when the class is defined, for one that depends on an acceleration, or has
+            unknowns and no residual, or more than six, or a memory that nothing fills.
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -56,6 +81,8 @@ class Interaction(LoadEffect):
     nodes: Iterable[Place] = field()
 
     kind = "interaction"
+    unknowns = 0  # how many it has of its own
+    memory = 0  # how many numbers it remembers
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -63,6 +90,17 @@ class Interaction(LoadEffect):
             raise TypeError(
                 f"{cls.__name__} depends on an acceleration; an interaction may on "
                 "POSITION, ROTATION, VELOCITY, SPIN"
+            )
+        if cls.memory and cls.remember is Interaction.remember:
+            raise TypeError(
+                f"{cls.__name__} with a memory was given; a `remember` that fills it is wanted"
+            )
+        if cls.unknowns and (
+            cls.residual is Interaction.residual or not 0 < cls.unknowns <= MOST_UNKNOWNS
+        ):
+            raise TypeError(
+                f"{cls.__name__} with {cls.unknowns} unknowns was given; one to {MOST_UNKNOWNS}, "
+                "and a residual that determines them, are wanted"
             )
 
     def __post_init__(self) -> None:
@@ -88,24 +126,64 @@ class Interaction(LoadEffect):
                 )
         return with_values(self, nodes=rows)
 
-    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Derivative (..., n, 6, n, 3) of the nodes' wrenches by name, see `LoadEffect.tangent`."""
-        names, n = [name for name in MOTION if name in self.depends], point.R.shape[-3]
-        nothing = point.R.new_zeros(*point.R.shape[:-1])  # of a turn
-        at = [nothing if name == ROTATION else getattr(point, name) for name in names]
+    def residual(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """(..., unknowns) m or rad, what is zero at the end of a step, of a class with unknowns."""
+        raise NotImplementedError
 
-        def wrenches(*motions: Tensor) -> Tensor:
+    def remember(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """(..., memory) at the end of a step, of a class with a memory."""
+        raise NotImplementedError
+
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        """Those of the constraint that the residual is zero."""
+        by = self.residual_tangent(point, t, inputs)
+        return tuple(
+            -torch.einsum("...u,...unk->...nk", point.own, by[name]) if name in by else None
+            for name in (POSITION, ROTATION)
+        )
+
+    def residual_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Derivative (..., unknowns, n, 3) of the residual by position, and by rotation;
+        (..., unknowns, unknowns) by own unknowns.
+        """
+        names = [name for name in (POSITION, ROTATION) if name in self.depends]
+        return self._by_motions(names, point, lambda at: self.residual(at, t, inputs))
+
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Derivative (..., n, 6, n, 3) of the nodes' wrenches by name, see `LoadEffect.tangent`;
+        (..., n, 6, unknowns) by own unknowns.
+        """
+
+        def wrenches(at: LoadPoint) -> Tensor:
+            return together(self.wrench(at, t, inputs), point.R).flatten(-2)
+
+        names, n = [name for name in MOTION if name in self.depends], point.R.shape[-3]
+        by = self._by_motions(names, point, wrenches)
+        return {
+            name: block.unflatten(-2 if name == OWN else -3, (n, 6)) for name, block in by.items()
+        }
+
+    def _by_motions(
+        self, names: list[str], point: LoadPoint, function: Callable[[LoadPoint], Tensor]
+    ) -> dict[str, Tensor]:
+        """Derivative of a function (..., m) of the point by motions (..., m, n, 3), and by own
+        unknowns (..., m, unknowns), where there are some.
+        """
+        nothing = point.R.new_zeros(*point.R.shape[:-1])  # of a turn
+        n, names = point.R.shape[-3], [*names, *[OWN] * bool(self.unknowns)]
+        at = {name: nothing if name == ROTATION else getattr(point, name) for name in names}
+
+        def of(*motions: Tensor) -> Tensor:
             moved = {
-                ("R" if name == ROTATION else name): x.unflatten(-1, (n, 3))
+                name: x if name == OWN else x.unflatten(-1, (n, 3))
                 for name, x in zip(names, motions, strict=True)
             }
-            if "R" in moved:
-                moved["R"] = point.R + skew(moved["R"]) @ point.R
-            wrench = self.wrench(replace(point, **moved), t, inputs)
-            return together(wrench, point.R).flatten(-2)
+            if ROTATION in moved:
+                moved["R"] = point.R + skew(moved.pop(ROTATION)) @ point.R
+            return function(replace(point, **moved))
 
-        blocks = jacobians(wrenches, *(x.flatten(-2) for x in at))
+        blocks = jacobians(of, *(x if name == OWN else x.flatten(-2) for name, x in at.items()))
         return {
-            name: block.unflatten(-1, (n, 3)).unflatten(-3, (n, 6))
+            name: block if name == OWN else block.unflatten(-1, (n, 3))
             for name, block in zip(names, blocks, strict=True)
         }

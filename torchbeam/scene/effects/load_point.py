@@ -56,6 +56,7 @@ class LoadPoint:
         frame: velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
             None = it has none, for effects that want them (`wants_frame`)
         secant: (...) 1 where friction's derivative is to be its secant, 0 or None = it is its own
+        own: (..., u) own unknowns of an `Interaction`
 
     Examples:
         >>> point = extend.LoadPoint(torch.eye(3), position=torch.tensor([1.0, 0, 0]))
@@ -78,6 +79,7 @@ class LoadPoint:
     elements: int | None = None
     frame: tuple[Tensor | None, Tensor | None] = (None, None)
     secant: Tensor | None = None
+    own: Tensor | None = None
 
     def rotate(self, v: Tensor) -> Tensor:
         """Section axes -> frame a."""
@@ -109,6 +111,7 @@ ROTATION, POSITION, VELOCITY, SPIN = READS = ("rotation", "position", "velocity"
 ACCELERATION, ANGULAR_ACCELERATION = INERTIAL = ("acceleration", "angular_acceleration")
 MOTION = (*READS, *INERTIAL)
 INTERNAL = "internal"
+OWN = "own"
 
 
 class LoadEffect(Effect):

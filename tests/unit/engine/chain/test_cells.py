@@ -3,6 +3,7 @@
 import torchbeam as tb
 from tests.cases import parity_scenes
 from torchbeam.engine.chain.cells import cells_of
+from torchbeam.engine.chain.interaction import INTERACTIONS, Edge
 from torchbeam.engine.chain.layout import JOINTS
 from torchbeam.engine.chain.node_kinds import kinds_of
 from torchbeam.engine.chain.order import Connectivity, connectivity_of, order_of
@@ -29,7 +30,7 @@ def test_what_has_cells():
     own = cells(hand())
     alone = own.connectivity
     assert own.count == 3 and alone.framework.chains == (2, 1) and alone.shared == 1
-    assert len(alone.held) == 3 and sum(step != 0 for _, step in own.rows[JOINTS]) == 2
+    assert len(alone.edges[0]) == 3 and sum(step != 0 for _, step in own.rows[JOINTS]) == 2
     assert cells(hand(held=True)).connectivity.supports == (5,)
     assert cells(hand(fingers=2)) is None
     ties = [tb.Weld(("a0", 1), ("a1", 1))]
@@ -37,7 +38,8 @@ def test_what_has_cells():
     stays = [tb.Distance((f"a{k}", 1), (f"b{k}", -1)) for k in range(3)]
     assert cells(hand(joints=stays)).count == 3
     twice = Framework(1, (1, 1), 1, ((1, 2), (2, 1), (0, 4)))  # nodes of a cell, joined twice
-    assert order_of(Connectivity(twice, held=(5, 1, 6), shared=1)).own_groups is None
+    edges = tuple(map(Edge, twice.joints, (5, 1, 6))), *((),) * (len(INTERACTIONS) - 1)
+    assert order_of(Connectivity(twice, edges=edges, shared=1)).own_groups is None
     floor = tb.Contact(tb.Plane((0.0, -0.12, 0), (0, 1.0, 0)), thickness=0.1, force=0.5)
     for unlike in (tb.Drag(1.0, 0.1, on="b0"), floor):  # of an obstacle each part has a piece
         stepper = tb.Stepper(hand(effects=[unlike]), 0.02, engine="compiled")

@@ -15,8 +15,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from studies.operations import Counter
 from tests.cases.compiled_step_cases import moving, straight
-from torchbeam.analysis.trials import Counter
 from torchbeam.engine.chain import call
 from torchbeam.scene.effects import LoadEffect
 
