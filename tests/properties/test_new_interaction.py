@@ -550,6 +550,34 @@ def test_a_finer_mesh_has_it_at_the_same_places():
     assert chosen.interactions[0].nodes == (2, 4)
 
 
+def test_a_linear_model_knows_links_alone_and_refuses_what_it_cannot_say():
+    """A beam without joints, two nodes of which a link holds: the frequencies of the linear model
+    are those of `modes`, and of the beam with `Distance`. Its state vector, and modes of what
+    yields to its own force, are refused in a sentence.
+    """
+    beam, found = {"beam": tb.Beam.straight(1.0, 4, SECTION)}, []
+    gravity, clamp = tb.Gravity(G), tb.Support(("beam", 0))
+    nodes = (("beam", 1), ("beam", 4))
+    for own in (dict(effects=[Link(nodes, 0.75)]), dict(joints=[tb.Distance(*nodes)])):
+        effects = [gravity, *own.pop("effects", ())]
+        scene = tb.Scene(beam, effects, supports=[clamp], **own)
+        rest = tb.equilibrium(scene)
+        model = tb.linearize(scene, rest)
+        speeds = torch.linalg.eigvals(model.A).imag.sort().values
+        found.append((tb.modes(scene, state=rest, count=3).frequency, speeds))
+        assert_close(speeds[speeds > 1e-6][:3], found[-1][0], rtol=1e-6, atol=1e-6)
+    for ours, known in zip(*found, strict=True):
+        assert_close(ours, known, rtol=1e-7, atol=1e-7)
+    linked = tb.Scene(beam, [gravity, Link(nodes, 0.75)], supports=[clamp])
+    with pytest.raises(ValueError, match="state vector of a scene with an Interaction"):
+        tb.linearize(linked).departure(tb.rest(linked))
+    between = Between((*nodes, ("beam", 2)), 0.1)
+    yielding = tb.Scene(beam, [gravity, between], supports=[clamp])
+    for ask in (tb.modes, tb.linearize):
+        with pytest.raises(ValueError, match="whose residual depends on its own unknowns"):
+            ask(yielding)
+
+
 def test_along_a_path_it_goes_with_a_support_that_the_load_moves():
     """The slope by the factor is the eager one: the corrections that are left are rounding."""
     pushed = tb.Support(-1, rotation="", displacement=(-0.05, 0.2, 0.0))

@@ -85,6 +85,17 @@ class Linear:
         )
         return lines("Linear", time, ", ".join(sizes), kind(shape, self.A))
 
+    @property
+    def charted(self) -> Chart:
+        """The chart. Raises ValueError where there is none."""
+        if self.chart is None:
+            raise ValueError(
+                "the state vector of a scene with an Interaction that has unknowns was asked for; "
+                "its linear model has matrices alone: joints, or a wrench without unknowns, are "
+                "wanted"
+            )
+        return self.chart
+
     def departure(self, state: State) -> Tensor:
         """State vector z (..., n) of a state of the beam: what a feedback of the whole state reads.
 
@@ -101,7 +112,7 @@ class Linear:
             ValueError: for a state of another form, mesh or dtype.
         """
         state = of_mesh(state, self.state, "a state")
-        return (self.reads @ self.chart.coordinates(self.space.to_reduced(state))[..., None])[
+        return (self.reads @ self.charted.coordinates(self.space.to_reduced(state))[..., None])[
             ..., 0
         ]
 
@@ -120,7 +131,7 @@ class Linear:
             stress=torch.zeros_like(self.state.stress),
             reaction=torch.zeros_like(self.state.reaction),
         )
-        state = self.chart.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
+        state = self.charted.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
         return self.space.to_public(state).broadcast()
 
     def slopes(self, state: State) -> tuple[Tensor, Tensor]:
@@ -128,7 +139,7 @@ class Linear:
         departure by a move m of the state, see `torchbeam.nodal.moves`, and dm/dz (..., 2 w
         (N+1) + Z, n); what z does not tell follows z's own motion.
         """
-        by_moves, moves = slopes(self.chart, instance("a state", state, State))
+        by_moves, moves = slopes(self.charted, instance("a state", state, State))
         return self.reads @ by_moves, moves @ self.moves
 
     def discrete(self, dt: float) -> Linear:

@@ -45,7 +45,7 @@ from .chart import Chart
 from .linear_model import Linear
 from .minimal_moves import following, others, pivots
 from .perturbation import Perturbation, Sensor
-from .system_matrices import at_rest, augmented, dense, of_nodes
+from .system_matrices import at_rest, augmented, dense, of_nodes, rigid_constraints
 
 SINGULAR = 1e-13
 
@@ -133,7 +133,7 @@ def _linear(
     """`linearize`, about an equilibrium in the dtype of the model's scene."""
     scene = model.scene
     M, D, K, lags = of_nodes(model, state, time, inputs)
-    G = K.constraints() if model.multipliers.count else None
+    G = rigid_constraints(K) if model.multipliers.count else None
     M, D, K = augmented(
         model, *(None if X is None else dense(model, X) for X in (M, D, K)), lags, None
     )
@@ -208,7 +208,7 @@ def _linear(
         outputs=rows,
         reads=reads,
         space=model.space,
-        chart=Chart.of(model, state, near.moves()),
+        chart=None if model.couplings.multipliers.count else Chart.of(model, state, near.moves()),
         mass=mass,
         moves=writes,
     )
@@ -246,7 +246,7 @@ def _minimal(
     """
     model, G = near.model, G[..., near.free] @ near.axes
     p, w = model.space.dims.position, model.space.unknowns
-    size = model.joints.size[..., None]
+    size = model.multipliers.size[..., None]
     scale = torch.where(near.free % w < p, size, 1.0)[..., None, :]
     dependent = pivots(G * scale, (massless, ~massless))
     independent = others(dependent, len(massless))

@@ -211,6 +211,20 @@ def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:
     return free_part if basis is None else basis.mT @ free_part @ basis
 
 
+def rigid_constraints(K: Matrix) -> Tensor:
+    """(..., m, w nodes): the rates of constraints by the nodes' moves.
+
+    Raises:
+        ValueError: where one yields to its own force.
+    """
+    if K.yields:
+        raise ValueError(
+            "an Interaction whose residual depends on its own unknowns was given to modes or a "
+            "linear model; one that gives its wrench without unknowns is wanted there"
+        )
+    return K.constraints()
+
+
 def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | None:
     """Basis (..., moves that supports leave free, n) of those that joints leave free as well; None
     where there are no joints. K: the tangent stiffness with these. near: the basis of a state
@@ -222,7 +236,7 @@ def free_moves(model: Model, K: Matrix, near: Tensor | None = None) -> Tensor | 
     if not model.multipliers.count:
         return None
     free = model.constraints.moving.flatten().nonzero()[:, 0]
-    G = K.constraints().index_select(-1, free)
+    G = rigid_constraints(K).index_select(-1, free)
     N = near
     if near is None:  # in moves and turns that move the far end alike, whatever the units
         size = model.unit[..., None, :].expand(*model.extent.shape, model.node_count, -1)

@@ -62,10 +62,11 @@ def holding(problem: SteadyProblem, x: Configuration) -> tuple[Tensor, list[Base
     held = _forbidden(problem, x, nodes, moves)
     if held is not None:
         _, s, V = torch.linalg.svd(held, full_matrices=True)
-        rank = pad(s > NONE * s[..., :1], (0, max(0, held.shape[-1] - s.shape[-1])))
+        most = torch.where(s[..., :1] > NONE, s[..., :1], 1.0)  # joints within may forbid none
+        rank = pad(s > NONE * most, (0, max(0, held.shape[-1] - s.shape[-1])))
         free = torch.where(rank[..., None], 0.0, V)  # rows
         left = (free.mT @ free).to(nodes)
-        parts.append(held / s[..., :1, None])
+        parts.append(held / most[..., None])
     parts.append(_resisted(problem, x, moves, left))
     lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
     return nodes, bases, torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)

@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math.block_chain import BlockChain
+from ..math.concrete import concrete
 from ..math.shapes import broadcast_shapes
 from .framework_system import FrameworkSystem
 from .framework_unknowns import FrameworkUnknowns, masked
@@ -115,6 +116,15 @@ class FrameworkMatrix:
         own = take(self.tied, at, 2), *pair
         whole = dense_of(len(self.held), self.framework.node_count, [own])
         return whole.index_select(-2, self.held.flatten().nonzero()[:, 0])
+
+    @property
+    def yields(self) -> bool:
+        """Whether a constraint reads its own force, or another's."""
+        n, pairs = self.framework.node_count, enumerate(zip(*self.framework.tied, strict=True))
+        own = [(k, i - n) for k, (i, j) in pairs if i >= n and j >= n]
+        at, rows = zip(*own, strict=True)
+        blocks = take(self.tied, at, 2) * self.held[list(rows)][:, :, None]
+        return bool(concrete(blocks.detach() != 0).any())
 
     def rows(self, nodes: tuple[int, ...]) -> FrameworkRows:
         if self.tied is not None:

@@ -129,6 +129,22 @@ def test_a_body_that_turns_freely_on_its_axle():
     torch.testing.assert_close(way.state.position[-1], found.position, rtol=0, atol=1e-8)
 
 
+def test_a_joint_within_what_is_free_holds_none_of_it():
+    """A beam without a support, two nodes of which keep their distance: all six motions are named;
+    pulled at both ends, it is at rest.
+    """
+    beam = {"bar": tb.Beam.straight(1.0, 4, STRIP)}
+    joints = [tb.Distance(("bar", 1), ("bar", 4))]
+    falls = tb.Scene(beam, [tb.Gravity((0, 0, -9.81))], joints=joints)
+    with pytest.raises(RuntimeError, match="nothing holds 6 motions of 'bar'"):
+        tb.equilibrium(falls)
+    pulls = [tb.PointLoad(("bar", k), (f, 0, 0)) for k, f in ((0, -3e3), (-1, 3e3))]
+    state = tb.equilibrium(tb.Scene(beam, pulls, joints=joints))
+    ends = state.position[..., [0, 1, 4], :]
+    assert state.status == 0 and (ends[1] - ends[2]).norm() == pytest.approx(0.75, abs=1e-12)
+    assert (ends[0] - ends[1]).norm() > 0.25 * (1 + 1e-3)
+
+
 def test_a_held_structure_without_equilibrium_says_so():
     """Two inextensible halves, welded, and pinned at ends that stand further apart than they
     reach: nothing is loose, and the sentence names nothing that is.

@@ -99,7 +99,7 @@ class Interval:
         space = self.model.space
         reduced, by = space.to_reduced(state), (self.model.moves @ z[..., None])[..., 0]
         try:
-            return space.to_public(self.model.chart.moved(reduced, by)).broadcast()
+            return space.to_public(self.model.charted.moved(reduced, by)).broadcast()
         except ValueError:
             if z.ndim == 1:
                 return replace(state, status=torch.full_like(state.status, DIVERGED))
