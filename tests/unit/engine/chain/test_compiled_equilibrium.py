@@ -367,17 +367,17 @@ def test_scenes_of_one_structure_share_a_call(monkeypatch):
     left of the scene before; of another structure (a support that slides) anew.
     """
     bound, traced = [], []
-    call, structure = compiled.Call.bound, compiled.LoadStructure.__new__
+    call, structure = compiled.Call.__init__, compiled.LoadStructure.__new__
 
-    def binding(self, *args, **tables):
-        bound.append(self.batch)
-        return call(self, *args, **tables)
+    def binding(self, instance, batch, *args, **options):
+        bound.append(batch)
+        call(self, instance, batch, *args, **options)
 
     def tracing(cls, *args):
         traced.append(args)
         return structure(cls, *args)
 
-    monkeypatch.setattr(compiled.Call, "bound", binding)
+    monkeypatch.setattr(compiled.Call, "__init__", binding)
     monkeypatch.setattr(compiled.LoadStructure, "__new__", tracing)
 
     def scene(scale, k, **options):
