@@ -112,7 +112,7 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                              work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE,
                              frame=Quantity(kind="frame"), internal=ONE,
                              acceleration=ONE, straining=ONE, joints=ONE,
-                             tendons=ONE),
+                             tendons=ONE, memory=ONE),
 }
 # fmt: on
 

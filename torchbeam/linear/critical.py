@@ -29,7 +29,7 @@ from ..core.functions_of_time import OtherPrecision
 from ..core.leaves import wants_gradient
 from ..core.memory import check_memory
 from ..core.summary import kind, lines, span
-from ..core.validation import concrete, unmapped
+from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..math.first_derivative import Once
@@ -186,7 +186,6 @@ def _critical_load(
         factors = even.reshape(-1, *[1] * len(shape)).expand(len(even), *shape)
         states = path.branch(factors)
         coarse = path.spectrum(factors, states)
-        unmapped("critical_load", coarse.kind)
         doubtful = coarse.kind[0] != STABLE
         if (doubtful | coarse.neutral[0]).any() and (loose := path.loose(lowest)):
             raise ValueError(

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.arguments import function as check_function
 from ..core.derivatives import no_derivatives
+from ..core.validation import unmapped
 from ..math.null_vectors import bilinear, null_vectors
 from ..math.quadratic_eigen import error, plus, rounding, slow_first, slow_values
 from ..math.shapes import broadcast_shapes
@@ -146,6 +147,7 @@ class LoadPath:
         method finds from the one before, they are found one from another from there on.
         """
         each = self.equilibrium(factor, None)
+        unmapped("critical_load", each.status)
         if self.turned:
             return each
         again = self.equilibrium(factor[1:], each[:-1])

@@ -15,11 +15,11 @@ DERIVATIVES = {"forward": "forward mode", "difference": "differences", "adjoint"
 
 def table(fit: Any, level: float, reason: dict[int, str]) -> str:
     """Text of a `Fit`."""
-    head = ("parameter", "value", "deviation", f"{100 * level:g} % interval", "")
     rows = []
     for k, row in enumerate(parameter_rows(fit, level)):
         held = "at its bound" if fit.held[k] else ""
         rows.append((*row, "not told by the data" if fit.open[k] else held))
+    head = ("parameter", "value", "deviation", f"{100 * level:g} % interval", "")
     lines = aligned([head, *rows], right=(1, 2, 3))
     lines.insert(1, "-" * max(map(len, lines)))
     numbers = sum(int((~r.data.isnan()).sum()) for r in fit.readings)
