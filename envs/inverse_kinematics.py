@@ -14,7 +14,6 @@ from torchbeam.extend import quaternions as quat
 from .core import BeamVectorEnv
 from .episodes import Episodes
 from .manipulator import NEAR, SEGMENTS, Manipulator, ManipulatorConfig
-from .reach import distance
 from .single import SingleEnv
 
 
@@ -72,8 +71,7 @@ class InverseKinematics(Manipulator):
 
     def measures(self, now: Episodes) -> dict[str, Tensor]:
         cosine = (self.turned(now) * self.wanted(now)).sum(-1)
-        d = distance(now.goal[:, :3], now.beam.position[:, -1])
-        return {"distance": d, "misaligned": 1 - cosine.square()}
+        return super().measures(now) | {"misaligned": 1 - cosine.square()}
 
     def cost(self, now: Episodes) -> Tensor:
         d, off = (now.measures[name] for name in ("distance", "misaligned"))

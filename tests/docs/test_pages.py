@@ -73,6 +73,7 @@ tb.simulate(tb.Scene(beam, [load]), [0.0, 0.01], step=0.01)
         run(page, monkeypatch)
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_readme_runs(dtype, capsys, monkeypatch):
     """In the default dtype and in float64."""

@@ -121,6 +121,7 @@ class EngineFuzz:
         return [row for row in self.rows if not (row[1] <= VALUE and row[2] <= GRADIENT)]
 
 
+@pytest.mark.always
 @pytest.mark.parametrize("cases", [1, pytest.param(100, marks=pytest.mark.long)])
 def test_native_code_on_random_scenes(cases, monkeypatch):
     """The scenes of the gradient fuzz, in motion and at rest, alone and several in a batch with

@@ -25,6 +25,7 @@ def counts():
     return operations.counts()
 
 
+@pytest.mark.always
 def test_operations_have_not_grown(counts):
     """Numbers that the traced functions compute, and tensor operations of a step: at most 3 % above
     the stored ones. `python -m studies bench --operations tests/studies/operations.json
@@ -33,6 +34,7 @@ def test_operations_have_not_grown(counts):
     assert grown(counts, stored(STORED / "operations.json", "counts"), "operations") == []
 
 
+@pytest.mark.always
 @pytest.mark.steps
 def test_errors_have_not_grown():
     """Ten settings against published answers, at most 3 % above the stored errors."""

@@ -95,7 +95,8 @@ def _forbidden(
         w, motion = model.space.unknowns, problem.node_motion(x)
         whole = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
         for one in model.interactions:
-            whole = one.matrix(whole, x.stress, motion)
+            if one.multipliers.count:  # of the others nothing is read
+                whole = one.matrix(whole, x.stress, motion)
         G = whole.constraints()
         own = (size * model.unit).repeat(*(1,) * (size.ndim - 1), model.node_count)[..., None, :]
         G = G / torch.linalg.vector_norm(G * own, dim=-1, keepdim=True)
