@@ -136,7 +136,7 @@ def _known(problem: FitProblem, r: Tensor) -> Tensor:
 
 
 def _values(problem: FitProblem, x: Tensor, r: Tensor) -> Tensor:
-    """The model's values (all numbers,) at coordinates (p,), by it where residuals lack some."""
+    """The model's values (numbers,) at coordinates (p,), asked only for what r does not tell."""
     if problem.known.all():
         return _known(problem, r)
     theta = problem.parameters.transform.theta(x)
