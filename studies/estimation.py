@@ -127,14 +127,14 @@ CASES = {
 }  # fmt: skip
 
 
-def measure(name: str, plants: int, readings: int, seed: int = 0) -> tuple[list[Share], Whole]:
+def measure(name: str, plants: int, readings: int, seed: int = 0, kind=tb.KalmanFilter, **more) -> tuple[list[Share], Whole]:
     """Shares of z and of each unknown, and the whole."""
     case = CASES[name]
     means = {key: one.start for key, one in case.parameters.items()}
     scene = case.scene(means)
     still = {key: torch.zeros(size) for key, size in scene.inputs.items()}
     model = tb.linearize(scene, inputs=still)
-    f = tb.KalmanFilter(
+    f = kind(
         case.scene,
         case.sensors,
         dt=DT,
@@ -142,6 +142,7 @@ def measure(name: str, plants: int, readings: int, seed: int = 0) -> tuple[list[
         parameters=case.parameters,
         model=model if case.modes is None else model.reduced(case.modes),
         **case.options,
+        **more,
     )
     own, n, generator = f.unknowns, f.moves, torch.Generator().manual_seed(seed)
     z = f.start(plants, amplitude=0.02, modes=2)
