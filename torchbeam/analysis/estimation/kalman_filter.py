@@ -18,7 +18,7 @@ from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
 from ...math.shapes import broadcast_shapes
-from ...math.square_root import Later, conditioned, root_of
+from ...math.square_root import Conditioned, Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered
