@@ -82,7 +82,8 @@ class Estimated(Controller):
         else:
             y = sensed(env, observation) * self.scale
             self.z = self.filter(self.z, y, self.inputs)
-            if (fresh := now.steps == 0).any():
+            over = now.done if self.z.window is None else torch.zeros_like(now.done)
+            if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
         env.set_state(self.believed())
         try:
@@ -150,11 +151,16 @@ class Estimated(Controller):
     def _make(self, env: BeamVectorEnv) -> None:
         simulation, config, task = env.simulation, env.config, env.task
         drawn = simulation.ranges
+        if task.settles and not task.STARTS_ALIKE and not self.known:
+            raise ValueError(
+                f"{type(task).__name__} was given, each of whose plants starts in an equilibrium "
+                "of its own; known=True, or no gravity, is wanted"
+            )
         own = {n: r for n, r in drawn.items() if n not in imperfections.PARAMETERS}
         self.scale, self.method = env.scale, config.method
         between = {name: simulation.usual[name] for name in imperfections.PARAMETERS}
         if self.known:
-            self.candidates = [now := env.state.plant.params]
+            self.candidates = [env.state.plant.params]
             scene, parameters = env.state.plant.scene, {}
         else:
             for name in ("lag", "gain"):
@@ -169,11 +175,12 @@ class Estimated(Controller):
                 ]
             parameters = {name: _prior(*bounds) for name, bounds in own.items()}
             scene = self.scene if own else env.plant.scene
-        usual = env.plant.scene if self.known or not own else self.scene(
-            {name: one.start for name, one in parameters.items()}
-        )  # fmt: skip
+        means = {name: torch.as_tensor(_prior(*bounds).start) for name, bounds in own.items()}
+        usual = self.scene({name: x.to(env.dtype) for name, x in means.items()})
         still = {name: env.high.new_zeros(size) for name, size in usual.inputs.items()}
         rest = simulation.rest[0][0]
+        if task.HOLDS:  # else a hub that turns
+            rest = tb.equilibrium(usual, inputs=still)
         model = tb.linearize(usual, rest, inputs=still)
         model = model.reduced(min(self.modes, model.A.shape[-1] // 2))
         bias = drawn["bias"][1] / 3**0.5 if "bias" in drawn else 0.0
