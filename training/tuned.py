@@ -239,7 +239,7 @@ TAUGHT: dict[str, dict[str, Any]] = {
 }
 # of ResolvedRate by task, where its own are not; chosen on training episodes
 RESOLVED: dict[str, dict[str, float]] = {
-    "ik": dict(gain=0.15, damping=0.001, lead=0.15, turn=0.2),
+    "ik": dict(gain=0.18, damping=0.001, lead=0.15, turn=0.3),
     "track-target": dict(gain=0.06, lead=0.1, ahead=0.1),
     "reach-pose": dict(gain=0.03, lead=0.15),
     "reach-behind": dict(gain=0.03, lead=0.15),
