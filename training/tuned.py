@@ -180,10 +180,9 @@ TASKS["track-target"] = Task("track-target", "torchbeam/TrackTarget-v0", **ARM)
 TASKS["reach-pose"] = Task("reach-pose", "torchbeam/ReachPose-v0", **ARM)
 TASKS["reach-behind"] = Task("reach-behind", "torchbeam/ReachBehind-v0", **ARM)
 TASKS["reach-nest"] = Task("reach-nest", "torchbeam/ReachBehindNest-v0", **ARM)
-PUBLISHED = (
-    *("follow", "follow-3d", "ik", "obstacles", "obstacles-3d"),
-    *("track-target", "reach-pose", "reach-behind", "reach-nest"),
-)
+# episodes that tell enough of them: of one in which nothing is random
+FEW = {"track-target": 16, "reach-pose": 16, "reach-behind": 1, "reach-nest": 1}
+PUBLISHED = (*("follow", "follow-3d", "ik", "obstacles", "obstacles-3d"), *FEW)
 
 # what the results table is made for unless tasks are named
 NOMINAL = ("reach", "track", "flutter", "slew", "payload")
