@@ -38,7 +38,7 @@ TASKS = {
     "ReachObstacles-v0": baselines.ResolvedRate,
     "TrackTarget-v0": partial(baselines.ResolvedRate, gain=0.06, lead=0.1, ahead=0.1),
     "ReachPose-v0": partial(baselines.ResolvedRate, gain=0.03, lead=0.15),
-    "ReachBehind-v0": partial(baselines.ResolvedRate, gain=0.03, lead=0.15),
+    "ReachBehindNest-v0": partial(baselines.ResolvedRate, gain=0.03, lead=0.15),
 }
 
 
