@@ -51,7 +51,7 @@ NOTHING = nullcontext()
 def vjp(function: Callable[..., Any], *xs: Tensor) -> tuple[Any, Callable[..., tuple[Tensor, ...]]]:
     """function(*xs), a tensor or a tuple of tensors, and the map from its cotangents to those of
     the tensors xs: `torch.func.vjp`, whose map imports torch's compiler and a computer algebra
-    system first, for three seconds.
+    system first, for more than two seconds.
     """
     with eager_transforms.grad_increment_nesting() as level, torch.enable_grad():
         own = eager_transforms._create_differentiable(
