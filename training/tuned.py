@@ -236,7 +236,7 @@ TAUGHT: dict[str, dict[str, Any]] = {
     ),
     "flutter-uncertain": dict(teacher="MPC(informed=True)", linear=True),
 }
-# of ResolvedRate by task, where its own are not; chosen on training episodes
+# of ResolvedRate by task, where its own are not; how they were chosen: docs/published_tasks.md
 RESOLVED: dict[str, dict[str, float]] = {
     "ik": dict(gain=0.18, damping=0.001, lead=0.15, turn=0.3),
     "track-target": dict(gain=0.06, lead=0.1, ahead=0.1),
@@ -284,7 +284,7 @@ SHAC: dict[str, dict[str, Any]] = {
     "peg": dict(teacher="Insert", lessons=8, num_envs=32, deviation=0.1, rate=2e-3),
     "follow": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=32, rate=3e-3),
     "follow-3d": dict(**FOLLOWING, **SMOOTH, lessons=24, horizon=16, rate=2e-3, hidden=(128, 128)),
-    # at four times the rate, or of half the lessons, what was taught is lost
+    # at four times the rate after half the lessons, what was taught was lost (one run)
     "ik": {
         **FOLLOWING,
         **SMOOTH,
