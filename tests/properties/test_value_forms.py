@@ -65,23 +65,14 @@ def number(made, numbers=(0.3, 0.5), **more) -> Value:
 
 
 MOTION = dict(given=False)
+# fmt: off
 VALUES = {
-    **{
-        name: Value(
-            lambda x, row=row: alone(row.make(x, 2)),
-            row.numbers,
-            "function" in row.forms,
-            "input" in row.forms,
-        )
-        for name, row in ROWS.items()
-        if row.numbers
-    },
+    **{name: Value(lambda x, row=row: alone(row.make(x, 2)), row.numbers, "function" in row.forms,
+        "input" in row.forms) for name, row in ROWS.items() if row.numbers},
     "tension": number(lambda x: alone(tb.Tendon(ROPE, tension=x))),
     "length": number(lambda x: alone(tb.Tendon(ROPE, length=x, stiffness=5.0))),
-    "support's place": vector(
-        lambda x: alone(supports=[tb.Support(0), tb.Support(-1, displacement=x, rotation="")]),
-        **MOTION,
-    ),
+    "support's place": vector(lambda x: alone(supports=[tb.Support(0),
+        tb.Support(-1, displacement=x, rotation="")]), **MOTION),
     "clamp's turn": vector(lambda x: alone(root=tb.RootMotion(rotation=x)), **MOTION),
     "frame's velocity": vector(lambda x: alone(frame=tb.Frame(velocity=x)), **MOTION),
     "frame's spin": vector(lambda x: alone(frame=tb.Frame(angular_velocity=x)), **MOTION),
@@ -90,31 +81,18 @@ VALUES = {
     "force of a slider": number(lambda x: joined(tb.Slider(*ENDS, force=x, **SOFT))),
     "travel": number(lambda x: joined(tb.Slider(*ENDS, travel=x)), (0.03, 0.05)),
     "torque of a ball": vector(lambda x: joined(tb.Ball(*ENDS, torque=x, **SOFT))),
-    "second torque": number(
-        lambda x: joined(
-            tb.Universal(*ENDS, second_torque=x, stiffness=(0.2, 0.3), damping=(0.01, 0.02))
-        )
-    ),
-    "torque of a cylinder": number(
-        lambda x: joined(
-            tb.Cylindrical(*ENDS, torque=x, stiffness=(0.2, 5.0), damping=(0.01, 0.02))
-        )
-    ),
-    "travel of a cylinder": number(
-        lambda x: joined(tb.Cylindrical(*ENDS, travel=x, torque=0.01, stiffness=(0.2, 0.0))),
-        (0.03, 0.05),
-    ),
-    "plane's place": Value(
-        lambda x: alone(tb.Contact(tb.Plane(x, (0, 0, 1.0)), **FLOOR)),
-        ((0.0, 0.0, -0.01), (0.0, 0.0, -0.02)),
-        given=False,
-    ),
-    "sphere's centre": Value(
-        lambda x: alone(tb.Contact(tb.Sphere(x, 0.1), **FLOOR)),
-        ((0.3, 0.0, -0.11), (0.35, 0.0, -0.12)),
-        given=False,
-    ),
+    "second torque": number(lambda x: joined(tb.Universal(*ENDS, second_torque=x,
+        stiffness=(0.2, 0.3), damping=(0.01, 0.02)))),
+    "torque of a cylinder": number(lambda x: joined(tb.Cylindrical(*ENDS, torque=x,
+        stiffness=(0.2, 5.0), damping=(0.01, 0.02)))),
+    "travel of a cylinder": number(lambda x: joined(tb.Cylindrical(*ENDS, travel=x, torque=0.01,
+        stiffness=(0.2, 0.0))), (0.03, 0.05)),
+    "plane's place": Value(lambda x: alone(tb.Contact(tb.Plane(x, (0, 0, 1.0)), **FLOOR)),
+        ((0.0, 0.0, -0.01), (0.0, 0.0, -0.02)), given=False),
+    "sphere's centre": Value(lambda x: alone(tb.Contact(tb.Sphere(x, 0.1), **FLOOR)),
+        ((0.3, 0.0, -0.11), (0.35, 0.0, -0.12)), given=False),
 }
+# fmt: on
 
 
 def tensor(x) -> torch.Tensor:
