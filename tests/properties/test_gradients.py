@@ -201,31 +201,6 @@ def test_gradient_by_an_input(method, end, options):
     assert_close(one, other, rtol=1e-12, atol=0)
 
 
-@pytest.mark.long  # unit/scene/test_supports.py, and the gradient fuzz
-def test_gradient_by_geometry():
-    """Length and direction of the beam, at rest and after a few steps, against differences and in
-    forward mode.
-    """
-    section = tb.Section.from_stiffness(
-        EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3
-    )
-
-    def tips(length, direction):
-        of = tb.Scene(
-            tb.Beam.straight(length, 3, section, direction=direction),
-            [tb.TipLoad(force=(0, 1.0, 0.5))],
-        )
-        stepper = tb.Stepper(of, 0.05, **EXACT)
-        return tb.equilibrium(of, **EXACT).tip.position, stepper(
-            stepper(stepper.rest())
-        ).tip.position
-
-    at = torch.tensor(1.0, requires_grad=True), torch.tensor([1.0, 0.1, 0.2], requires_grad=True)
-    assert torch.autograd.gradcheck(
-        tips, at, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True
-    )
-
-
 @pytest.mark.parametrize(
     "solve", [still, lambda **numbers: moved(steps=2, **numbers)], ids=["equilibrium", "motion"]
 )

@@ -206,24 +206,6 @@ def test_parameters_are_batched_and_bound(plane):
     assert tb.Stepper(single, 0.02)(tb.Stepper(single, 0.02).rest()).internal.dtype == torch.float32
 
 
-# test_gradient_with_checkpoints, test_gradient_by_accelerations and the gradient fuzz have these
-# too
-@pytest.mark.long
-def test_gradient_by_parameters():
-    """Two steps against central differences, backward and forward, by parameters of elements and by
-    one for all.
-    """
-
-    def moved(c, k):
-        state = run(tb.Scene(BEAM, [TIP, chord(chord=c, stiffness=k)]), 2)
-        return state.tip.position, state.internal
-
-    at = (0.1 + torch.rand(N)).requires_grad_(), torch.rand(1).requires_grad_()
-    assert torch.autograd.gradcheck(
-        moved, at, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True
-    )
-
-
 def test_gradient_with_checkpoints():
     """What is computed again in backward gives the same gradient, to rounding."""
 
