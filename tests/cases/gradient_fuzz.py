@@ -13,7 +13,7 @@ import torch
 from tests.cases.gradient_cases import INITIAL, SPACES, WAYS, Case, Row, Spec, Unsolved, is_refusal
 from tests.cases.gradient_ingredients import VARIANTS
 
-LOADS = ("TipLoad", "PointLoad", "LineLoad", "Gravity", "History")
+LOADS = ("TipLoad", "PointLoad", "LineLoad", "Gravity.g", "History")
 NO_SOLUTION = ("has no equilibrium", "the step shrank to nothing")
 DAMPINGS = ("Damping", "rayleigh")  # of which a scene has one
 TRIES = 4  # of an ingredient in company; after them it comes alone
@@ -153,7 +153,7 @@ class Fuzz:
             effects = [e for e in effects if not e[1].startswith("RootSpring")]
         single = {"section": ("section", "from_stiffness"), "beam": ("beam", "straight"), **single}
         if not any(name.startswith(LOADS) for _, name in effects):
-            effects.append(("effect", "TipLoad force value"))
+            effects.append(("effect", "TipLoad.force value"))
         return Spec(
             self.seed * 100_000 + self.tried,
             way,
