@@ -267,6 +267,10 @@ def in_a_list(k):
     return lambda theta: k[0] * theta.sum(-1), lambda: k.__setitem__(0, 3.0)
 
 
+def in_a_tensor(k):
+    return lambda theta: k * theta.sum(-1), lambda: k.fill_(3.0)
+
+
 def in_a_dictionary(k):
     return lambda theta: k["k"] * theta.sum(-1), lambda: k.update(k=3.0)
 
@@ -307,6 +311,7 @@ def of_network(make, change):
 # fmt: off
 WAYS |= {
     "list in a closure": lambda: in_a_list([2.0]),
+    "tensor written in place": lambda: in_a_tensor(torch.tensor(2.0)),
     "dictionary in a closure": lambda: in_a_dictionary({"k": 2.0}),
     "argument of a partial": lambda: by_argument({"k": 2.0}),
     "global": lambda: as_global(vars(module_of(ASKED, k=2.0))),
