@@ -72,18 +72,9 @@ def reversed_effects(parts: Parts) -> Parts:
 
 
 MAY_BE_FUNCTIONS = (
-    "force",
-    "moment",
-    "g",
-    "curvature",
-    "strain",
-    "displacement",
-    "rotation",
-    "turn",
-    "velocity",
-    "angular_velocity",
-    "to",
-)
+    "force", "moment", "g", "curvature", "strain", "displacement", "rotation", "turn", "velocity",
+    "angular_velocity", "to",
+)  # fmt: skip
 
 
 def _valued(
@@ -244,15 +235,10 @@ def beam_by_curvature(parts: Parts) -> Parts:
         return k.repeat_interleave(s.shape[-1] // h.shape[-1], -2)
 
     made = tb.Beam.curve(
-        h.sum(-1),
-        beam.element_count,
-        tb.Section(beam.compliance[..., 0, :, :], beam.mass[..., 0, :, :]),
-        curvature,
-        direction=axes[..., 0],
-        up=axes[..., 2],
-        root=beam.nodes[..., 0, :],
-        order=beam.order,
-    )
+        h.sum(-1), beam.element_count,
+        tb.Section(beam.compliance[..., 0, :, :], beam.mass[..., 0, :, :]), curvature,
+        direction=axes[..., 0], up=axes[..., 2], root=beam.nodes[..., 0, :], order=beam.order,
+    )  # fmt: skip
     fits = all(
         (getattr(made, name) - getattr(beam, name)).abs().max() < 1e-12 * h.max()
         for name in ("nodes", "length")

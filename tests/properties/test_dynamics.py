@@ -53,12 +53,9 @@ def test_dopri5_keeps_the_energy_balance(explicit):
     lost = sol.energy.work - sol.energy.kinetic - sol.energy.strain
     assert (lost.diff() > 0).all()
     free = tb.simulate(
-        soft(3, tb.TipLoad(force=(0.3, 0.5, 1.0))),
-        [0.0, 0.02, 0.04],
-        method="dopri5",
-        rtol=1e-9,
+        soft(3, tb.TipLoad(force=(0.3, 0.5, 1.0))), [0.0, 0.02, 0.04], method="dopri5", rtol=1e-9,
         atol=1e-11,
-    )
+    )  # fmt: skip
     assert_close(free.energy.kinetic + free.energy.strain, free.energy.work, rtol=0, atol=1e-8)
 
 
@@ -279,13 +276,9 @@ def test_series_and_intervals():
     push = torch.tensor((0, 0, 1.0), requires_grad=True)
     shown.clear()
     again = tb.simulate(
-        soft(3, tb.TipLoad(force=push)),
-        [0.0, 0.1],
-        step=0.01,
-        checkpoint=True,
-        engine="eager",
+        soft(3, tb.TipLoad(force=push)), [0.0, 0.1], step=0.01, checkpoint=True, engine="eager",
         progress=lambda done, of: shown.append((done, of)),
-    )
+    )  # fmt: skip
     again.tip.position[-1, 2].backward()
     assert shown == [(i, 10) for i in range(1, 11)] and push.grad[2] > 0
 

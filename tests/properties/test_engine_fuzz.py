@@ -20,16 +20,9 @@ from tests.cases.gradient_cases import Case, Spec, Unsolved, is_refusal
 from tests.cases.gradient_fuzz import NO_SOLUTION, Fuzz
 
 WAYS = (
-    "midpoint",
-    "midpoint checkpoint",
-    "midpoint lumped",
-    "midpoint conserve",
-    "stepper midpoint",
-    "generalized_alpha",
-    "generalized_alpha checkpoint",
-    "stepper generalized_alpha",
-    "equilibrium",
-)
+    "midpoint", "midpoint checkpoint", "midpoint lumped", "midpoint conserve", "stepper midpoint",
+    "generalized_alpha", "generalized_alpha checkpoint", "stepper generalized_alpha", "equilibrium",
+)  # fmt: skip
 # of the largest: both engines solve to 1e-12 of the forces, of which stiff scenes make more
 VALUE, GRADIENT = 1e-9, 1e-7
 SAMPLES = 3

@@ -408,15 +408,9 @@ REFUSED = {
 
 # a second and more each, and proved in other words elsewhere
 LONG = {
-    "advise",
-    "critical_load",
-    "equilibrium: native",
-    "identify",
-    "path: native",
-    "simulate: checkpoint",
-    "simulate: events",
-    "simulate: rtol, atol, first_step, max_steps",
-}
+    "advise", "critical_load", "equilibrium: native", "identify", "path: native",
+    "simulate: checkpoint", "simulate: events", "simulate: rtol, atol, first_step, max_steps",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -98,12 +98,9 @@ def same(a, b):
     for name in ("position", "rotation", "velocity", "spin", "work"):
         x, y = getattr(a, name), getattr(b, name)
         assert_close(
-            x,
-            y,
-            rtol=0,
-            atol=1e-12 * max(1.0, float(y.abs().max())),
+            x, y, rtol=0, atol=1e-12 * max(1.0, float(y.abs().max())),
             msg=lambda m, n=name: f"{n}: {m}",
-        )
+        )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CASES)

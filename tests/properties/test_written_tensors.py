@@ -144,7 +144,7 @@ COMPILED = (
     "an eyelet",
     "Hinge.stiffness",
     "Ball.damping",
-)
+)  # fmt: skip
 assert {*COMPILED} <= {*SCENES}
 
 

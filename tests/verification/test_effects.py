@@ -266,12 +266,9 @@ def test_lagged_actuator():
     """z' = (u - z)/T from zero: u (1 - exp(-t/T)); steps of T/20: (1/20)^2/12 = 2e-4."""
     T, u = 0.1, torch.tensor([0.0, 0.2, 0.1])
     load = tb.Load(
-        lambda x, R, v, w, t, z: (z, None),
-        node=-1,
-        internal=3,
-        rate=lambda z, x, R, v, w, t: (u - z) / T,
-        of=(),
-    )
+        lambda x, R, v, w, t, z: (z, None), node=-1, internal=3,
+        rate=lambda z, x, R, v, w, t: (u - z) / T, of=(),
+    )  # fmt: skip
     state = run(tb.Scene(cantilever(3), [load]), T / 20, 30)
     assert_close(state.internal.flatten(), u * (1 - math.exp(-1.5)), rtol=2e-4, atol=0)
 

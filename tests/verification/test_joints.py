@@ -299,14 +299,11 @@ def linkage():
         arm = crank_.rotation @ torch.tensor(crank)
         ends = (rocker.position + rocker.rotation @ torch.tensor(x) for x in (to_pin, to_pivot))
         return (
-            crank_.position - arm,
-            crank_.position + arm - rod.nodes[0],
-            next(ends) - rod.tip.position,
-            next(ends) - torch.tensor(pivot),
-            crank_.rotation[[0, 2], 1],
-            rocker.rotation[[0, 2], 1],
+            crank_.position - arm, crank_.position + arm - rod.nodes[0],
+            next(ends) - rod.tip.position, next(ends) - torch.tensor(pivot),
+            crank_.rotation[[0, 2], 1], rocker.rotation[[0, 2], 1],
             (rod.tip.rotation @ drawn) @ rocker.rotation[:, 0],
-        )
+        )  # fmt: skip
 
     return scene, gaps
 

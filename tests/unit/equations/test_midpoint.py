@@ -19,14 +19,9 @@ from torchbeam.nodal.loads import Nodes, external
 
 DT = torch.tensor(0.1)
 CASES = [
-    dict(damping="one"),
-    dict(damping="six"),
-    dict(),
-    dict(effects=()),
-    dict(rotary=False),
-    dict(coupled=False, damping="six"),
-    dict(order=2, damping="six"),
-]
+    dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False),
+    dict(coupled=False, damping="six"), dict(order=2, damping="six"),
+]  # fmt: skip
 
 
 def step_of(case, lumped=False, batch=(3,)):

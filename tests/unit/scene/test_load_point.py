@@ -111,17 +111,10 @@ def a_site(effect, seed=0):
     s = torch.tensor([0.0, 0.2, 0.7, 1.0]) if effect.node is None else None
     motion = (torch.randn(*lead, 3) for _ in range(3))
     return fx.LoadPoint(
-        R,
-        spd(*lead),
-        *motion,
-        s,
-        rotations(),
-        support,
-        torch.randn(*lead, getattr(effect, "internal", 0)),
-        torch.tensor(0.4),
-        elements=SITES - 1,
+        R, spd(*lead), *motion, s, rotations(), support,
+        torch.randn(*lead, getattr(effect, "internal", 0)), torch.tensor(0.4), elements=SITES - 1,
         frame=(torch.randn(3), torch.randn(3)),
-    )
+    )  # fmt: skip
 
 
 def moved(site, name, by):
@@ -313,12 +306,9 @@ def test_linear_lag_is_the_midpoint_rule():
     """
     T, u = 0.01, 2.0
     load = fx.Load(
-        lambda x, R, v, w, t, z: (z, None),
-        node=-1,
-        internal=3,
-        rate=lambda z, x, R, v, w, t: (u - z) / T,
-        of=(),
-    )
+        lambda x, R, v, w, t, z: (z, None), node=-1, internal=3,
+        rate=lambda z, x, R, v, w, t: (u - z) / T, of=(),
+    )  # fmt: skip
     for dt in (0.001, 10.0):
         z = torch.tensor([0.0, 1, 5])
         middle = load.advance(fx.LoadPoint(torch.eye(3)), z, ZERO, {}, torch.tensor(dt))

@@ -206,15 +206,9 @@ def test_snap_through():
     for N, steps in ((8, 100), (16, 16)):
         scene, bent = pushed(N)
         path = tb.path(
-            scene,
-            1.0,
-            lowest=-1.0,
-            load="u",
-            initial=bent,
-            inputs={"u": torch.tensor([0.0, -1.0, 0])},
-            step=0.08,
-            steps=steps,
-        )
+            scene, 1.0, lowest=-1.0, load="u", initial=bent,
+            inputs={"u": torch.tensor([0.0, -1.0, 0])}, step=0.08, steps=steps,
+        )  # fmt: skip
         y, F = path.state.tip.position[:, 1], path.factor
         first, *second = (path.kind == LIMIT_POINT).nonzero()[:, 0].tolist()
         peaks = [_peak(y, F, k) for k in (first, *second)]
@@ -261,14 +255,9 @@ def test_displacement_control_passes_the_same_points():
     scene, bent = pushed(4)
     u, control = torch.tensor([0.0, -1.0, 0]), lambda s: s.tip.position[..., 1]
     both = tb.path(
-        scene,
-        load="u",
-        initial=bent,
-        control=control,
-        target=torch.tensor([-0.6, 0.2]),
-        step=0.15,
+        scene, load="u", initial=bent, control=control, target=torch.tensor([-0.6, 0.2]), step=0.15,
         inputs={"u": u},
-    )
+    )  # fmt: skip
     alone = tb.path(
         scene, load="u", initial=bent, control=control, target=0.2, step=0.15, inputs={"u": u}
     )
