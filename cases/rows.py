@@ -201,7 +201,7 @@ ROWS = {
     "Drag.density": Row(
         lambda v, N: tb.Drag(v, 0.01), cost=("Drag", "air, 1.2 kg/m^3, d = 1 cm", 1.2)),
     "Drag.density, along": Row(
-        lambda v, N: tb.Drag(v, 0.05, tangential=0.1), zero=0.0,
+        lambda v, N: tb.Drag(v, 0.05, tangential=0.1), zero=0.0, draw=100.0,
         at_zero=dict(ways=MOVING, least=True)),
     "Drag.diameter": Row(
         lambda v, N: tb.Drag(1000.0, v), zero=0.0, draw=0.1,
