@@ -160,7 +160,7 @@ def test_scenes_said_twice(name):
     assert len(fuzz.rows) > 10
 
 
-BUCKLED = (*PLAIN, ("effect", "TipLoad.force Input"))
+BUCKLED = (*PLAIN, ("effect", "TipLoad.force, follower Input"))
 BENT = (("section", "from_stiffness"), ("beam", "arc"), TIP, ("effect", "Gravity.g value"))
 PULLED = (*PLAIN, TIP, ("effect", "Tendon elastic"))
 HELD = (*PLAIN, TIP, ("supports", "inner node held xz"))
