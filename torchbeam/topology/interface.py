@@ -149,7 +149,8 @@ class Interface:
         whole = self._matrix()
         none = whole.new_zeros(*whole.shape[:-3], self.count * self.w)
         _, solved, pivots = self._eliminated(whole, none)
-        values = [torch.linalg.eigvalsh(A + A.mT).flatten(-2) for A in pivots]
+        finite = [torch.where(torch.isfinite(A), A, 0.0) for A in pivots]  # a singular one is not
+        values = [torch.linalg.eigvalsh(A + A.mT).flatten(-2) for A in finite]
         sound = torch.stack([torch.isfinite(x).all(-1).all(-1).all(-1) for x in solved]).all(0)
         return sound & ((torch.cat(values, -1) <= 0).sum(-1) == constraints)
 

@@ -87,6 +87,8 @@ def test_a_sample_without_pivots_is_solved_densely(structure, monkeypatch):
     assert asked == [len(how.interface) + how.multipliers]
     alone = [part if part.ndim < 4 else part[:1] for part in (D, *parts)]
     assert torch.equal(x[:1], solve(how, b[:1], *alone)) and len(asked) == 1
+    system = condense(how, 0 * b, D, *parts)[0]
+    assert system.definite(int(parts[-1].sum())).tolist() == [True, False]
 
 
 @pytest.mark.parametrize(("node", "definite"), [(1, False), (4, False), (7, True)])
