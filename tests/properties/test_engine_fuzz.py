@@ -121,7 +121,7 @@ def test_native_code_on_random_scenes(cases, monkeypatch):
     tensors of their own: engines agree. What native code refuses it refuses in a sentence.
     """
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
-    fuzz = EngineFuzz(seed=3 if cases > 1 else 5)  # whose first scene is a small one
+    fuzz = EngineFuzz(seed=3 if cases > 1 else 6)  # whose first scene is a small one
     fuzz.run(cases)
     assert len(fuzz.rows) == cases and not fuzz.failures()
     assert all(GIVEN.search(sentence) for sentence in fuzz.refused)
