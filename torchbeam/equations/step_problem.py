@@ -184,7 +184,7 @@ class StepProblem(BalanceProblem):
 
     def telling(self, kinematics: Any, *_: Any) -> Told:
         told: dict[str, Tensor] = {}
-        if not (self.model.rubs or self.model.tendons.dissipative):
+        if not any(one.dissipative for one in self.model.interactions) and not self.model.rubs:
             return told
         motion, nodes = self.node_motion(kinematics), self.nodes(kinematics)
         for one in self.model.interactions:
