@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 import torch
 from torch import Tensor
 
+from ...core.derivatives import vjp
 from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
 from ...core.leaves import Tree, own_leaves, with_values
 from ...math.quaternions import skew
@@ -256,10 +257,10 @@ def jacobians(function: Callable[..., Tensor], *xs: Tensor) -> tuple[Tensor, ...
         if within_dual_numbers():
             raise ValueError(HOOKED)
         return _by_forward_mode(function, tuple(x.contiguous() for x in xs))
-    out, pull = torch.func.vjp(function, *xs)
+    out, pull = vjp(function, *xs)
     lead, m = out.shape[:-1], out.shape[-1]
     if any(x.shape[:-1] != lead for x in xs):
-        out, pull = torch.func.vjp(function, *(x.expand(*lead, x.shape[-1]) for x in xs))
+        out, pull = vjp(function, *(x.expand(*lead, x.shape[-1]) for x in xs))
     one_hot = torch.eye(m, dtype=out.dtype, device=out.device)
     one_hot = one_hot.reshape(m, *(1,) * len(lead), m).expand(m, *lead, m)
     return tuple(g.movedim(0, -2) for g in torch.func.vmap(pull)(one_hot))
