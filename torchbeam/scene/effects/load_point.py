@@ -56,7 +56,8 @@ class LoadPoint:
         elements: of the beam; only along it
         frame: velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
             None = it has none, for effects that want them (`wants_frame`)
-        secant: (...) 1 where friction's derivative is to be its secant, 0 or None = it is its own
+        told: (..., sites, 6) what the last iteration tells friction of each point where surfaces
+            rub, see `contact_law.telling`; None = its derivative is the tangent
         own: (..., u) own unknowns of an `Interaction`
 
     Examples:
@@ -79,7 +80,7 @@ class LoadPoint:
     angular_acceleration: Tensor | None = None
     elements: int | None = None
     frame: tuple[Tensor | None, Tensor | None] = (None, None)
-    secant: Tensor | None = None
+    told: Tensor | None = None
     own: Tensor | None = None
 
     def rotate(self, v: Tensor) -> Tensor:
@@ -151,6 +152,7 @@ class LoadEffect(Effect):
     points = 2  # of an element, where it does
     touches = False  # whether it pushes what is near alone, and far more the nearer that is
     rubs = False  # whether it holds what stands still, by friction
+    rubbing_points = 0  # at which surfaces of its node may do so
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     offset = None  # (..., 3) m from its node to where it acts, section axes
     depends: ClassVar[frozenset[str]] = frozenset()
