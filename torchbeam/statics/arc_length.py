@@ -201,12 +201,9 @@ class ArcLengthProblem(Tree):
     def merit(self, residual: Balance) -> None:
         """Steps along a path are whole."""
 
-    def by_secants(self, secant: Tensor) -> ArcLengthProblem:
-        """Paths refuse friction."""
-        return self
-
-    def after(self, *about: Any) -> ArcLengthProblem:
-        return self
+    def telling(self, *about: Any) -> dict[str, Tensor]:
+        """Nothing: paths refuse friction."""
+        return {}
 
 
 class ArcLengthTangent(NamedTuple):

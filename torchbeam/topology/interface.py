@@ -150,7 +150,7 @@ class Interface:
         none = whole.new_zeros(*whole.shape[:-3], self.count * self.w)
         _, solved, pivots = self._eliminated(whole, none)
         finite = [torch.where(torch.isfinite(A), A, 0.0) for A in pivots]  # a singular one is not
-        values = [torch.linalg.eigvalsh(A + A.mT).flatten(-2) for A in finite]
+        values = [torch.linalg.eigvalsh(equilibrated(A + A.mT)).flatten(-2) for A in finite]
         sound = torch.stack([torch.isfinite(x).all(-1).all(-1).all(-1) for x in solved]).all(0)
         return sound & ((torch.cat(values, -1) <= 0).sum(-1) == constraints)
 
@@ -227,6 +227,17 @@ class Interface:
                 rounding = EXACT * torch.finfo(x.dtype).eps * most.amax(-1, keepdim=True)
                 good.append((off <= rounding).all(-1))
         return torch.stack(good).all(0)
+
+
+def equilibrated(A: Tensor) -> Tensor:
+    """A symmetric matrix (..., n, n), its unknowns in units in which its rows are of like size
+    (Ruiz 2001): as many eigenvalues are negative (Sylvester), and rounding takes none for another.
+    """
+    for _ in range(3):
+        size = A.abs().amax(-1).sqrt()
+        size = torch.where(size > 0, size, 1.0)
+        A = A / size[..., :, None] / size[..., None, :]
+    return A
 
 
 def _at(x: Tensor, places: Tensor) -> Tensor:

@@ -108,6 +108,18 @@ def test_signs_of_pivots(structure, node, definite):
     assert want.tolist() == [True, definite]
 
 
+def test_signs_of_pivots_do_not_depend_on_units(structure):
+    """Of the moves, of which the second are in 1e-9, as of the forces of constraints."""
+    how, D, *parts = structure
+    D = D.clone()
+    D[1, 4] -= 9.0 * torch.eye(W)
+    unit = torch.tensor([1.0, 1e-9, 1e6])
+    D, *parts[:3] = (unit[:, None] * x * unit for x in (D, *parts[:3]))
+    constraints = int(parts[-1].sum())
+    system = condense(how, torch.zeros(NODES + len(PAIRS), W), D, *parts)[0]
+    assert system.definite(constraints).tolist() == [True, False]
+
+
 def lattice(n):
     """n x n squares of two elements a side, welded, held at four corners."""
     section = tb.Section.from_stiffness(EA=1.4e7, GA=4e6, GJ=60.0, EI=(100.0, 400.0), mass=0.5)
