@@ -36,6 +36,9 @@ TASKS = {
     "FollowTarget-v0": baselines.ResolvedRate,
     "InverseKinematics-v0": baselines.ResolvedRate,
     "ReachObstacles-v0": baselines.ResolvedRate,
+    "TrackTarget-v0": partial(baselines.ResolvedRate, gain=0.06, lead=0.1, ahead=0.1),
+    "ReachPose-v0": partial(baselines.ResolvedRate, gain=0.03, lead=0.15),
+    "ReachBehindNest-v0": partial(baselines.ResolvedRate, gain=0.03, lead=0.15),
 }
 
 
@@ -59,13 +62,15 @@ def film(task: str, controller: Callable, path: Path) -> None:
     player = controller(env)
     observation, _ = env.reset(seed=SEED)
     player.begin(env)
-    frames, over = [], False
+    steps = gymnasium.spec(f"torchbeam/{task}").max_episode_steps
+    chosen = {*np.linspace(0, steps - 1, PICTURES).round().astype(int).tolist()}
+    frames, over, k = [], False, 0
     while not over:
-        frames.append(env.render()[0])
+        if k in chosen:
+            frames.append(env.render()[0])
         observation, _, ended, cut, _ = env.step(player(observation))
-        over = bool((ended | cut)[0])
-    chosen = [frames[k] for k in np.linspace(0, len(frames) - 1, PICTURES).round().astype(int)]
-    small = [Image.fromarray(frame) for frame in chosen]
+        over, k = bool((ended | cut)[0]), k + 1
+    small = [Image.fromarray(frame) for frame in frames]
     for image in small:
         image.thumbnail(SIZE)
     palette = small[-1].quantize(COLOURS)

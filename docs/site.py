@@ -278,7 +278,7 @@ def environment_cards() -> str:
         "",
     ]
     for task, card in taken["cards"].items():
-        name = re.sub(r"(Planar)?-v\d+$", "", task)
+        name = re.sub(r"(Planar|Nest)?-v\d+$", "", task)
         file = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
         tree = ast.parse((ROOT / f"envs/{file}.py").read_text())
         about = " ".join(ast.get_docstring(tree).partition("\n\n")[0].split()).partition(": ")[2]
@@ -309,7 +309,7 @@ def learners(study: dict, name: str) -> list[str]:
     """
     lines = []
     for task, made in study["tasks"].items():
-        own = re.sub(r"(Planar)?-v\d+$", "", made["env"].partition("/")[2])
+        own = re.sub(r"(Planar|Nest)?-v\d+$", "", made["env"].partition("/")[2])
         returns = {row["algorithm"]: row["return"] for row in study["rows"] if row["task"] == task}
         said = [
             f"**{returns[key]:.4g}** {label}" for key, label in LEARNERS.items() if key in returns

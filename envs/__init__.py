@@ -39,13 +39,16 @@ from .payload import PayloadEnv, PayloadVectorEnv
 from .peg import PegEnv, PegVectorEnv
 from .plant import aluminium_strip, silicone_rod
 from .reach import holding_action
+from .reach_behind import ReachBehindEnv, ReachBehindVectorEnv
 from .reach_obstacles import ReachObstaclesEnv, ReachObstaclesVectorEnv
+from .reach_pose import ReachPoseEnv, ReachPoseVectorEnv
 from .sensors import Observed
 from .single import SingleEnv
 from .slew import SlewEnv, SlewVectorEnv
 from .task import Task
 from .tip_reach import TipReachEnv, TipReachVectorEnv
 from .tip_track import TipTrackEnv, TipTrackVectorEnv
+from .track_target import TrackTargetEnv, TrackTargetVectorEnv
 from .two_link import TwoLinkEnv, TwoLinkVectorEnv
 from .uncertain import UNCERTAIN
 
@@ -57,11 +60,12 @@ __all__ = [
     "UNCERTAIN", "Actuator", "BeamEnvConfig", "BeamVectorEnv", "Episodes", "FlutterHoldEnv",
     "FlutterHoldVectorEnv", "FollowTargetEnv", "FollowTargetVectorEnv", "GripperEnv",
     "GripperVectorEnv", "InverseKinematicsEnv", "InverseKinematicsVectorEnv", "Observed",
-    "Parameter", "PayloadEnv", "PayloadVectorEnv", "PegEnv", "PegVectorEnv", "ReachObstaclesEnv",
-    "ReachObstaclesVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task",
-    "TipForce", "TipReachEnv", "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv",
-    "TwoLinkEnv", "TwoLinkVectorEnv", "aluminium_strip", "functional", "holding_action",
-    "silicone_rod",
+    "Parameter", "PayloadEnv", "PayloadVectorEnv", "PegEnv", "PegVectorEnv", "ReachBehindEnv",
+    "ReachBehindVectorEnv", "ReachObstaclesEnv", "ReachObstaclesVectorEnv", "ReachPoseEnv",
+    "ReachPoseVectorEnv", "Sb3VecEnv", "SingleEnv", "SlewEnv", "SlewVectorEnv", "Task", "TipForce",
+    "TipReachEnv", "TipReachVectorEnv", "TipTrackEnv", "TipTrackVectorEnv", "TrackTargetEnv",
+    "TrackTargetVectorEnv", "TwoLinkEnv", "TwoLinkVectorEnv", "aluminium_strip", "functional",
+    "holding_action", "silicone_rod",
 ]
 # fmt: on
 LAZY = {"Sb3VecEnv": "sb3"}  # what wants an extra, by module
@@ -112,6 +116,10 @@ for _task, _module, _steps in (
 _register("Gripper", 100, "gripper", "Gripper", 0, substeps=4)
 _register("GripperPlanar", 100, "gripper", "Gripper", 0, planar=True, substeps=4)
 _register("InverseKinematics", 100, "inverse_kinematics", "InverseKinematics")
+_register("TrackTarget", 7142, "track_target", "TrackTarget")
+_register("ReachPose", 1428, "reach_pose", "ReachPose")
+_register("ReachBehind", 3571, "reach_behind", "ReachBehind")
+_register("ReachBehindNest", 3571, "reach_behind", "ReachBehind", nest=True)
 _register(
     "TipReachBlockRate",
     50,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -13,6 +14,7 @@ from .episodes import Episodes
 from .manipulator import Manipulator, ManipulatorConfig
 from .noise import uniform
 from .single import SingleEnv
+from .soft_arm import SoftArm
 
 STREAM = 0x3C6EF372FE94F82A  # by which a key's numbers are not those of the sensors' noise
 
@@ -31,14 +33,19 @@ class FollowTargetConfig(ManipulatorConfig):
         self.check_numbers("turns", least=0.0, most=1.0)
 
 
-class FollowTarget(Manipulator):
-    """Follow a target that moves at random: `FollowTargetVectorEnv` has the specification."""
+class Wandering(SoftArm):
+    """An arm whose target moves straight on, turns round where it is outside of its box, less a
+    margin, and takes new directions at times. Its place (3) and velocity (3) are the end of the
+    memory.
+    """
 
-    Config = FollowTargetConfig
     GOAL = 6
     RANDOM = True
+    MARGIN: ClassVar[float] = 0.0  # m
 
-    # The target: its place (3) and velocity (3) are the end of the memory
+    def turning(self, now: Episodes, drawn: Tensor) -> Tensor:
+        """(n, 1) bool: who takes a new direction, of numbers (n, 1) in (0, 1)."""
+        raise NotImplementedError
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
         """(k, 6): where targets start (m), and their velocities (m/s)."""
@@ -57,10 +64,10 @@ class FollowTarget(Manipulator):
 
     def next_memory(self, now: Episodes, action: Tensor) -> Tensor:
         place, velocity = self.moving(now)
-        outside = (place < self.low) | (place > self.high)
+        outside = (place < self.low + self.MARGIN) | (place > self.high - self.MARGIN)
         outside = outside & (velocity != 0) if self.plane else outside
         drawn = uniform(now.key ^ STREAM, now.steps, 3).to(place)
-        turns = (drawn[:, :1] < self.config.turns) & ~outside.any(-1, keepdim=True)
+        turns = self.turning(now, drawn[:, :1]) & ~outside.any(-1, keepdim=True)
         velocity = torch.where(turns, self._velocity(drawn[:, 1:]), velocity)
         velocity = torch.where(outside, -velocity, velocity)
         place = place + velocity * self.config.control_interval
@@ -76,7 +83,14 @@ class FollowTarget(Manipulator):
         k = torch.arange(ahead + 1, dtype=self.dtype, device=self.device)
         return place[:, None] + dt * k[:, None] * velocity[:, None]
 
-    # What is seen, and what it is worth
+
+class FollowTarget(Wandering, Manipulator):
+    """Follow a target that moves at random: `FollowTargetVectorEnv` has the specification."""
+
+    Config = FollowTargetConfig
+
+    def turning(self, now: Episodes, drawn: Tensor) -> Tensor:
+        return drawn < self.config.turns
 
     def target_high(self) -> np.ndarray:
         d, bends = self.directions, np.full(self.actions, self.config.bend)

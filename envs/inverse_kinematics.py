@@ -13,8 +13,9 @@ from torchbeam.extend import quaternions as quat
 
 from .core import BeamVectorEnv
 from .episodes import Episodes
-from .manipulator import NEAR, SEGMENTS, Manipulator, ManipulatorConfig
+from .manipulator import SEGMENTS, Manipulator, ManipulatorConfig
 from .single import SingleEnv
+from .soft_arm import NEAR, SoftArm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,18 +32,15 @@ class InverseKinematicsConfig(ManipulatorConfig):
             raise ValueError("planar = True was given; the tip turns in space, False is wanted")
 
 
-class InverseKinematics(Manipulator):
-    """Bring the tip to a place, turned as wanted: `InverseKinematicsVectorEnv` has the
-    specification.
-    """
+class Turned(SoftArm):
+    """An arm whose tip is to be at a place, and turned about `AXIS` since the start."""
 
-    Config = InverseKinematicsConfig
     GOAL = 4
-    TWIST = True
+    AXIS = 0.0, 0.0, 1.0
     UNITS = {"distance": "m", "misaligned": ""}  # noqa: RUF012
 
     def sample_goal(self, streams: list[np.random.Generator], rows: Tensor) -> Tensor:
-        """(k, 4): places (m) and turns about z (rad)."""
+        """(k, 4): places (m) and turns (rad)."""
         most = self.config.yaw
         drawn = [[*self.in_box(stream), stream.uniform(-most, most)] for stream in streams]
         return torch.tensor(drawn, dtype=self.dtype, device=self.device)
@@ -51,14 +49,31 @@ class InverseKinematics(Manipulator):
         return now.goal[:, None, :3].expand(-1, ahead + 1, -1)
 
     def wanted(self, now: Episodes) -> Tensor:
-        """(n, 4) quaternion: the turn about z since the start, frame a."""
-        half, zero = now.goal[:, 3] / 2, torch.zeros_like(now.goal[:, 3])
-        return torch.stack((torch.cos(half), zero, zero, torch.sin(half)), -1)
+        """(n, 4) quaternion: the turn since the start, frame a."""
+        half, axis = now.goal[:, 3:] / 2, self.low.new_tensor(self.AXIS)
+        return torch.cat((torch.cos(half), torch.sin(half) * axis), -1)
 
     def turned(self, now: Episodes) -> Tensor:
         """(n, 4) quaternion: the tip's turn since the start, frame a."""
         q = quat.multiply(now.beam.rotation[:, -1], quat.conjugate(now.start.rotation[:, -1]))
         return quat.normalize(q)
+
+    def to_turn(self, now: Episodes) -> Tensor:
+        """(n, 3) rad, frame a: by how much the tip is still to turn."""
+        return quat.logarithm(quat.multiply(self.wanted(now), quat.conjugate(self.turned(now))))
+
+    def measures(self, now: Episodes) -> dict[str, Tensor]:
+        cosine = (self.turned(now) * self.wanted(now)).sum(-1)
+        return super().measures(now) | {"misaligned": 1 - cosine.square()}
+
+
+class InverseKinematics(Turned, Manipulator):
+    """Bring the tip to a place, turned as wanted: `InverseKinematicsVectorEnv` has the
+    specification.
+    """
+
+    Config = InverseKinematicsConfig
+    TWIST = True
 
     def target_high(self) -> np.ndarray:
         bends, twists = np.full(2 * SEGMENTS, self.config.bend), np.full(SEGMENTS, math.pi / 2)
@@ -68,10 +83,6 @@ class InverseKinematics(Manipulator):
         # the scalar last, as published
         turned, wanted = self.turned(now).roll(-1, -1), self.wanted(now).roll(-1, -1)
         return torch.cat((turned, self.command(now), now.goal[:, :3], wanted), -1)
-
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        cosine = (self.turned(now) * self.wanted(now)).sum(-1)
-        return super().measures(now) | {"misaligned": 1 - cosine.square()}
 
     def cost(self, now: Episodes) -> Tensor:
         d, off = (now.measures[name] for name in ("distance", "misaligned"))

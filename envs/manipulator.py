@@ -7,70 +7,44 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import quaternions as quat
-from torchbeam.extend import shown
 
 from .actuators import Actuator, driven
-from .config import BeamEnvConfig
 from .episodes import Episodes
-from .reach import distance
 from .sensors import Observed
-from .task import Task
+from .soft_arm import SoftArm, SoftArmConfig
 
 SEGMENTS = 5  # of the arm, each with a natural curvature of its own
 SEEN = 10  # nodes that are observed, of a mesh that has them
-OWN = "section", "actuators", "force", "beam", "supports"
-BOX = (-0.6, 0.6), (-0.6, 0.6), (0.3, 0.9)  # m, where targets are
-NEAR = 0.05  # m, of the bonuses
 
 
 @dataclass(frozen=True, kw_only=True)
-class ManipulatorConfig(BeamEnvConfig):
-    """radius (m), young (Pa), density (kg/m^3), change and bend (rad), smooth (m): see
-    `FollowTargetVectorEnv`; the rest as in `BeamEnvConfig`.
-    """
+class ManipulatorConfig(SoftArmConfig):
+    """change and bend (rad): see `FollowTargetVectorEnv`; the rest as in `SoftArmConfig`."""
 
-    length: float = 1.0
-    elements: int = 20
     direction: Sequence[float] = (0.0, 0.0, 1.0)
-    radius: float = 0.05
-    young: float = 10e6
-    density: float = 1000.0
     change: float = 0.05
     bend: float = 2.0
-    smooth: float = 0.0
     gravity: Sequence[float] | None = (0.0, 0.0, -9.8)
     damping: float | None = 0.05
-    delay: int = 0
     control_interval: float = 0.1
-    control_cost: float = 0.0
     failure_reward: float | None = -10.0  # as published
-    sensors: str | Observed | Sequence[str | Observed] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.check_numbers("radius", "young", "density", "change", "bend", above=0.0)
-        self.check_numbers("smooth", least=0.0)
-        for name in OWN:
-            if self.is_given(name):
-                raise ValueError(f"{name} was given; the manipulator has its own, none is wanted")
+        self.check_numbers("change", "bend", above=0.0)
         if self.elements % SEGMENTS:
             raise ValueError(
                 f"elements = {self.elements} was given; a multiple of {SEGMENTS}, the arm's "
                 "segments, is wanted"
             )
-        if self.form != "nodal":
-            raise ValueError(f"form = {shown(self.form)} was given; 'nodal' is wanted")
 
 
-class Manipulator(Task):
+class Manipulator(SoftArm):
     """An upright arm whose actions change the natural curvature of its segments.
 
     The command (n, a) rad, an angle by which a segment is to turn along its length for each action,
@@ -80,14 +54,14 @@ class Manipulator(Task):
 
     Config = ManipulatorConfig
     PLANE = "xz"
-    MESHED = False
     HOLDS = False  # an action changes the curvature; none holds it
+    BOX = (-0.6, 0.6), (-0.6, 0.6), (0.3, 0.9)
     VIEW = (-1.15, 1.15, 1.15)
     TWIST = False  # whether segments are twisted too
 
     def __init__(self, config: ManipulatorConfig) -> None:
         super().__init__(config)
-        self.low, self.high = torch.tensor(BOX, dtype=self.dtype, device=self.device).T
+        self.change = config.change
         twists = SEGMENTS if self.TWIST else 0
         bends = self.low.new_full((self.actions - twists,), config.bend)
         self.limits = torch.cat((bends, self.low.new_full((twists,), math.pi / 2)))
@@ -119,7 +93,7 @@ class Manipulator(Task):
 
     def commanded(self, now: Episodes, action: Tensor) -> Tensor:
         """The command at the end of an interval with an action (n, a)."""
-        after = self.command(now) + self.config.change * action
+        after = self.command(now) + self.change * action
         return torch.minimum(torch.maximum(after, -self.limits), self.limits)
 
     def inputs(
@@ -140,17 +114,13 @@ class Manipulator(Task):
     def next_memory(self, now: Episodes, action: Tensor) -> Tensor:
         return self.commanded(now, action)
 
+    def held(self, now: Episodes) -> Tensor:
+        return torch.zeros_like(self.command(now))
+
     def tip_jacobian(self, now: Episodes) -> tuple[Tensor, Tensor]:
-        """(n, 3, a) m and (n, 3, a) rad: how a change of the command (rad) moves and turns the tip
-        of an arm whose strain follows it, frame a.
-        """
-        x, q = now.beam.position, now.beam.rotation
-        R = quat.matrix(quat.half_way(q[:, :-1], q[:, 1:]))
         gain = self.drives[0].gain.unflatten(1, (self.elements, 3))  # (a, N, 3) 1/m
-        turn = torch.einsum("nejk,aek->naej", R, gain) * self.length / self.elements
-        arm = x[:, -1:] - (x[:, :-1] + x[:, 1:]) / 2
-        moved = torch.linalg.cross(turn, arm[:, None].expand_as(turn)).sum(2)
-        return moved.mT, turn.sum(2).mT
+        R, each = self.axes_of_elements(now), self.length / self.elements
+        return self.tip_moved(now, torch.einsum("nejk,aek->neaj", R, gain) * each)
 
     # What is seen
 
@@ -162,28 +132,3 @@ class Manipulator(Task):
         nodes = range(self.elements % step or step, self.elements + 1, step)
         places = [self._seen(tb.sensors.NodePosition(node), 2.0) for node in nodes]
         return places + [self._seen(tb.sensors.NodeVelocity(node), 20.0) for node in nodes]
-
-    def _seen(self, sensor: Any, high: float) -> tuple[Observed, str]:
-        whole = self.plane is None
-        return Observed(sensor if whole else sensor[self.vector], 1.0, high), ""
-
-    # What it is worth
-
-    def measures(self, now: Episodes) -> dict[str, Tensor]:
-        return {"distance": distance(now.target[:, 0], now.beam.position[:, -1])}
-
-    def cost(self, now: Episodes) -> Tensor:
-        d = now.measures["distance"]
-        return d.square() - 1.5 * self.below(d, NEAR) - 0.5 * self.below(d, 2 * NEAR)
-
-    def below(self, x: Tensor, bound: float) -> Tensor:
-        """1 where x (...) is below the bound, else 0; or a logistic function of width `smooth`."""
-        width = self.config.smooth
-        if width:
-            return torch.sigmoid((bound - x) / width)
-        return (x < bound).to(x)
-
-    def in_box(self, stream: np.random.Generator) -> np.ndarray:
-        """(3,) m, uniform."""
-        drawn = stream.uniform(*np.transpose(BOX))
-        return drawn if self.plane is None else drawn * [1, 0, 1]

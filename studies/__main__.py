@@ -8,24 +8,13 @@ from importlib.metadata import EntryPoint
 from torchbeam.core.command_line import run_command
 
 MODULES = {
-    "accuracy": "accuracy",
-    "bench": "bench.command",
-    "control": "error_control",
-    "convergence": "convergence",
-    "coverage": "uncertainty.coverage",
-    "effects": "effect_costs",
-    "estimation": "estimation",
-    "gradients": "gradient_costs",
-    "hardcases": "hard_cases.command",
-    "house": "house",
-    "identification": "identification",
-    "noise": "noise_coverage",
-    "oracle": "oracle.command",
-    "peers": "peers",
-    "rates": "rates",
-    "scale": "uncertainty.scale",
+    "accuracy": "accuracy", "bench": "bench.command", "control": "error_control",
+    "convergence": "convergence", "coverage": "uncertainty.coverage", "effects": "effect_costs",
+    "estimation": "estimation", "gradients": "gradient_costs", "hardcases": "hard_cases.command",
+    "house": "house", "identification": "identification", "noise": "noise_coverage",
+    "oracle": "oracle.command", "peers": "peers", "rates": "rates", "scale": "uncertainty.scale",
     "verify": "verification.command",
-}
+}  # fmt: skip
 COMMANDS = {
     name: EntryPoint(name, f"studies.{module}:main", "studies") for name, module in MODULES.items()
 }

@@ -149,13 +149,9 @@ def measure(number: int, rtol: float, exhaustive: bool, seed: int = SEED) -> Con
             if Library.count == known:
                 break
         trials = TrialRuns(
-            lambda setting: tb.remesh(asked.scene, **setting.mesh),
-            Reader(asked.read, asked.scene),
-            asked.t,
-            asked.solve,
-            1.0,
-            {},
-        )
+            lambda setting: tb.remesh(asked.scene, **setting.mesh), Reader(asked.read, asked.scene),
+            asked.t, asked.solve, 1.0, {},
+        )  # fmt: skip
         error = trials.difference(best.settings, _reference(best.settings))
         chosen = next(tried for tried in best.table if tried.chosen)
         if exhaustive and chosen.seconds < LONG:
@@ -201,14 +197,11 @@ def _cheapest(trials: TrialRuns, chosen: Setting, rtol: float) -> list[Setting]:
     """
     fine = _reference(chosen)
     search = Search(
-        trials,
-        rtol,
-        least_elements(trials.reader.scene, trials.reader.nodes()),
-        None if trials.t is None else trials.t.diff().min().item(),
-        list(ELEMENTS),
+        trials, rtol, least_elements(trials.reader.scene, trials.reader.nodes()),
+        None if trials.t is None else trials.t.diff().min().item(), list(ELEMENTS),
         [] if trials.t is None else ["midpoint", "midpoint4"],
         (4 * chosen.intervals, 8 * trials.step_count(chosen.step)),
-    )
+    )  # fmt: skip
     limit = replace(fine, method=chosen.method, step=chosen.step)
     meshes: dict[Setting, float] = {}
     for element in search.elements:
@@ -305,16 +298,10 @@ def _share(rows: Sequence[ConvergedScene], holds: Callable[[ConvergedScene], boo
 
 def study(options: Namespace) -> Iterator[Report]:
     about = ABOUT.format(
-        families=f"{len(families(1))} families",
-        seed=options.seed,
-        duration=DURATION,
-        instants=INSTANTS,
-        finer=FINER,
-        shorter=SHORTER["midpoint4"],
-        half=SHORTER["midpoint"],
-        long=LONG,
-        every=EXHAUSTIVE,
-    )
+        families=f"{len(families(1))} families", seed=options.seed, duration=DURATION,
+        instants=INSTANTS, finer=FINER, shorter=SHORTER["midpoint4"], half=SHORTER["midpoint"],
+        long=LONG, every=EXHAUSTIVE,
+    )  # fmt: skip
     same = options.stored.get("seed") == options.seed
     rows = [ConvergedScene(**row) for row in options.stored["rows"]] if same else []
     known, begun = {(row.scene, row.rtol) for row in rows}, time.monotonic()

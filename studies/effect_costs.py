@@ -59,13 +59,9 @@ def scene(
     """The stated scene with `more` effects."""
     number = torch.tensor(1.0, dtype=torch.float64)
     section = section or tb.Section.from_stiffness(
-        EA=1e4 * number,
-        GA=4e3 * number,
-        GJ=0.8 * number,
-        EI=number,
-        mass=0.2 * number,
+        EA=1e4 * number, GA=4e3 * number, GJ=0.8 * number, EI=number, mass=0.2 * number,
         inertia=1e-4 * number,
-    )
+    )  # fmt: skip
     beam = tb.Beam.straight(number, elements, section)
     return tb.Scene(beam, (tb.TipLoad(force=force), *more), **options)
 

@@ -168,11 +168,6 @@ def markdown(rows: Sequence[FieldCoverage]) -> str:
 def about() -> str:
     """What was done, in words."""
     return ABOUT.format(
-        elements=ELEMENTS,
-        loads=len(LOADS),
-        sigma=1e3 * SIGMA,
-        repeats=REPEATS,
-        level=100 * LEVEL,
-        spread=SPREAD,
-        depth=100 * DEPTH,
-    )
+        elements=ELEMENTS, loads=len(LOADS), sigma=1e3 * SIGMA, repeats=REPEATS, level=100 * LEVEL,
+        spread=SPREAD, depth=100 * DEPTH,
+    )  # fmt: skip

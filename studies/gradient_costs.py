@@ -260,12 +260,9 @@ def picture(rows: list[GradientCost], path: Path) -> None:
             if line:
                 x, seconds, taken = zip(*line, strict=True)
                 style = dict(
-                    label=way,
-                    ls="--" if way in FORWARD else "-",
-                    marker="o",
-                    ms=3,
+                    label=way, ls="--" if way in FORWARD else "-", marker="o", ms=3,
                     color=f"C{WAYS.index(way)}",
-                )
+                )  # fmt: skip
                 time_.loglog(x, seconds, **style)
                 memory.loglog(x, [max(m, LITTLE) for m in taken], **style)
         time_.set(title=f"{usual[1 - k]:,} {held}", ylabel="CPU s")

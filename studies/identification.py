@@ -221,12 +221,9 @@ def identified(
         for k, values in enumerate(data):
             problem, some = together.with_data(values), torch.tensor([k])
             yield tb.Fit.of(
-                problem,
-                search_result.of(some),
-                region.of(some).against(problem.target),
-                "difference",
-                1e-6,
-            )
+                problem, search_result.of(some), region.of(some).against(problem.target),
+                "difference", 1e-6,
+            )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -344,22 +341,11 @@ def study(options: Namespace) -> Iterator[Report]:
 def about() -> str:
     """What was done, in words."""
     return ABOUT.format(
-        readings=READINGS,
-        span=SPAN,
-        repeats=REPEATS,
-        resamples=RESAMPLES,
-        level=100 * LEVEL,
-        small=SMALL,
-        coarse=COARSE,
-        fine=FINE,
-        refined=REFINED,
-        small_ms=1e3 * SMALL[1],
-        coarse_ms=1e3 * COARSE[1],
-        fine_ms=1e3 * FINE[1],
-        refined_ms=1e3 * REFINED[1],
-        clock=100 * CLOCK,
-        binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5,
-    )
+        readings=READINGS, span=SPAN, repeats=REPEATS, resamples=RESAMPLES, level=100 * LEVEL,
+        small=SMALL, coarse=COARSE, fine=FINE, refined=REFINED, small_ms=1e3 * SMALL[1],
+        coarse_ms=1e3 * COARSE[1], fine_ms=1e3 * FINE[1], refined_ms=1e3 * REFINED[1],
+        clock=100 * CLOCK, binomial=100 * (LEVEL * (1 - LEVEL) / REPEATS) ** 0.5,
+    )  # fmt: skip
 
 
 main = Study(

@@ -40,13 +40,9 @@ def rod(draw: Draw, elements: int) -> tuple[tb.Beam, Tensor]:
     """A soft rod, and the force EI/L^2 that bends it much."""
     L, EI, mass = draw(0.3, 0.8), draw.log(0.007, 0.06), draw(0.15, 0.6)
     section = tb.Section.from_stiffness(
-        EA=1e4 * EI,
-        GA=4e3 * EI,
-        GJ=draw(0.5, 1.0) * EI,
-        EI=EI,
-        mass=mass,
+        EA=1e4 * EI, GA=4e3 * EI, GJ=draw(0.5, 1.0) * EI, EI=EI, mass=mass,
         inertia=mass * draw.log(3e-5, 3e-3),
-    )
+    )  # fmt: skip
     return tb.Beam.straight(L, elements, section), EI / L**2
 
 

@@ -23,7 +23,7 @@ from torchbeam_envs.baselines import (
 )
 
 from .evaluate import evaluate, make
-from .tuned import PUBLISHED, TRAINING, Task
+from .tuned import PUBLISHED, RESOLVED, TRAINING, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
@@ -131,6 +131,13 @@ def optimum(task: Task) -> Controller:
     return Optimum(make(task, 1), regulated(LQR)(task), starts=STARTS)
 
 
+def resolved_rate(task: Task) -> Controller:
+    settings = RESOLVED.get(task.name, {})
+    controller = ResolvedRate(make(task, 1), **settings)
+    controller.settings = settings
+    return controller
+
+
 BASELINES: dict[str, Callable[[Task], Controller]] = {
     "zero": lambda task: Zero(),
     "static": lambda task: Static(make(task, 1)),
@@ -140,7 +147,7 @@ BASELINES: dict[str, Callable[[Task], Controller]] = {
     "mpc": lambda task: MPC(make(task, 1)),
     "mpc-informed": lambda task: MPC(make(task, 1), informed=True),
     "optimum": optimum,
-    "resolved-rate": lambda task: ResolvedRate(make(task, 1)),
+    "resolved-rate": resolved_rate,
 }
 LEADING = ("zero", "resolved-rate")  # of `PUBLISHED` tasks, whose actions hold no beam
 

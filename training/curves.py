@@ -47,13 +47,11 @@ def curve(folder: Path, run: Run) -> dict[str, np.ndarray] | None:
 
 
 def pictures(out: Path, runs: list[Run]) -> None:
-    """curves.png and, of published tasks, published.png, where there is anything to be seen."""
+    """curves.png, where there is anything to be seen; published tasks have one of their own."""
     learned = {run["task"] for run in runs if run["seconds"] is not None}
-    ours = [name for name in TASKS if name in learned and name not in PUBLISHED]
-    published = [name for name in PUBLISHED if name in learned]
-    for file, names in (("curves.png", ours), ("published.png", published)):
-        if names:
-            picture(out, runs, file, names)
+    names = [name for name in TASKS if name in learned and name not in PUBLISHED]
+    if names:
+        picture(out, runs, "curves.png", names)
 
 
 def picture(out: Path, runs: list[Run], file: str, names: list[str]) -> None:

@@ -19,7 +19,6 @@ from .table import (
     LIBRARIES,
     LINEAR,
     OWN,
-    SHARES,
     Row,
     Run,
     aggregates,
@@ -35,8 +34,8 @@ NAMES = {"linear": "the best linear controller", **LABELS}
 
 def report(out: Path) -> str:
     """Write results.json, results.csv, results.md, summary.md, outside.md, libraries.md,
-    budgets.md, aggregate.md, ahead.md, published.md, curves.png and published.png (with
-    matplotlib) and policies/; returns the Markdown of results.md.
+    budgets.md, aggregate.md, ahead.md, curves.png (with matplotlib) and policies/; returns the
+    Markdown of results.md.
     """
     runs = [json.loads(path.read_text()) for path in sorted((out / "runs").glob("*.json"))]
     curves = partial(curve, out / "runs")
@@ -60,13 +59,7 @@ def report(out: Path) -> str:
         "libraries": grid(lines, ("ppo", "sb3-ppo", "skrl-ppo", "sac", "sb3-sac"), of=LIBRARIES),
         "budgets": budgets(lines),
         "aggregate": aggregate(scores),
-        "ahead": ahead([row for row in own if row["level"] in LEVELS]),
-        "published": "\n\n".join(
-            (
-                published([row for row in lines if row["task"] in PUBLISHED]),
-                ahead([row for row in own if row["level"] not in LEVELS]),
-            )
-        ),
+        "ahead": ahead(own),
     }
     for name, part in parts.items():
         (out / f"{name}.md").write_text(f"{part}\n\n{sentence(heading)}\n")
@@ -235,27 +228,6 @@ def ahead(compared: Sequence[Row]) -> str:
     ]
     head = ("level", "a seed of", "returns more than", "tasks", "whole budgets")
     return table((*head, "equal steps", "equal time"), found, words=3)
-
-
-def published(lines: Sequence[Row]) -> str:
-    """A row a published task and controller, in the task's own terms."""
-    found = []
-    for row in lines:
-        name, algorithm = row["task"], row["algorithm"]
-        learned = row["seconds"] is not None
-        cells = (
-            _said(row, "return", digits=0),
-            *(_said(row, share, 100, 0, " %") for share in SHARES),
-            _said(row, "success", 100, 0, " %"),
-            f"{row['steps']:,.0f}" if learned else "",
-            f"{row['seconds']:.0f} s" if learned else "",
-            f"{row['runs']}" if learned else "",
-        )
-        found.append((name, LABELS[algorithm], *cells))
-    near = 1.0 if not lines else TASKS[lines[0]["task"]].tolerance
-    head = ("task", "controller", "return", f"time within {near:g} m")
-    head += (f"time within {near / 2:g} m", f"within {near:g} m at the end")
-    return table((*head, "env steps", "training", "seeds"), found, words=2)
 
 
 def _said(

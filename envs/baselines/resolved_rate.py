@@ -6,26 +6,31 @@ import torch
 from torch import Tensor
 
 from ..core import BeamVectorEnv
-from ..manipulator import Manipulator
+from ..inverse_kinematics import Turned
+from ..soft_arm import SoftArm
 from .holding import Controller, vector_env
 
 
 class ResolvedRate(Controller):
-    """Change of the command by damped least squares (Whitney 1969; Wampler 1986), with J the
-    manipulator's `tip_jacobian` by the actions and e the way that the tip has to go,
+    """Change of the command by damped least squares (Whitney 1969; Wampler 1986), with J the soft
+    arm's `tip_jacobian` by the actions and e the way that the tip has to go,
 
-        J' (J J' + damping^2 I)^-1 gain e,    e = target - tip - lead velocity
+        J' (J J' + damping^2 I)^-1 gain e,    e = target - tip + ahead target' - lead tip'
 
-    the target at the end of the interval. Commands at a limit that would go beyond it are left out,
-    and the others take their part. The tip's turn is not led.
+    the target at the end of the interval. With a `turn` the tip's turn has three more rows, where
+    the task wants one. Commands at a limit that would go beyond it are left out, and the others
+    take their part. An arm that follows its command late, by tau, wants lead = ahead = tau, and a
+    gain that is small beside the intervals in it.
 
     Args:
         gain: share of the way that an interval is to make good
         damping: m, beside the singular values of J: moves of the tip by a full action
         lead: s, by which the tip's own motion is anticipated
+        ahead: s, by which the target's is
+        turn: m, what a turn of the tip by 1 rad counts
 
     Raises:
-        ValueError: for a task that is no manipulator.
+        ValueError: for a task of another beam.
 
     Examples:
         >>> env = envs.InverseKinematicsVectorEnv(2)
@@ -37,25 +42,36 @@ class ResolvedRate(Controller):
     """
 
     def __init__(
-        self, env: BeamVectorEnv, gain: float = 1.0, damping: float = 0.005, lead: float = 0.1
+        self,
+        env: BeamVectorEnv,
+        gain: float = 1.0,
+        damping: float = 0.005,
+        lead: float = 0.1,
+        ahead: float = 0.0,
+        turn: float = 0.0,
     ) -> None:
         task = vector_env(env).task
-        if not isinstance(task, Manipulator):
+        if not isinstance(task, SoftArm):
             raise ValueError(
-                f"{type(task).__name__} was given to ResolvedRate; a manipulator "
-                "(FollowTarget, InverseKinematics) is wanted"
+                f"{type(task).__name__} was given to ResolvedRate; a soft arm (FollowTarget, "
+                "TrackTarget) is wanted"
             )
         self.gain, self.damping, self.lead = gain, damping, lead
+        self.ahead, self.turn = ahead, turn if isinstance(task, Turned) else 0.0
 
     def act(self, observation: Tensor) -> Tensor:
         task, now = self.env.task, self.env.state
-        J = task.config.change * task.tip_jacobian(now)[0]
+        J, turned = (task.change * x for x in task.tip_jacobian(now))
         tip = now.beam.position[:, -1] + self.lead * now.beam.velocity[:, -1]
-        way = self.gain * (task.target(now, 1)[:, 1] - tip)
-        action = self._least_squares(J, way)
-        beyond = (task.command(now) + task.config.change * action).abs() > task.limits
-        return self._least_squares(J * ~beyond[:, None], way)
+        here, target = task.target(now, 1).unbind(1)
+        way = target + self.ahead / task.config.control_interval * (target - here) - tip
+        if self.turn:
+            off = task.to_turn(now) - self.lead * now.beam.spin[:, -1]
+            J, way = torch.cat((J, self.turn * turned), 1), torch.cat((way, self.turn * off), 1)
+        action = self._least_squares(J, self.gain * way)
+        beyond = (task.command(now) + task.change * action).abs() > task.limits
+        return task.held(now) + self._least_squares(J * ~beyond[:, None], self.gain * way)
 
     def _least_squares(self, J: Tensor, way: Tensor) -> Tensor:
-        eye = self.damping**2 * torch.eye(3, dtype=J.dtype, device=J.device)
+        eye = self.damping**2 * torch.eye(way.shape[-1], dtype=J.dtype, device=J.device)
         return (J.mT @ torch.linalg.solve(J @ J.mT + eye, way[..., None]))[..., 0]

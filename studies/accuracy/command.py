@@ -106,12 +106,9 @@ def _measured(
     progress, rows, curves = Progress(seconds), [], {}
     for motion in motions:
         measured = _motion(
-            motion,
-            known[motion.reference],
-            (1.0 if given.quick else 1 - EXPLICIT) * seconds / len(motions),
-            given.quick,
-            progress,
-        )
+            motion, known[motion.reference],
+            (1.0 if given.quick else 1 - EXPLICIT) * seconds / len(motions), given.quick, progress,
+        )  # fmt: skip
         curves[motion.name] = next(measured)
         rows += measured
     if not given.quick:

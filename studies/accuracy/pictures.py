@@ -76,12 +76,9 @@ def _work(
         if own and limit > 0.1 * min(row.error for row in own):  # what the reference is known to
             axis.axhline(limit, color="0.7", lw=0.8, ls=":")
         axis.set(
-            xscale="log",
-            yscale="log",
-            title=f"{motion.name} ({motion.kind})",
-            xlabel="CPU time / s",
-            ylabel="relative error of the tip",
-        )
+            xscale="log", yscale="log", title=f"{motion.name} ({motion.kind})",
+            xlabel="CPU time / s", ylabel="relative error of the tip",
+        )  # fmt: skip
         if axis.get_legend_handles_labels()[0]:
             axis.legend(fontsize=7, frameon=False, loc="lower left")
     for element, (mark, colour) in MARKS.items():

@@ -78,12 +78,9 @@ def markdown(
     batch = max((row.batch for row in implicit if row.batch), default=0)
     parts = [
         ABOUT.format(motions="; ".join(f"**{m.name}**, {m.about}" for m in motions)),
-        _cheapest(motions, implicit),
-        BATCHES.format(batch=batch),
-        _batches(motions, implicit),
-        EVERY,
-        _every(motions, implicit),
-    ]
+        _cheapest(motions, implicit), BATCHES.format(batch=batch), _batches(motions, implicit),
+        EVERY, _every(motions, implicit),
+    ]  # fmt: skip
     if any(row.element in FORMS for row in rows):
         rtol = next(row.fineness for row in rows if row.element in FORMS and row.method != "rk4")
         parts += [EXPLICIT.format(rtol=rtol), _explicit(rows)]

@@ -71,14 +71,11 @@ def rows(quick: bool) -> Iterator[Measured]:
             assembly, elimination = share(ASSEMBLY), share(ELIMINATION)
             others = sum(parts.values()) - assembly - elimination
             shares_of = {
-                "in all": whole / steps,
-                "wrapper": (whole - native) / steps,
-                "native": native / steps,
-                "native: assembly": assembly,
-                "native: elimination": elimination,
-                "native: other functions": others,
+                "in all": whole / steps, "wrapper": (whole - native) / steps,
+                "native": native / steps, "native: assembly": assembly,
+                "native: elimination": elimination, "native: other functions": others,
                 "native: driver": native / steps - assembly - elimination - others,
-            }
+            }  # fmt: skip
             where = dict(
                 engine="compiled", space=space, elements=N, step_ms=1e3 * STEP, batch=batch
             )

@@ -34,18 +34,11 @@ from .report import markdown, picture
 from .stored import GROWTH, grown, store, stored
 
 PARTS: dict[str, Callable[[bool], Iterator[Measured]]] = {
-    "throughput": throughput.rows,
-    "gradients": gradients.rows,
-    "calls": calls.rows,
-    "structures": structures.rows,
-    "contact": contact.rows,
-    "mechanisms": mechanisms.rows,
-    "environments": others.measurements,
-    "first-use": first_use.rows,
-    "breakdown": breakdown.rows,
-    "growth": growth.rows,
-    "operations": operations.rows,
-}
+    "throughput": throughput.rows, "gradients": gradients.rows, "calls": calls.rows,
+    "structures": structures.rows, "contact": contact.rows, "mechanisms": mechanisms.rows,
+    "environments": others.measurements, "first-use": first_use.rows, "breakdown": breakdown.rows,
+    "growth": growth.rows, "operations": operations.rows,
+}  # fmt: skip
 # parts that other programs have rows of
 PEERS = {"throughput": others.peers, "mechanisms": mechanisms.peers}
 # option: what its file holds, the unit, and those of now

@@ -38,14 +38,10 @@ def rows(quick: bool) -> Iterator[Measured]:
             error = mechanisms.error(run(), known[name].places[::every])
             (times,) = timed([run], 2 if quick else 5)
             where = dict(
-                engine="torchbeam",
-                space=mechanisms.SPACES[name],
-                elements=elements,
-                step_ms=1e3 * mechanisms.DURATION / steps,
-                batch=1,
-                error=error,
+                engine="torchbeam", space=mechanisms.SPACES[name], elements=elements,
+                step_ms=1e3 * mechanisms.DURATION / steps, batch=1, error=error,
                 element=f"order {order}",
-            )
+            )  # fmt: skip
             yield _row(times.row(PART, name, "cpu", CPU, per=mechanisms.DURATION, **where))
 
 

@@ -143,12 +143,9 @@ def _batch(
             ).tip.position
 
     where = dict(
-        space=space,
-        elements=setting.elements,
-        step_ms=1e3 * setting.step,
-        batch=batch,
+        space=space, elements=setting.elements, step_ms=1e3 * setting.step, batch=batch,
         element=setting.element,
-    )
+    )  # fmt: skip
     for count in thread_counts():
         engines = tuple(shares) if count == 1 else ("compiled",)
         with threads(count):

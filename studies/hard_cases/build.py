@@ -70,12 +70,9 @@ def energy_error(sol: tb.Solution) -> Tensor:
 def moved(sol: tb.Solution, error: Tensor | None = None) -> Answer:
     """Value: the tip at the end. Error: the energy's unless another is given."""
     return Answer(
-        sol.status,
-        sol.tip.position[-1],
-        energy_error(sol) if error is None else error,
-        sol.stats.iterations.double().mean().item(),
-        next(iter(sol.stats.reason.values()), ""),
-    )
+        sol.status, sol.tip.position[-1], energy_error(sol) if error is None else error,
+        sol.stats.iterations.double().mean().item(), next(iter(sol.stats.reason.values()), ""),
+    )  # fmt: skip
 
 
 def held(state: tb.State, error: Tensor) -> Answer:

@@ -146,12 +146,9 @@ def poisoned(p: Tensor, size: int) -> Answer:
     def run(scale):
         scene = cantilever(p, 4, tb.TipLoad(force=tb.Input("force", 3)))
         return motion(
-            scene,
-            size,
-            0.01,
-            initial=tb.rest(scene, (len(scale),)),
+            scene, size, 0.01, initial=tb.rest(scene, (len(scale),)),
             inputs={"force": vector(scale, 0, 1.0, 0.3)},
-        )
+        )  # fmt: skip
 
     all_, some = run(torch.cat((good[:100], bad, good[100:]))), run(good)
     keep = torch.cat((torch.arange(100), torch.arange(102, 256)))

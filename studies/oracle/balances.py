@@ -64,12 +64,9 @@ class Motion:
         """One node of them, (T, .)."""
         i = round(x * (self.r.shape[1] - 1))
         return replace(
-            p,
-            x=np.asarray(x),
-            t=p.t[:, 0],
-            inertial=p.inertial[:, 0],
+            p, x=np.asarray(x), t=p.t[:, 0], inertial=p.inertial[:, 0],
             **{name: getattr(p, name)[:, i] for name in ("r", "R", "v", "w", "a", "alpha")},
-        )
+        )  # fmt: skip
 
 
 def _support(case: Case, t: Array) -> tuple[Array, Array, Array, Array]:
@@ -193,11 +190,8 @@ def balances(motion: Motion) -> dict[str, Array]:
     left = (z / s for z, s in zip((linear, angular, energy), size, strict=True))
     return {
         **dict(zip(("momentum", "angular momentum", "energy"), left, strict=True)),
-        "size": np.array(size[2]),
-        "work": work,
-        "kinetic": T,
-        "strain": strain,
-    }
+        "size": np.array(size[2]), "work": work, "kinetic": T, "strain": strain,
+    }  # fmt: skip
 
 
 def _elastic(motion: Motion) -> tuple[Array, Array, Array]:

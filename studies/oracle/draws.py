@@ -12,14 +12,9 @@ from .rod import Case, Rod, Support, Value
 from .rotations import Array, exponential, skew
 
 SUPPORTS = (
-    "clamp",
-    "elastic clamp",
-    "clamp and pin",
-    "hinge and pin",
-    "clamp and slide",
-    "two clamps, moved",
-    "clamp, moved",
-)
+    "clamp", "elastic clamp", "clamp and pin", "hinge and pin", "clamp and slide",
+    "two clamps, moved", "clamp, moved",
+)  # fmt: skip
 SHAPES = ("straight", "arc", "helix", "pretwisted")
 SECTIONS = ("plain", "coupled", "rotated", "rigid", "tapered")
 RIGID = ((1, 2), (0, 1, 2), (0,), (3,))
@@ -101,16 +96,9 @@ def rod(draw: Draw, shape: str, kind: str) -> Rod:
         "pretwisted": np.array((draw(0.4, 2.0), 0, 0)) / L,
     }[shape]
     return Rod(
-        L,
-        root,
-        axes,
-        curvature,
-        S,
-        mass,
-        centre,
-        inertia,
+        L, root, axes, curvature, S, mass, centre, inertia,
         draw(0.2, 0.5) if kind == "tapered" else 0.0,
-    )
+    )  # fmt: skip
 
 
 def effect(draw: Draw, name: str, rod: Rod, force: float, moving: bool) -> Any:

@@ -119,13 +119,9 @@ def equilibrium(case: Case) -> Equilibrium:
         for share in shares:
             last = share == shares[-1]
             solution = solve_bvp(
-                slopes(share),
-                conditions(share),
-                xi,
-                guess,
-                tol=TOLERANCE if last else COARSE,
+                slopes(share), conditions(share), xi, guess, tol=TOLERANCE if last else COARSE,
                 max_nodes=NODES,
-            )
+            )  # fmt: skip
             if not solution.success:
                 break
             xi = np.linspace(0, 1, 21)

@@ -56,12 +56,9 @@ class AnswerCoverage:
 
     def cells(self) -> list[str]:
         return [
-            self.answer,
-            self.how,
-            f"{self.samples:,}",
-            f"{100 * self.covered:.1f} %",
+            self.answer, self.how, f"{self.samples:,}", f"{100 * self.covered:.1f} %",
             *(f"{100 * x:.3g} %" for x in (self.width, self.error)),
-        ]
+        ]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -84,14 +81,10 @@ def quantile(level: float) -> float:
 def cases() -> Iterator[Case]:
     """All cases; what each answers, and the truth."""
     truth = {
-        "mean": MEAN,
-        "deviation": DEVIATION,
-        "median": quantile(0.5),
-        "95 % quantile": quantile(0.95),
-        "99 % quantile": quantile(0.99),
-        "P = 0.1": 0.1,
+        "mean": MEAN, "deviation": DEVIATION, "median": quantile(0.5),
+        "95 % quantile": quantile(0.95), "99 % quantile": quantile(0.99), "P = 0.1": 0.1,
         "P = 0.01": 0.01,
-    }
+    }  # fmt: skip
 
     def of(samples: Any) -> dict[str, Any]:
         intervals = {
@@ -168,14 +161,9 @@ def sensitivities() -> Iterator[Case]:
 
     def derivatives(seed: int) -> tuple[int, dict[str, Any]]:
         estimate = tb.moment_derivatives(
-            deflection,
-            lambda q: {"EI": tb.laws.LogNormal(1.0, q[0]), "P": P},
-            q.detach(),
-            1024,
-            seed=seed,
-            chunk=2**16,
-            interval=LEVEL,
-        )
+            deflection, lambda q: {"EI": tb.laws.LogNormal(1.0, q[0]), "P": P}, q.detach(), 1024,
+            seed=seed, chunk=2**16, interval=LEVEL,
+        )  # fmt: skip
         return 1024, {
             "d mean/d deviation of EI": [x[0] for x in estimate.mean_by],
             "d deviation/d deviation of EI": [x[0] for x in estimate.deviation_by],

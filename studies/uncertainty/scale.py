@@ -74,17 +74,11 @@ class ScaleRun:
 
     def cells(self) -> list[str]:
         return [
-            self.what,
-            self.run,
-            str(self.processes),
-            f"{self.chunk:,}",
-            f"{self.samples:,}",
-            f"{self.seconds:.1f}",
-            *("-" if x != x else f"{x:.3g}" for x in (self.cpu,)),
-            f"{self.samples / self.seconds:,.0f}",
-            str(self.failed),
+            self.what, self.run, str(self.processes), f"{self.chunk:,}", f"{self.samples:,}",
+            f"{self.seconds:.1f}", *("-" if x != x else f"{x:.3g}" for x in (self.cpu,)),
+            f"{self.samples / self.seconds:,.0f}", str(self.failed),
             *("-" if x != x else f"{x:.3g}" for x in (self.memory, self.disk)),
-        ]
+        ]  # fmt: skip
 
 
 def scene(EI: Tensor, P: Tensor, *effects: Any) -> tb.Scene:

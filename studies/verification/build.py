@@ -26,9 +26,14 @@ def planar(EI: Any = 1.0, GA: Any = INF, inertia: Any = 0.0, mass: Any = 1.0) ->
 
 
 def cantilever(
-    N: int, *effects: Any, of: tb.Section | None = None, L: Any = 1.0, **options: Any
+    N: int,
+    *effects: Any,
+    of: tb.Section | None = None,
+    L: Any = 1.0,
+    order: int = 1,
+    **options: Any,
 ) -> tb.Scene:
-    return tb.Scene(tb.Beam.straight(L, N, of or section()), effects, **options)
+    return tb.Scene(tb.Beam.straight(L, N, of or section(), order=order), effects, **options)
 
 
 def along(axis: int, values: Tensor) -> Tensor:

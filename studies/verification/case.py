@@ -25,6 +25,7 @@ class Case:
     solve     () -> (ours, reference), tensors of one shape
     bound     on the error; why: where that bound is from
     scale     what differences are divided by; None = each entry by its reference
+    coarse    the same on half as many elements, whose error is four times as large
     """
 
     name: str
@@ -35,6 +36,7 @@ class Case:
     bound: float
     why: str = ORDER
     scale: float | None = None
+    coarse: Solve | None = None
 
 
 @dataclass(frozen=True)

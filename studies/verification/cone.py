@@ -26,20 +26,14 @@ def cone(elements: int, order: int = 1, **law: float) -> tb.Scene:
     slope = STEEP * (1 - DEEP)
     radii = STEEP * APEX, STEEP * (APEX + LENGTH)
     beam = tb.Beam.straight(
-        LENGTH,
-        elements,
-        lambda s: tb.Section.circle(STEEP * (APEX + s), E=1e9, nu=0.3, rho=RHO),
+        LENGTH, elements, lambda s: tb.Section.circle(STEEP * (APEX + s), E=1e9, nu=0.3, rho=RHO),
         direction=(math.sqrt(1 - slope**2), 0.0, slope),
-        root=(APEX * math.sqrt(1 - slope**2), 0.0, THICKNESS + APEX * slope),
-        order=order,
-    )
+        root=(APEX * math.sqrt(1 - slope**2), 0.0, THICKNESS + APEX * slope), order=order,
+    )  # fmt: skip
     floor = tb.Contact(
-        tb.Plane((0.0, 0, 0), (0.0, 0, 1.0)),
-        radius=tb.Table((0.0, LENGTH), radii),
-        thickness=THICKNESS,
-        force=FORCE,
-        **law,
-    )
+        tb.Plane((0.0, 0, 0), (0.0, 0, 1.0)), radius=tb.Table((0.0, LENGTH), radii),
+        thickness=THICKNESS, force=FORCE, **law,
+    )  # fmt: skip
     return tb.Scene(beam, [tb.Gravity((0.0, 0.0, -G)), floor], supports=())
 
 

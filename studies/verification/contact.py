@@ -95,13 +95,9 @@ def capstan() -> tuple[Tensor, Tensor]:
         nodes = torch.stack((-outer * torch.cos(turn), 0 * s, outer * torch.sin(turn) - down), -1)
         rope = tb.Section.from_stiffness(EA=2e3, GA=2e3, GJ=1e-3, EI=1e-6, mass=0.05, inertia=1e-7)
         contact = tb.Contact(
-            tb.Cylinder((0.0, 0, 0), (0, 1.0, 0), R, spin=spin),
-            thickness=d,
-            force=P,
-            friction=0.3,
-            slip_speed=1e-3,
-            damping=1e-3,
-        )
+            tb.Cylinder((0.0, 0, 0), (0, 1.0, 0), R, spin=spin), thickness=d, force=P, friction=0.3,
+            slip_speed=1e-3, damping=1e-3,
+        )  # fmt: skip
         scene = tb.Scene(
             tb.Beam.from_nodes(nodes, rope),
             [tb.TipLoad(force=(0, 0, -1.0)), tb.MassDamping(60.0), tb.Damping(2e-4), contact],

@@ -50,13 +50,9 @@ def robot() -> tb.Scene:
     for k, (rod, longer) in enumerate(zip(struts(), LONGER, strict=True)):
         along = torch.tensor(rod.axes[:, 0])
         parts[f"strut {k}"] = tb.Beam.straight(
-            rod.length,
-            ELEMENTS,
-            section(GJ=GJ, EI=EI),
-            root=torch.tensor(rod.root) - longer * along,
-            direction=along,
-            order=2,
-        )
+            rod.length, ELEMENTS, section(GJ=GJ, EI=EI),
+            root=torch.tensor(rod.root) - longer * along, direction=along, order=2,
+        )  # fmt: skip
         supports.append(tb.Support((f"strut {k}", 0), displacement=longer * along))
     return tb.Scene(
         {**parts, "platform": tb.Body(0.1, 1e-4, position=(0, 0, HEIGHT))},

@@ -93,12 +93,9 @@ def collocated(
     s = np.linspace(0, 1, begin[0][0].shape[-1])
     done = solve_bvp(
         lambda s, y, n: rates(rods, y, forces_of(n), unit),
-        lambda a, b, n: ends(by_rod(rods, a), by_rod(rods, b), n),
-        s,
-        np.concatenate([y for y, _ in begin]),
-        start,
-        tol=residual,
-    )
+        lambda a, b, n: ends(by_rod(rods, a), by_rod(rods, b), n), s,
+        np.concatenate([y for y, _ in begin]), start, tol=residual,
+    )  # fmt: skip
     if done.status:
         raise RuntimeError(f"collocation of rods has failed: {done.message}")
     return by_rod(rods, done.y[:, -1])

@@ -111,13 +111,9 @@ def deep_arch(elements: int) -> tuple[Tensor, Tensor]:
     """
     lean = math.radians(107.5)
     arc = tb.Beam.arc(
-        1.0,
-        2 * lean,
-        elements,
-        section(EA=1e6),
-        direction=(math.cos(lean), math.sin(lean), 0),
+        1.0, 2 * lean, elements, section(EA=1e6), direction=(math.cos(lean), math.sin(lean), 0),
         up=(0, 0, -1),
-    )
+    )  # fmt: skip
     crown = tb.PointLoad(elements // 2, force=(0, -9.5, 0))
     scene = tb.Scene(
         arc, [crown], supports=(tb.Support(0), tb.Support(-1, "xyz", "xy")), plane="xy"

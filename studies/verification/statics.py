@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,12 +18,58 @@ from .case import ORDER, Case, columns, reference
 PRINTED = "half of the last digit that was printed, and the mesh's error"
 
 
-def dead(N: int) -> tuple[Tensor, Tensor]:
-    alpha, u, w = columns(
-        reference("elastica_dead_tip_load")["values"], "alpha", "u_over_L", "w_over_L"
-    )
-    tip = tb.equilibrium(cantilever(N, tb.TipLoad(force=along(2, alpha)))).tip.position
-    return tip[:, ::2], torch.stack((1 - u, w), -1)
+@dataclass(frozen=True)
+class Tips:
+    """Tips of a cantilever, an entry of a stored table a sample: columns of the table; scene (N,
+    *columns); wanted (*columns), the tip's two coordinates over L, of these axes.
+    """
+
+    table: str
+    columns: tuple[str, ...]
+    scene: Callable[..., tb.Scene]
+    wanted: Callable[..., tuple[Tensor, Tensor]] = lambda load, x, y: (x, y)
+    axes: tuple[int, int] = (0, 2)
+
+    def __call__(self, N: int, **options: Any) -> tuple[Tensor, Tensor]:
+        values = columns(reference(self.table)["values"], *self.columns)
+        tip = tb.equilibrium(self.scene(N, *values, **options)).tip.position
+        return tip[:, self.axes], torch.stack(self.wanted(*values), -1)
+
+
+PLACES = "x_tip_over_L", "y_tip_over_L"
+dead = Tips(
+    "elastica_dead_tip_load",
+    ("alpha", "u_over_L", "w_over_L"),
+    lambda N, a, *_, **order: cantilever(N, tb.TipLoad(force=along(2, a)), **order),
+    lambda a, u, w: (1 - u, w),
+)
+follower = Tips(
+    "elastica_follower_tip_load",
+    ("alpha", *PLACES),
+    lambda N, a, *_, **order: cantilever(N, tb.TipLoad(force=along(2, a), follower=True), **order),
+)
+roll_up = Tips(
+    "end_moment_rollup",
+    ("lam", *PLACES),
+    lambda N, lam, *_, **order: cantilever(
+        N, tb.TipLoad(moment=along(2, math.pi * lam)), of=section(1e3, 5e2), **order
+    ),
+    axes=(0, 1),
+)
+heavy = Tips(
+    "heavy_elastica",
+    ("beta", "u_over_L", "w_over_L"),
+    lambda N, beta, *_, **order: cantilever(
+        N, tb.Gravity((0, 0, -1.0)), of=section(mass=beta), **order
+    ),
+    lambda beta, u, w: (1 - u, -w),
+)
+reissner = Tips(
+    "reissner_cantilever",
+    ("P", "EA", "GA", "x_tip", "y_tip"),
+    lambda N, P, EA, GA, *_: cantilever(N, tb.TipLoad(force=along(2, P)), of=section(EA, GA)),
+    lambda P, EA, GA, x, y: (x, y),
+)
 
 
 def dead_gradient(N: int) -> tuple[Tensor, Tensor]:
@@ -45,44 +93,6 @@ def mattiasson(N: int) -> tuple[Tensor, Tensor]:
     tip = tb.equilibrium(cantilever(N, tb.TipLoad(force=along(2, torch.tensor([1.0, 10.0]))))).tip
     angle = torch.atan2(tip.rotation[..., 2, 0], tip.rotation[..., 0, 0])
     return torch.stack((1 - tip.position[..., 0], tip.position[..., 2], angle), -1), printed
-
-
-def follower(N: int) -> tuple[Tensor, Tensor]:
-    alpha, x, y = columns(
-        reference("elastica_follower_tip_load")["values"], "alpha", "x_tip_over_L", "y_tip_over_L"
-    )
-    tip = tb.equilibrium(
-        cantilever(N, tb.TipLoad(force=along(2, alpha), follower=True))
-    ).tip.position
-    return tip[:, ::2], torch.stack((x, y), -1)
-
-
-def roll_up(N: int) -> tuple[Tensor, Tensor]:
-    lam, x, y = columns(
-        reference("end_moment_rollup")["values"], "lam", "x_tip_over_L", "y_tip_over_L"
-    )
-    tip = tb.equilibrium(
-        cantilever(N, tb.TipLoad(moment=along(2, math.pi * lam)), of=section(1e3, 5e2))
-    ).tip.position
-    return tip[:, :2], torch.stack((x, y), -1)
-
-
-def heavy(N: int) -> tuple[Tensor, Tensor]:
-    beta, u, w = columns(reference("heavy_elastica")["values"], "beta", "u_over_L", "w_over_L")
-    tip = tb.equilibrium(
-        cantilever(N, tb.Gravity((0, 0, -1.0)), of=section(mass=beta))
-    ).tip.position
-    return tip[:, ::2], torch.stack((1 - u, -w), -1)
-
-
-def reissner(N: int) -> tuple[Tensor, Tensor]:
-    P, EA, GA, x, y = columns(
-        reference("reissner_cantilever")["values"], "P", "EA", "GA", "x_tip", "y_tip"
-    )
-    tip = tb.equilibrium(
-        cantilever(N, tb.TipLoad(force=along(2, P)), of=section(EA, GA))
-    ).tip.position
-    return tip[:, ::2], torch.stack((x, y), -1)
 
 
 def bend(N: int, P: float) -> tb.State:
@@ -120,7 +130,9 @@ def bend_gxbeam(N: int) -> tuple[Tensor, Tensor]:
 
 def case(name: str, source: str, quantity: str, solve: Callable, N: int, bound: float,
          why: str = ORDER, scale: float = 1.0) -> Case:  # fmt: skip
-    return Case(name, source, quantity, f"{N} elements", lambda: solve(N), bound, why, scale)
+    coarse = (lambda: solve(N // 2)) if why == ORDER else None
+    mesh = f"{N} elements"
+    return Case(name, source, quantity, mesh, lambda: solve(N), bound, why, scale, coarse)
 
 
 # fmt: off

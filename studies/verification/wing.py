@@ -78,13 +78,10 @@ def strips(chord: float | Tensor, speed: Tensor, a: float, density: float) -> tb
         return lift * R[..., 2], moment * R[..., 0]
 
     return tb.Load(
-        load,
-        node=None,
-        internal=2,
-        rate=rate,
+        load, node=None, internal=2, rate=rate,
         values={"semichord": chord / 2, "speed": speed[..., None]},
         of=("rotation", "velocity", "spin", "acceleration", "angular_acceleration"),
-    )
+    )  # fmt: skip
 
 
 def goland(speed: Tensor, elements: int = N, GJ: float | Tensor = GJ) -> tb.Scene:

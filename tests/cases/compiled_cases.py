@@ -77,22 +77,14 @@ def element_inputs(space, *lead):
         name: rotations(space, *lead, 1) for name in ("q_i", "q_j", "qe_i", "qe_j", "qs_i", "qs_j")
     }
     one = {
-        "r_i": (p,),
-        "r_j": (p,),
-        "stress": (k,),
-        "reference": (k,),
-        "S": (k, k),
-        "half_i": (s, s),
+        "r_i": (p,), "r_j": (p,), "stress": (k,), "reference": (k,), "S": (k, k), "half_i": (s, s),
         "half_j": (s, s),
-    }
+    }  # fmt: skip
     others = {name: torch.randn(*lead, 1, *shape) for name, shape in one.items()}
     return {
-        **q,
-        **others,
-        "length": 0.5 + torch.rand(*lead, 1, 1),
-        "h": 0.1 + torch.rand(*lead, 1, 1),
+        **q, **others, "length": 0.5 + torch.rand(*lead, 1, 1), "h": 0.1 + torch.rand(*lead, 1, 1),
         "tau": torch.rand(*lead, 1, 1, 1),
-    }
+    }  # fmt: skip
 
 
 def node_of(space):
@@ -124,15 +116,9 @@ def node_of(space):
 def node_inputs(space, *lead):
     p, s = space.dims.position, space.dims.spin
     one = {
-        "inertia": (s, s),
-        "offset": (p,),
-        "position": (p,),
-        "velocity": (p,),
-        "spin": (s,),
-        "v": (p,),
-        "omega": (s,),
-        "u": (p,),
-    }
+        "inertia": (s, s), "offset": (p,), "position": (p,), "velocity": (p,), "spin": (s,),
+        "v": (p,), "omega": (s,), "u": (p,),
+    }  # fmt: skip
     return {
         **{name: torch.randn(*lead, 1, *shape) for name, shape in one.items()},
         "mass": torch.rand(*lead, 1, 1),

@@ -38,15 +38,9 @@ ROUNDING = 1e-11
 NONE = 1e-6
 
 IMPLICIT = (
-    "midpoint",
-    "generalized_alpha",
-    "midpoint checkpoint",
-    "generalized_alpha checkpoint",
-    "midpoint conserve",
-    "midpoint lumped",
-    "stepper midpoint",
-    "stepper generalized_alpha",
-)
+    "midpoint", "generalized_alpha", "midpoint checkpoint", "generalized_alpha checkpoint",
+    "midpoint conserve", "midpoint lumped", "stepper midpoint", "stepper generalized_alpha",
+)  # fmt: skip
 EXPLICIT = ("nodal rk4", "explicit stepper", "minimal", "block_rate")
 WAYS = ("equilibrium", *IMPLICIT, *EXPLICIT)
 SPACES = ("3D", "xy", "xz", "auto", "small")
@@ -180,13 +174,10 @@ class Case:
         ]
         plane = self.spec.space if self.spec.space in ("xy", "xz", "auto") else None
         return dict(
-            beam=self.kinds["beam"][0](x, self.kinds["section"][0](x)),
-            effects=tuple(effects),
+            beam=self.kinds["beam"][0](x, self.kinds["section"][0](x)), effects=tuple(effects),
             **{name: next(iter(made[name]), None) for name in ("frame", "root", "supports")},
-            small=self.spec.space == "small",
-            plane=plane,
-            dtype=self.dtype,
-        )
+            small=self.spec.space == "small", plane=plane, dtype=self.dtype,
+        )  # fmt: skip
 
     def scene(self, x: Tensors) -> tb.Scene:
         return tb.Scene(**self.parts(x))
@@ -270,15 +261,9 @@ class Case:
         else:
             method, *more = way.split()
             solution = tb.simulate(
-                scene,
-                self.t(x),
-                self.start(scene, x, at, inputs),
-                method,
-                inputs=inputs,
-                step=0.06,
-                **dict.fromkeys(more, True),
-                **exact(),
-            )
+                scene, self.t(x), self.start(scene, x, at, inputs), method, inputs=inputs,
+                step=0.06, **dict.fromkeys(more, True), **exact(),
+            )  # fmt: skip
         energy = {
             f"energy {n}": e[-1][..., None]
             for n, e in solution.energy._asdict().items()

@@ -1,16 +1,21 @@
-"""Ingredients of the gradient fuzz: every effect with every one of its arguments."""
+"""Ingredients of the gradient fuzz: every effect with every one of its arguments. Those of one
+value are the rows of `cases.rows`; here are the others, which have several, or depend on the plane.
+"""
+
+from functools import partial
 
 import torch
 
 import torchbeam as tb
+from cases.rows import ROWS
 from tests.cases.gradient_ingredients import FORMS, POLAR, ingredient
 
-ALONG = ("Along", "PerElement", "PerElement function")
+EACH = ("PerElement", "PerElement function")
 
 
 def along(d, name, size, form, axial=False):
     """What may stand where a value along the beam is wanted."""
-    if form not in ALONG:
+    if form not in ("Along", *EACH):
         return d.value(name, size, form, axial)
     if form == "Along":
         v, rate = d.vector(name, size, axial), d.number(f"{name} rate", 2.0, 5.0)
@@ -26,35 +31,18 @@ def along(d, name, size, form, axial=False):
     return lambda x: tb.PerElement(lambda t: v(x) * (1 + torch.sin(rate(x) * t))[..., None, None])
 
 
-@ingredient("effect", "TipLoad force", (*FORMS, "constant function"))
-def tip_force(d, form):
-    f, follower = d.value("TipLoad force", 0.4, form), d.pick(False, True)
-    return lambda x: tb.TipLoad(force=f(x), follower=follower)
+def of_row(row, name, d, form=""):
+    size, axial = row.gradient
+    v = along(d, name, size, form, axial) if form else d.number(name, size, axial)
+    return lambda x: row.make(v(x), d.count)
 
 
-@ingredient("effect", "TipLoad moment", FORMS)
-def tip_moment(d, form):
-    m, follower = d.value("TipLoad moment", 0.2, form, axial=True), d.pick(False, True)
-    return lambda x: tb.TipLoad(moment=m(x), follower=follower)
-
-
-@ingredient("effect", "PointLoad", FORMS)
-def point_load(d, form):
-    f, m = d.value("PointLoad force", 0.4, form), d.value("PointLoad moment", 0.2, form, axial=True)
-    node, follower = d.pick(1, -2), d.pick(False, True)
-    return lambda x: tb.PointLoad(node=node, force=f(x), moment=m(x), follower=follower)
-
-
-@ingredient("effect", "LineLoad force", (*FORMS, *ALONG))
-def line_force(d, form):
-    f, follower = along(d, "LineLoad force", 0.4, form), d.pick(False, True)
-    return lambda x: tb.LineLoad(force=f(x), follower=follower)
-
-
-@ingredient("effect", "LineLoad moment", (*FORMS, *ALONG))
-def line_moment(d, form):
-    m, follower = along(d, "LineLoad moment", 0.2, form, axial=True), d.pick(False, True)
-    return lambda x: tb.LineLoad(moment=m(x), follower=follower)
+for name, row in ROWS.items():
+    if row.gradient:
+        many = ("Along",) * ("along" in row.forms) + EACH * ("element" in row.forms)
+        vector = isinstance(row.gradient[1], bool)
+        forms = (*FORMS, *many) if vector else ("",)
+        ingredient("effect", name, forms)(partial(of_row, row, name))
 
 
 @ingredient("effect", "History")
@@ -64,28 +52,10 @@ def history(d):
     return lambda x: tb.TipLoad(force=tb.History(t(x), f(x)))
 
 
-@ingredient("effect", "Gravity", FORMS)
-def gravity(d, form):
-    g = d.value("Gravity g", 1.0, form)
-    return lambda x: tb.Gravity(g(x))
-
-
-@ingredient("effect", "Damping one")
-def damping(d):
-    tau = d.number("Damping tau", 0.01, 0.03)
-    return lambda x: tb.Damping(tau(x))
-
-
 @ingredient("effect", "Damping six")
 def damping_six(d):
     tau = d.tensor("Damping tau", 0.01 + 0.02 * d.uniform(6))
     return lambda x: tb.Damping(tau(x), six=True)
-
-
-@ingredient("effect", "MassDamping")
-def mass_damping(d):
-    alpha = d.number("MassDamping alpha", 0.5, 2.0)
-    return lambda x: tb.MassDamping(alpha(x))
 
 
 @ingredient("effect", "rayleigh")
@@ -183,30 +153,11 @@ def point_offset(d, form):
     return body
 
 
-@ingredient("effect", "Actuation curvature", (*FORMS, "PerElement", "PerElement function"))
-def actuation_curvature(d, form):
-    k = along(d, "Actuation curvature", 0.4, form, axial=True)
-    elements = None if form.startswith("PerElement") else d.pick(None, (0,), (-1,))
-    return lambda x: tb.Actuation(curvature=k(x), elements=elements)
-
-
-@ingredient("effect", "Actuation strain", (*FORMS, "PerElement", "PerElement function"))
-def actuation_strain(d, form):
-    k = along(d, "Actuation strain", 0.05, form)
-    return lambda x: tb.Actuation(strain=k(x))
-
-
 @ingredient("effect", "Actuation both")
 def actuation_both(d):
     k = d.value("Actuation curvature", 0.4, "function", axial=True)
-    e = d.value("Actuation strain", 0.05, "tuple")
-    return lambda x: tb.Actuation(curvature=k(x), strain=e(x))
-
-
-@ingredient("effect", "Spring to", FORMS)
-def spring(d, form):
-    k, to, node = d.number("Spring stiffness", 0.5, 1.5), d.value("Spring to", 0.8, form), _node(d)
-    return lambda x: tb.Spring(node, k(x), to(x))
+    e, elements = d.value("Actuation strain", 0.05, "tuple"), d.pick(None, (0,), (-1,))
+    return lambda x: tb.Actuation(curvature=k(x), strain=e(x), elements=elements)
 
 
 @ingredient("effect", "Spring length", FORMS)

@@ -13,40 +13,21 @@ import torch
 from tests.cases.gradient_cases import INITIAL, SPACES, WAYS, Case, Row, Spec, Unsolved, is_refusal
 from tests.cases.gradient_ingredients import VARIANTS
 
-LOADS = ("TipLoad", "PointLoad", "LineLoad", "Gravity", "History")
+LOADS = ("TipLoad", "PointLoad", "LineLoad", "Gravity.g", "History")
 NO_SOLUTION = ("has no equilibrium", "the step shrank to nothing")
 DAMPINGS = ("Damping", "rayleigh")  # of which a scene has one
 TRIES = 4  # of an ingredient in company; after them it comes alone
 COLUMNS = (
-    "case",
-    "way",
-    "space",
-    "start",
-    "elements",
-    "ingredients",
-    "tensor",
-    "reverse",
-    "forward",
-    "difference",
-    "noise",
-    "relative error",
-    "resolved",
-    "passed",
-)
+    "case", "way", "space", "start", "elements", "ingredients", "tensor", "reverse", "forward",
+    "difference", "noise", "relative error", "resolved", "passed",
+)  # fmt: skip
 
 
 MIXED = ("minimal", "block_rate", "explicit stepper")
 UNMIXED = (
-    "Actuation",
-    "PointMass",
-    "Load node",
-    "Load inputs node",
-    "Load internal",
-    "RootSpring",
-    "Contact",
-    "Tendon",
-    "Drag added_mass",
-)
+    "Actuation", "PointMass", "Load node", "Load inputs node", "Load internal", "RootSpring",
+    "Contact", "Tendon", "Drag added_mass",
+)  # fmt: skip
 
 
 def fits(way: str, kind: str, name: str) -> bool:
@@ -153,16 +134,11 @@ class Fuzz:
             effects = [e for e in effects if not e[1].startswith("RootSpring")]
         single = {"section": ("section", "from_stiffness"), "beam": ("beam", "straight"), **single}
         if not any(name.startswith(LOADS) for _, name in effects):
-            effects.append(("effect", "TipLoad force value"))
+            effects.append(("effect", "TipLoad.force value"))
         return Spec(
-            self.seed * 100_000 + self.tried,
-            way,
-            space,
-            (*single.values(), *effects),
-            start,
-            self._pick(2, 2, 3),
-            self.crowded,
-        )
+            self.seed * 100_000 + self.tried, way, space, (*single.values(), *effects), start,
+            self._pick(2, 2, 3), self.crowded,
+        )  # fmt: skip
 
     def run(self, cases: int, seconds: float = float("inf")) -> None:
         """So many, and more until nothing is missing; of CPU seconds at most so many."""

@@ -32,16 +32,9 @@ def circle(d):
 
 def _stiffness(d, label, **fixed):
     ranges = dict(
-        EA=(20, 30),
-        GAy=(12, 15),
-        GAz=(16, 20),
-        GJ=(0.7, 0.9),
-        EIy=(0.8, 1.2),
-        EIz=(1.5, 2.0),
-        mass=(0.4, 0.6),
-        Iy=(0.02, 0.03),
-        Iz=(0.03, 0.04),
-    )
+        EA=(20, 30), GAy=(12, 15), GAz=(16, 20), GJ=(0.7, 0.9), EIy=(0.8, 1.2), EIz=(1.5, 2.0),
+        mass=(0.4, 0.6), Iy=(0.02, 0.03), Iz=(0.03, 0.04),
+    )  # fmt: skip
     read = {n: d.number(f"{label} {n}", *r) for n, r in ranges.items() if n not in fixed}
 
     def section(x):
@@ -140,13 +133,9 @@ def tapered(d):
 
     def section(x):
         return lambda s: tb.Section.from_stiffness(
-            30.0,
-            15.0,
-            0.8,
-            EI(x)[..., None] * (1 - taper(x)[..., None] * s) ** 3,
-            mass(x)[..., None] * (1 - taper(x)[..., None] * s),
-            0.03,
-        )
+            30.0, 15.0, 0.8, EI(x)[..., None] * (1 - taper(x)[..., None] * s) ** 3,
+            mass(x)[..., None] * (1 - taper(x)[..., None] * s), 0.03,
+        )  # fmt: skip
 
     return section
 
@@ -226,13 +215,9 @@ def curve(d, form):
             length(x), d.count, section, k(x), order=d.order, **placing(x)
         )
     return lambda x, section: tb.Beam.curve(
-        length(x),
-        d.count,
-        section,
-        lambda s: k(x)[..., None, :] * (1 + s[..., None]),
-        order=d.order,
-        **placing(x),
-    )
+        length(x), d.count, section, lambda s: k(x)[..., None, :] * (1 + s[..., None]),
+        order=d.order, **placing(x),
+    )  # fmt: skip
 
 
 def _nodes(d):

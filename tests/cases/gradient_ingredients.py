@@ -17,7 +17,7 @@ import torchbeam as tb
 Tensors = dict[str, Tensor]
 Reader = Callable[[Tensors], object]
 POLAR = {"xy": (0, 1), "xz": (0, 2)}  # axes in the plane
-FORMS = ("value", "list", "function", "tuple", "Input")
+FORMS = ("value", "list", "function", "tuple", "Input", "constant function")
 TABLE: dict[str, dict[str, Callable]] = {
     name: {} for name in ("section", "beam", "supports", "frame", "root", "effect")
 }

@@ -72,12 +72,9 @@ class Problem:
         inputs = {name: s.given(moving[name], value) for name, value in self.inputs.items()}
         return Problem(
             {**parts, **one, "supports": supports, "effects": tuple(map(s, parts["effects"]))},
-            s.value(INSTANT, self.t),
-            inputs,
-            None if self.start is None else s(self.start),
-            self.step * s.time,
-            self.second * s.time,
-        )
+            s.value(INSTANT, self.t), inputs, None if self.start is None else s(self.start),
+            self.step * s.time, self.second * s.time,
+        )  # fmt: skip
 
 
 def solved(of: tb.State | tb.Solution, velocity: Tensor) -> None:
@@ -110,16 +107,9 @@ def motion(p: Problem, method: str, form: str = "nodal", **options: Any) -> Foun
     with_step = {} if "rtol" in options or method == "rk4" else dict(step=p.step)
     tolerance = {} if method == "rk4" else exact()
     solution = tb.simulate(
-        p.scene,
-        p.t,
-        p.start,
-        method,
-        form=form,
-        inputs=p.inputs,
-        **with_step,
-        **tolerance,
+        p.scene, p.t, p.start, method, form=form, inputs=p.inputs, **with_step, **tolerance,
         **options,
-    )
+    )  # fmt: skip
     if form != "nodal":
         solved(solution, solution.tip.velocity)
         found = {

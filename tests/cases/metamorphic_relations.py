@@ -112,22 +112,13 @@ def _numbers(holder: str, said: Said) -> Pair:
 RELATIONS: dict[str, Callable[[Said], Pair]] = {
     "turned": partial(_similar, lambda said: Similarity(turn=_turn(said))),
     "mirrored": partial(_similar, lambda said: Similarity(turn=_turn(said, True))),
-    "moved": partial(_similar, _moved),
-    "units": partial(_similar, _units),
+    "moved": partial(_similar, _moved), "units": partial(_similar, _units),
     "later": partial(_similar, _later),
-    **{f"words: {name}": partial(_words, change) for name, change in WORDS.items()},
-    "again": again,
-    **{f"numbers: {holder}": partial(_numbers, holder) for holder in HOLDERS},
-    **RUNS,
-}
+    **{f"words: {name}": partial(_words, change) for name, change in WORDS.items()}, "again": again,
+    **{f"numbers: {holder}": partial(_numbers, holder) for holder in HOLDERS}, **RUNS,
+}  # fmt: skip
 # relations that lose derivatives, or are about them
 VALUES_ONLY = {
-    "t as a list",
-    "restart from a file",
-    "scene from a file",
-    "dual",
-    "vmap",
-    "chunks",
-    "single precision",
-    "default dtype",
-}
+    "t as a list", "restart from a file", "scene from a file", "dual", "vmap", "chunks",
+    "single precision", "default dtype",
+}  # fmt: skip

@@ -156,12 +156,9 @@ def restart(said: Said, through: Callable = lambda state: state) -> Pair:
         options = dict(method="rk4", inputs=p.inputs)
     else:
         options = dict(
-            method=method,
-            inputs=p.inputs,
-            step=p.step,
-            **dict.fromkeys(said.answer.split()[1:], True),
-            **exact(),
-        )
+            method=method, inputs=p.inputs, step=p.step,
+            **dict.fromkeys(said.answer.split()[1:], True), **exact(),
+        )  # fmt: skip
     whole = tb.simulate(p.scene, p.t, p.start, **options)
     first = tb.simulate(p.scene, p.t[:2], p.start, **options)
     last = tb.simulate(p.scene, p.t[1:], through(first.state[-1]), **options)

@@ -141,13 +141,9 @@ class Similarity:
     def inverse(self) -> Similarity:
         back = self.turn.mT
         return Similarity(
-            back,
-            -(back @ self.origin) * self.length,
-            1 / self.mass,
-            1 / self.length,
-            1 / self.time,
-            -self.shift * self.time,
-        )
+            back, -(back @ self.origin) * self.length, 1 / self.mass, 1 / self.length,
+            1 / self.time, -self.shift * self.time,
+        )  # fmt: skip
 
     @property
     def mirrors(self) -> bool:

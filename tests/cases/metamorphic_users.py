@@ -1,4 +1,4 @@
-"""Loads as a user would write them: `USERS` has a row for every effect."""
+"""How effects are split, and loads as a user would write them: `EFFECTS` has a row for each."""
 
 from __future__ import annotations
 
@@ -145,14 +145,24 @@ def _user_spring(e: Any, parts: Parts) -> Any:
 
 
 # fmt: off
-# None: what a user's load cannot do, or is one already
-USERS: dict[type, Callable[[Any, Parts], Any] | None] = {
-    tb.TipLoad: _user_given, tb.PointLoad: _user_given, tb.LineLoad: _user_given,
-    tb.Gravity: _user_gravity, tb.Damping: None,
-    tb.MassDamping: _user_mass_damping, tb.Drag: _user_drag, tb.PointMass: None, tb.Actuation: None,
-    tb.Spring: _user_spring,
-    tb.RootSpring: None, tb.Contact: None, tb.Load: None, tb.Tendon: None,
-    tb.SelfContact: None,
+# what of an effect is halved for half of it, () = it cannot be split; and the user's load that does
+# the same, None = what it cannot do, or is one already
+EFFECTS: dict[type, tuple[tuple[str, ...], Callable[[Any, Parts], Any] | None]] = {
+    tb.TipLoad: (("force", "moment"), _user_given),
+    tb.PointLoad: (("force", "moment"), _user_given),
+    tb.LineLoad: (("force", "moment"), _user_given),
+    tb.Gravity: (("g",), _user_gravity),
+    tb.Damping: ((), None),
+    tb.MassDamping: (("alpha",), _user_mass_damping),
+    tb.Drag: (("density",), _user_drag),
+    tb.PointMass: (("mass", "inertia"), None),
+    tb.Actuation: (("curvature", "strain"), None),
+    tb.Spring: (("stiffness", "damping"), _user_spring),
+    tb.RootSpring: (("stiffness", "damping"), None),
+    tb.Contact: (("force", "stiffness"), None),
+    tb.SelfContact: (("force", "stiffness"), None),
+    tb.Load: (("function",), None),
+    tb.Tendon: (("tension", "stiffness"), None),
 }
 # fmt: on
 
@@ -161,7 +171,7 @@ def as_user(parts: Parts) -> Parts:
     """Whatever can be, a user's function of the motion."""
 
     def changed(e: Any) -> Any:
-        make = USERS.get(type(e))
+        make = EFFECTS[type(e)][1]
         try:
             return e if make is None else make(e, parts)
         except NotHere:

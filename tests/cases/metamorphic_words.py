@@ -1,11 +1,12 @@
 """The same scene in other words: each function here takes the parts of a scene and gives those of
 one that is to do the same.
 
-`SHARES` and `ZEROS` have a row for every effect: how it is split, and what none of it is.
+What none of an effect is stands in `cases.rows`.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
@@ -13,28 +14,15 @@ from typing import Any
 import torch
 
 import torchbeam as tb
+from cases.rows import ROWS, Row, double
 from tests.cases.metamorphic_parts import NotHere, Parts, each, times
 from tests.cases.metamorphic_similarity import quantities, tensor
-from tests.cases.metamorphic_users import as_user, nodal_loads
+from tests.cases.metamorphic_users import EFFECTS, as_user, nodal_loads
 from torchbeam.extend import quaternions as quat
-
-# fmt: off
-# what of an effect is halved for half of it; (): it cannot be split
-SHARES: dict[type, tuple[str, ...]] = {
-    tb.TipLoad: ("force", "moment"), tb.PointLoad: ("force", "moment"),
-    tb.LineLoad: ("force", "moment"), tb.Gravity: ("g",),
-    tb.Damping: (), tb.MassDamping: ("alpha",), tb.Drag: ("density",),
-    tb.PointMass: ("mass", "inertia"),
-    tb.Actuation: ("curvature", "strain"), tb.Spring: ("stiffness", "damping"),
-    tb.RootSpring: ("stiffness", "damping"), tb.Contact: ("force", "stiffness"),
-    tb.Load: ("function",), tb.Tendon: ("tension", "stiffness"),
-    tb.SelfContact: ("force", "stiffness"),
-}
-# fmt: on
 
 
 def share(effect: Any, k: float) -> Any:
-    names = SHARES[type(effect)]
+    names = EFFECTS[type(effect)][0]
     if not names or getattr(effect, "internal", 0):
         raise NotHere
     return replace(effect, **{name: times(k, getattr(effect, name)) for name in names})
@@ -54,35 +42,22 @@ def halved(parts: Parts) -> Parts:
     return {**parts, "effects": tuple(found)}
 
 
-ZEROS: dict[
-    type, Callable[[Any], Any]
-] = {  # of what zero is: a number, or a tensor, which may carry gradient
-    tb.TipLoad: lambda o: tb.TipLoad(force=(o, o, o), moment=(o, o, o)),
-    tb.PointLoad: lambda o: tb.PointLoad(1, force=(o, o, o), follower=True),
-    tb.LineLoad: lambda o: tb.LineLoad(force=(o, o, o), moment=(o, o, o)),
-    tb.Gravity: lambda o: tb.Gravity((o, o, o)),
-    tb.Damping: lambda o: tb.Damping(o),
-    tb.MassDamping: lambda o: tb.MassDamping(o),
-    tb.Drag: lambda o: tb.Drag(o, 0.1, flow=(1.0, 0.0, 0.0)),
-    tb.PointMass: lambda o: tb.PointMass(o, inertia=(o, o, o)),
-    tb.Actuation: lambda o: tb.Actuation(curvature=(o, o, o), strain=(o, o, o)),
-    tb.Spring: lambda o: tb.Spring(-1, o, (0.3, 0.0, 0.0), length=0.1, damping=o),
-    tb.RootSpring: None,  # of no stiffness it frees the root
-    tb.Contact: None,  # its force is positive
-    tb.SelfContact: None,  # likewise
-    tb.Tendon: None,  # not in small motions
-    tb.Load: lambda o: tb.Load(lambda r, R, v, w, t: (o * r, o * w), node=None),
-}
+# by its class, the first row of what is absent at some value
+ZEROS: dict[str, Row] = {}
+for name, row in ROWS.items():
+    if row.zero is not None:
+        ZEROS.setdefault(re.split(r"\W", name)[0], row)
 
 
-def with_zero(kind: type, tensor: bool) -> Callable[[Parts], Parts]:
+def with_zero(name: str, tensor: bool) -> Callable[[Parts], Parts]:
+    """None of an effect beside the others; a tensor may carry gradient."""
+
     def added(parts: Parts) -> Parts:
-        if kind is tb.Damping and any(isinstance(e, tb.Damping) for e in parts["effects"]):
+        if name == "Damping" and any(isinstance(e, tb.Damping) for e in parts["effects"]):
             raise NotHere
-        return {
-            **parts,
-            "effects": (*parts["effects"], ZEROS[kind](torch.zeros(()) if tensor else 0.0)),
-        }
+        zero = ZEROS[name].zero
+        none = ZEROS[name].make(double(zero) if tensor else zero, parts["beam"].element_count)
+        return {**parts, "effects": (*parts["effects"], none)}
 
     return added
 
@@ -97,18 +72,9 @@ def reversed_effects(parts: Parts) -> Parts:
 
 
 MAY_BE_FUNCTIONS = (
-    "force",
-    "moment",
-    "g",
-    "curvature",
-    "strain",
-    "displacement",
-    "rotation",
-    "turn",
-    "velocity",
-    "angular_velocity",
-    "to",
-)
+    "force", "moment", "g", "curvature", "strain", "displacement", "rotation", "turn", "velocity",
+    "angular_velocity", "to",
+)  # fmt: skip
 
 
 def _valued(
@@ -269,15 +235,10 @@ def beam_by_curvature(parts: Parts) -> Parts:
         return k.repeat_interleave(s.shape[-1] // h.shape[-1], -2)
 
     made = tb.Beam.curve(
-        h.sum(-1),
-        beam.element_count,
-        tb.Section(beam.compliance[..., 0, :, :], beam.mass[..., 0, :, :]),
-        curvature,
-        direction=axes[..., 0],
-        up=axes[..., 2],
-        root=beam.nodes[..., 0, :],
-        order=beam.order,
-    )
+        h.sum(-1), beam.element_count,
+        tb.Section(beam.compliance[..., 0, :, :], beam.mass[..., 0, :, :]), curvature,
+        direction=axes[..., 0], up=axes[..., 2], root=beam.nodes[..., 0, :], order=beam.order,
+    )  # fmt: skip
     fits = all(
         (getattr(made, name) - getattr(beam, name)).abs().max() < 1e-12 * h.max()
         for name in ("nodes", "length")
@@ -368,9 +329,8 @@ WORDS: dict[str, Callable[[Parts], Parts]] = {
     "sections of elements": sections_again,
     "by replace": replaced,
     **{
-        f"no {kind.__name__} as a {'tensor' if tensor else 'number'}": with_zero(kind, tensor)
-        for kind, make in ZEROS.items()
-        if make
+        f"no {name} as a {'tensor' if tensor else 'number'}": with_zero(name, tensor)
+        for name in ZEROS
         for tensor in (False, True)
     },
 }

@@ -107,13 +107,10 @@ def state(of, seed=1, size=0.3):
         )
 
     return replace(
-        start,
-        position=start.position + free(size),
-        rotation=quat.multiply(quat.exponential(free(size)), start.rotation),
-        velocity=free(1.0),
-        spin=free(1.0),
-        stress=torch.randn_like(start.stress),
-    )
+        start, position=start.position + free(size),
+        rotation=quat.multiply(quat.exponential(free(size)), start.rotation), velocity=free(1.0),
+        spin=free(1.0), stress=torch.randn_like(start.stress),
+    )  # fmt: skip
 
 
 def energy_drifts(scene, t, steps, **options):

@@ -338,12 +338,8 @@ def arm(by):
     hub = tb.Body(by.near("body", 0.3), 1e-3, position=tip)
     push = tb.PointLoad(("fore", -1), force=by.near("force", 0.3, 0.0, 0.2))
     effects = [
-        tb.Gravity((0, 0.2, -9.81)),
-        tb.Drag(1.0, 0.1, on="arm"),
-        tb.Damping(0.01),
-        push,
-        lag,
-    ]
+        tb.Gravity((0, 0.2, -9.81)), tb.Drag(1.0, 0.1, on="arm"), tb.Damping(0.01), push, lag,
+    ]  # fmt: skip
     return motor(tb.Scene(
         {"arm": tb.Beam.straight(length, 4, own), "fore": fore, "hub": hub}, effects,
         joints=[tb.Hinge(("arm", 2), ("fore", 0), axis=(0, 0, 1), **laws),

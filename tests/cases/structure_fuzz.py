@@ -77,12 +77,9 @@ def numbers(drawn: Drawn, seed: int) -> dict[str, Tensor]:
     for k in range(len(drawn.kinds)):
         found |= {
             f"way {k}": some(-0.4, 0.4, 3) + torch.eye(3, dtype=torch.float64)[k % 3],
-            f"axis {k}": some(-1, 1, 3),
-            f"EI {k}": some(0.5, 2.0),
-            f"mass {k}": some(0.1, 0.4),
-            f"stiffness {k}": some(0.5, 3.0),
-            f"damping {k}": some(0.01, 0.1),
-        }
+            f"axis {k}": some(-1, 1, 3), f"EI {k}": some(0.5, 2.0), f"mass {k}": some(0.1, 0.4),
+            f"stiffness {k}": some(0.5, 3.0), f"damping {k}": some(0.01, 0.1),
+        }  # fmt: skip
     found["rod"] = some(0.3, 0.6, 3)
     found |= {"pull": some(0.2, 0.4), "arm": some(-0.02, 0.02, 3), "ground": some(-0.4, -0.2, 3)}
     found |= {"below": some(-0.1, 0.0, 3), "press": some(1.0, 2.0), "thickness": some(0.3, 0.4)}
@@ -172,13 +169,9 @@ def _beams(
     EI, mass = units.size(1, 3, -2) * n[f"EI {k}"], units.size(1, -1, 0) * n[f"mass {k}"]
     stiff = units.size(1, 1, -2) * n[f"EI {k}"]
     section = tb.Section.from_stiffness(
-        EA=500 * stiff,
-        GA=200 * stiff,
-        GJ=0.7 * EI,
-        EI=(EI, 1.4 * EI),
-        mass=mass,
+        EA=500 * stiff, GA=200 * stiff, GJ=0.7 * EI, EI=(EI, 1.4 * EI), mass=mass,
         inertia=1e-3 * units.length**2 * mass,
-    )
+    )  # fmt: skip
     length = torch.linalg.vector_norm(way, dim=-1)
     up = torch.tensor([0.3, 0.5, 0.7], dtype=torch.float64) @ units.turn.mT
     shape = dict(direction=way @ units.turn.mT, up=up, order=drawn.order)

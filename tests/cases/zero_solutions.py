@@ -32,14 +32,9 @@ def solved(case: Case, way: str) -> Callable[[Tensor], Tensor]:
             return (linear.C @ pushed)[..., 0]
         engine = {"eager": "eager", "native": "compiled"}[way]
         solution = tb.simulate(
-            scene,
-            torch.tensor(T),
-            made.get("initial"),
-            step=T[1],
-            inputs=inputs,
-            engine=engine,
+            scene, torch.tensor(T), made.get("initial"), step=T[1], inputs=inputs, engine=engine,
             tolerance=1e-12,
-        )
+        )  # fmt: skip
         return _state(solution.state[-1])
 
     return answer
@@ -48,11 +43,8 @@ def solved(case: Case, way: str) -> Callable[[Tensor], Tensor]:
 def _state(state: tb.State) -> Tensor:
     """Numbers of a state that are all of about one size."""
     parts = (
-        state.position[..., 1:, :],
-        state.rotation[..., 1:, :],
-        state.stress,
-        0.1 * state.velocity,
-    )
+        state.position[..., 1:, :], state.rotation[..., 1:, :], state.stress, 0.1 * state.velocity,
+    )  # fmt: skip
     lead = torch.broadcast_shapes(*(p.shape[:-2] for p in parts))
     return torch.cat([p.flatten(-2).expand(*lead, -1) for p in parts], -1)
 

@@ -22,11 +22,8 @@ def numbers(library: str, module: str, folder: Path) -> list[float]:
     block = BLOCKS[NAMES.index(library)]
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", FIRST + IMPORTS.get(library, "") + block],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
+        cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     printed = re.sub(r"^\*.*|^.*IPOPT.*", "", done.stdout, flags=re.MULTILINE)
     return [float(x) for x in re.findall(r"(?<![\w.])-?\d+\.?\d*(?![\w])", printed)]

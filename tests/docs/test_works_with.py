@@ -33,12 +33,9 @@ def test_the_block_in_the_docs_trains(library, module, tmp_path):
     # training is not installed
     places = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(
-        [sys.executable, "-c", BLOCKS[library]],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
+        [sys.executable, "-c", BLOCKS[library]], cwd=tmp_path, capture_output=True, text=True,
         env={**os.environ, "PYTHONPATH": places, "OMP_NUM_THREADS": "1"},
-    )
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     returns = [float(value) for value in re.findall(r"^return (\S+)$", done.stdout, re.MULTILINE)]
     assert len(returns) >= 4 and all(map(math.isfinite, returns)), done.stdout

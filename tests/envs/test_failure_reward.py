@@ -10,8 +10,10 @@ import torchbeam_envs
 from torchbeam_envs import TipReachEnv, TipReachVectorEnv
 from torchbeam_envs.plant import Plant
 
-# published with their rewards: 10 where the simulation fails, whatever is left
-PUBLISHED = "FollowTarget", "InverseKinematics", "ReachObstacles"
+# published with their rewards, of an interval in which the simulation fails, whatever is left
+PUBLISHED = dict.fromkeys(("FollowTarget", "InverseKinematics", "ReachObstacles"), -10) | {
+    "TrackTarget": -1000, "ReachPose": -10000, "ReachBehind": -100,
+}  # fmt: skip
 IDS = sorted(
     id
     for id in gymnasium.registry
@@ -81,10 +83,12 @@ def test_failing_is_no_better_than_doing_nothing_or_anything_else(id, monkeypatc
 
 
 def test_published_tasks_keep_their_reward():
-    assert {id.split("/")[1].split("-")[0].removesuffix("Planar") for id in gymnasium.registry
+    assert {id.split("/")[1].split("-")[0].removesuffix("Planar").removesuffix("Nest")
+            for id in gymnasium.registry
             if id.startswith("torchbeam/") and id not in IDS} == {*PUBLISHED}  # fmt: skip
-    for name in PUBLISHED:
-        assert getattr(torchbeam_envs, f"{name}VectorEnv").task_type.Config().failure_reward == -10
+    for name, reward in PUBLISHED.items():
+        task = getattr(torchbeam_envs, f"{name}VectorEnv").task_type
+        assert task.Config().failure_reward == reward
 
 
 def test_a_reward_that_is_given_is_that_of_the_interval(monkeypatch):

@@ -24,10 +24,12 @@ TASKS = [
 ]  # fmt: skip
 VERSION = dict.fromkeys(TASKS, 1) | {"Payload": 2, "FollowTarget": 0, "ReachObstacles": 0}
 IDS = [f"torchbeam/{t}{planar}-v{VERSION[t]}" for t in TASKS for planar in ("", "Planar")]
-IDS.append("torchbeam/InverseKinematics-v0")
+SPATIAL = "InverseKinematics", "TrackTarget", "ReachPose", "ReachBehind", "ReachBehindNest"
+ARM_IDS = [f"torchbeam/{name}-v0" for name in SPATIAL]
+IDS += ARM_IDS
 # each task in its plane, and one in space: they differ in the beam alone
 ONCE = [
-    pytest.param(id, marks=[pytest.mark.long] * (id not in ("torchbeam/TipReach-v1", IDS[-1])))
+    pytest.param(id, marks=[pytest.mark.long] * (id not in ("torchbeam/TipReach-v1", *ARM_IDS[:3])))
     if "Planar" not in id
     else id
     for id in IDS
@@ -37,7 +39,7 @@ ONCE = [
 def small(id):
     if "Obstacles" in id:  # of half a second an interval
         return dict(elements=5, substeps=10)
-    return ARMS if "Target" in id or "Kinematics" in id else SMALL
+    return ARMS if "Target" in id or id in ARM_IDS else SMALL
 
 
 def vector(id, n, **changes):

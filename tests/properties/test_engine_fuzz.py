@@ -20,16 +20,9 @@ from tests.cases.gradient_cases import Case, Spec, Unsolved, is_refusal
 from tests.cases.gradient_fuzz import NO_SOLUTION, Fuzz
 
 WAYS = (
-    "midpoint",
-    "midpoint checkpoint",
-    "midpoint lumped",
-    "midpoint conserve",
-    "stepper midpoint",
-    "generalized_alpha",
-    "generalized_alpha checkpoint",
-    "stepper generalized_alpha",
-    "equilibrium",
-)
+    "midpoint", "midpoint checkpoint", "midpoint lumped", "midpoint conserve", "stepper midpoint",
+    "generalized_alpha", "generalized_alpha checkpoint", "stepper generalized_alpha", "equilibrium",
+)  # fmt: skip
 # of the largest: both engines solve to 1e-12 of the forces, of which stiff scenes make more
 VALUE, GRADIENT = 1e-9, 1e-7
 SAMPLES = 3
@@ -128,7 +121,7 @@ def test_native_code_on_random_scenes(cases, monkeypatch):
     tensors of their own: engines agree. What native code refuses it refuses in a sentence.
     """
     monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
-    fuzz = EngineFuzz(seed=3 if cases > 1 else 5)  # whose first scene is a small one
+    fuzz = EngineFuzz(seed=3 if cases > 1 else 6)  # whose first scene is a small one
     fuzz.run(cases)
     assert len(fuzz.rows) == cases and not fuzz.failures()
     assert all(GIVEN.search(sentence) for sentence in fuzz.refused)

@@ -142,43 +142,6 @@ def test_failed_equilibrium_has_no_gradient_and_harms_none(bad):
     assert_close(with_bad[[0, 2]], without[[0, 2]], rtol=1e-9, atol=0)
 
 
-def with_ramp(rate, solve):
-    """A load rate * t along y, as a function that closes over `rate`."""
-    section = tb.Section.from_stiffness(EA=100.0, GA=50.0, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
-    ramp = tb.TipLoad(force=lambda t: rate[..., None] * t * torch.tensor([0, 1.0, 0]))
-    return solve(tb.Scene(tb.Beam.straight(1.0, 3, section), [ramp]))
-
-
-WAYS = {
-    "equilibrium": lambda s: tb.equilibrium(s, t=0.5, **EXACT).tip.position,
-    "midpoint": lambda s: tb.simulate(s, [0.0, 0.1, 0.2], step=0.02, **EXACT).tip.position[-1],
-    "dopri5": lambda s: tb.simulate(
-        s, [0.0, 0.02], method="dopri5", rtol=1e-8, atol=1e-10
-    ).tip.position[-1],
-}
-
-
-@pytest.mark.parametrize(
-    "way",
-    [  # unit/core/test_functions_of_time.py has the others' too
-        pytest.param(way, marks=[pytest.mark.long] * (way != "equilibrium")) for way in WAYS
-    ],
-)
-def test_load_functions_carry_gradient(way):
-    """A tensor that only the load's function knows gets its gradient: reverse against differences,
-    and forward mode.
-    """
-    rate = torch.tensor(2.0)
-    function = lambda rate: with_ramp(rate, WAYS[way])  # noqa: E731
-    reverse = torch.autograd.functional.jacobian(function, rate)
-    exact = difference(function, rate, 1e-3 * rate)
-    assert_close(reverse, exact, rtol=0, atol=1e-6 * exact.abs().max().item())
-    if way != "dopri5":
-        assert_close(
-            torch.func.jvp(function, (rate,), (torch.ones(()),))[1], reverse, rtol=1e-9, atol=1e-12
-        )
-
-
 @pytest.mark.parametrize(
     "method, end, options", [("midpoint", 0.1, dict(step=0.02)), ("dopri5", 0.03, dict(rtol=1e-5))]
 )
@@ -199,31 +162,6 @@ def test_gradient_by_an_input(method, end, options):
     one, other = (torch.autograd.grad(tip.sum(), u)[0] for tip in tips)
     assert (one != 0).all()
     assert_close(one, other, rtol=1e-12, atol=0)
-
-
-@pytest.mark.long  # unit/scene/test_supports.py, and the gradient fuzz
-def test_gradient_by_geometry():
-    """Length and direction of the beam, at rest and after a few steps, against differences and in
-    forward mode.
-    """
-    section = tb.Section.from_stiffness(
-        EA=100.0, GA=50.0, GJ=0.8, EI=(1.0, 2.0), mass=0.2, inertia=1e-3
-    )
-
-    def tips(length, direction):
-        of = tb.Scene(
-            tb.Beam.straight(length, 3, section, direction=direction),
-            [tb.TipLoad(force=(0, 1.0, 0.5))],
-        )
-        stepper = tb.Stepper(of, 0.05, **EXACT)
-        return tb.equilibrium(of, **EXACT).tip.position, stepper(
-            stepper(stepper.rest())
-        ).tip.position
-
-    at = torch.tensor(1.0, requires_grad=True), torch.tensor([1.0, 0.1, 0.2], requires_grad=True)
-    assert torch.autograd.gradcheck(
-        tips, at, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True
-    )
 
 
 @pytest.mark.parametrize(

@@ -19,14 +19,10 @@ from tests.cases.public_calls import BEAM, CALLS, FORCE, OTHER, SCENE, SECTION, 
 
 T = [0.0, 0.1]
 WRONG = {
-    "an object": object(),
-    "a text": "x",
-    "None in a list": [None],
-    "a namespace": SimpleNamespace(t=1.0),
-    "a function of nothing": lambda: None,
-    "complex numbers": torch.ones(3) * 1j,
-    "rows of two lengths": [[1.0], [1.0, 2.0]],
-}
+    "an object": object(), "a text": "x", "None in a list": [None],
+    "a namespace": SimpleNamespace(t=1.0), "a function of nothing": lambda: None,
+    "complex numbers": torch.ones(3) * 1j, "rows of two lengths": [[1.0], [1.0, 2.0]],
+}  # fmt: skip
 # fmt: off
 RAW = {  # what torch, NumPy and Python answer in words of their own
     "a tensor without numbers": torch.ones(3, device="meta"),

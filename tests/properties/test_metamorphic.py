@@ -22,8 +22,7 @@ from tests.cases.metamorphic_answers import ANSWERS
 from tests.cases.metamorphic_fuzz import Metamorphic, compare, said
 from tests.cases.metamorphic_relations import RELATIONS
 from tests.cases.metamorphic_similarity import FIELDS, quantities
-from tests.cases.metamorphic_users import USERS
-from tests.cases.metamorphic_words import SHARES, ZEROS
+from tests.cases.metamorphic_users import EFFECTS as USERS
 from torchbeam.extend import METHODS, Tree, own_leaves
 
 EFFECTS = [
@@ -50,10 +49,10 @@ SEEDED = 7
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.__name__)
 def test_every_effect_has_its_rows(kind):
-    """What its numbers are, how it is split, what none of it is, a user's load that does the same;
-    and a random ingredient.
+    """What its numbers are, how it is split, a user's load that does the same, a random ingredient;
+    what none of it is: unit/scene/test_effects.py.
     """
-    for table in (FIELDS, SHARES, ZEROS, USERS):
+    for table in (FIELDS, USERS):
         assert kind in table, f"{kind.__name__} has no row"
     # random scenes run natively as well, which those with these do not: see test_touching
     assert kind is tb.SelfContact or any(name.startswith(kind.called) for name in TABLE["effect"])
@@ -103,7 +102,7 @@ def test_every_constructor_method_and_support_is_drawn():
 
 FREE = (("supports", "free"),)
 PLAIN = (("section", "from_stiffness"), ("beam", "straight"))
-TIP = ("effect", "TipLoad force value")
+TIP = ("effect", "TipLoad.force value")
 
 
 def scene(number: int, space: str, start: str, *names: tuple[str, str]) -> Spec:
@@ -113,17 +112,17 @@ def scene(number: int, space: str, start: str, *names: tuple[str, str]) -> Spec:
 # fmt: off
 SCENES = {  # what random scenes draw seldom: one of each, by hand
     "loads": scene(0, "3D", "rest", ("section", "of each element"), ("beam", "arc"),
-                   ("effect", "TipLoad force function"),
-                   ("effect", "LineLoad force value"), ("effect", "Gravity value")),
-    "plane": scene(1, "xz", "velocity", *PLAIN, ("effect", "TipLoad force Input"),
-                   ("effect", "LineLoad moment value"),
-                   ("effect", "Damping one")),
+                   ("effect", "TipLoad.force function"),
+                   ("effect", "LineLoad.force value"), ("effect", "Gravity.g value")),
+    "plane": scene(1, "xz", "velocity", *PLAIN, ("effect", "TipLoad.force Input"),
+                   ("effect", "LineLoad.moment value"),
+                   ("effect", "Damping.tau")),
     "user": scene(2, "3D", "spin", *PLAIN, ("effect", "Load along"),
                   ("effect", "Drag flow function"), TIP),
     "free": scene(3, "3D", "velocity", *PLAIN, *FREE, ("effect", "Spring damping linear"),
                   ("effect", "PointMass offset inertia"), TIP),
     "linked": scene(4, "3D", "rest", ("section", "rotated"), ("beam", "linked"),
-                    ("effect", "Gravity value"), TIP),
+                    ("effect", "Gravity.g value"), TIP),
 }
 # fmt: on
 HERE = tuple(
@@ -161,8 +160,8 @@ def test_scenes_said_twice(name):
     assert len(fuzz.rows) > 10
 
 
-BUCKLED = (*PLAIN, ("effect", "TipLoad force Input"))
-BENT = (("section", "from_stiffness"), ("beam", "arc"), TIP, ("effect", "Gravity value"))
+BUCKLED = (*PLAIN, ("effect", "TipLoad.force, follower Input"))
+BENT = (("section", "from_stiffness"), ("beam", "arc"), TIP, ("effect", "Gravity.g value"))
 PULLED = (*PLAIN, TIP, ("effect", "Tendon elastic"))
 HELD = (*PLAIN, TIP, ("supports", "inner node held xz"))
 

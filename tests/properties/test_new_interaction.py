@@ -227,16 +227,12 @@ def braced(stiffness, damping=0.05, plane=None, small=False, **more):
 
 
 SCENES = {
-    "gear": linkage,
-    "gear in a plane": lambda k: linkage(k, plane="xy"),
-    "braced": braced,
+    "gear": linkage, "gear in a plane": lambda k: linkage(k, plane="xy"), "braced": braced,
     "braced in a plane": lambda k: braced(k, plane="xy"),
     "braced, small": lambda k: braced(k, small=True),
-    "linked in a plane": lambda k: linked(k, plane="xy"),
-    "racked": racked,
-    "halved": halved,
+    "linked in a plane": lambda k: linked(k, plane="xy"), "racked": racked, "halved": halved,
     "wound in a plane": lambda k: wound(k, plane="xy"),
-}
+}  # fmt: skip
 
 
 def moved(scene, engine, method="midpoint", steps=3):

@@ -12,6 +12,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from cases.rows import ENDS, JOINTS, joined
 from studies.effect_costs import table
 from tests.broken_on_purpose import BREAKS
 from tests.cases import parity_scenes as scenes
@@ -99,8 +100,10 @@ LOOSE = {"inextensible": 1e-10, "unshearable": 1e-10} | dict.fromkeys(
     "taper_on_a_beam taper_on_a_body".split(), 1e-11)  # fmt: skip
 # Each effect by itself, as the study of what they cost has it
 EFFECTS = {f"effect: {name}": make for name, _, make in table(2)}
-ROWS |= dict.fromkeys(EFFECTS, "~steps")
-LOOSE |= dict.fromkeys(EFFECTS, 1e-11)
+# and each number of a joint
+JOINTED = {f"joint: {name}": row for name, row in JOINTS.items()}
+ROWS |= dict.fromkeys((*EFFECTS, *JOINTED), "~steps")
+LOOSE |= dict.fromkeys((*EFFECTS, *JOINTED), 1e-11)
 # Whose derivatives by instants are of accelerations, which the default tolerance tells to 1e-8
 SOLVED_TIGHTLY = ("turning_frame",)
 FINDING = {(one.name, one.ask) for one in BREAKS}  # run at each turn
@@ -123,7 +126,13 @@ def rows(path):
 
 
 def made(name, by):
-    found = (EFFECTS[name](), dict(step=0.0025)) if name in EFFECTS else getattr(scenes, name)(by)
+    if name in EFFECTS:
+        found = EFFECTS[name](), dict(step=0.0025)
+    elif name in JOINTED:
+        value = torch.as_tensor(JOINTED[name].draw, dtype=torch.float64)
+        found = joined(JOINTED[name].make(value * by("value", *value.shape), *ENDS))
+    else:
+        found = getattr(scenes, name)(by)
     scene, more = found if isinstance(found, tuple) else (found, {})
     return scene, more | (dict(options={"tolerance": 1e-12}) if name in SOLVED_TIGHTLY else {})
 

@@ -292,33 +292,24 @@ def part_of(of):
 
 
 # what is asked -> by the beam and by its halves, who give the same to 1e-9 of its size
+# fmt: off
 SAME = {
     "rest": lambda of: of.nodes(tb.rest(of.scene)),
     "simulate": lambda of: of.nodes(of.run().state),
     "simulate: native": lambda of: of.nodes(of.run(engine="compiled").state),
     "simulate: midpoint4": lambda of: of.nodes(of.run(method="midpoint4").state),
-    "simulate: generalized_alpha": lambda of: of.nodes(
-        of.run(method="generalized_alpha", rho_inf=0.8).state
-    ),
+    "simulate: generalized_alpha": lambda of: of.nodes(of.run(method="generalized_alpha",
+        rho_inf=0.8).state),
     "simulate: conserve": lambda of: of.nodes(of.with_(effects=()).run(conserve=True).state),
     "simulate: lumped": lambda of: of.nodes(of.run(lumped=True).state),
-    "simulate: checkpoint": lambda of: gradient(
-        of, lambda of: of.nodes(of.run(checkpoint=True).state)[-1]
-    ),
-    "simulate: rtol, atol, first_step, max_steps": lambda of: of.nodes(
-        of.run(step=None, tolerance=None, rtol=1e-3, atol=1e-3, first_step=5e-3, max_steps=50).state
-    )[-1],
-    "simulate: events": lambda of: (
-        of.run(
-            step=None,
-            tolerance=None,
-            rtol=1e-3,
-            events=lambda state: of.nodes(state)[..., -1, 2] - 1e-4,
-        ).event.t
-    ),
-    "simulate: halvings, iterations, throw, progress": lambda of: of.nodes(
-        of.run(halvings=2, iterations=9, throw=True, progress=lambda *x: None).state
-    ),
+    "simulate: checkpoint": lambda of: gradient(of,
+        lambda of: of.nodes(of.run(checkpoint=True).state)[-1]),
+    "simulate: rtol, atol, first_step, max_steps": lambda of: of.nodes(of.run(step=None,
+        tolerance=None, rtol=1e-3, atol=1e-3, first_step=5e-3, max_steps=50).state)[-1],
+    "simulate: events": lambda of: (of.run(step=None, tolerance=None, rtol=1e-3,
+        events=lambda state: of.nodes(state)[..., -1, 2] - 1e-4).event.t),
+    "simulate: halvings, iterations, throw, progress": lambda of: of.nodes(of.run(halvings=2,
+        iterations=9, throw=True, progress=lambda *x: None).state),
     "simulate: initial": lambda of: of.nodes(of.run(initial=of.equilibrium()).state),
     "simulate: inputs": lambda of: of.nodes(of.run(inputs={"F": lambda t: t * GIVEN["F"]}).state),
     "Solution: energies": lambda of: torch.stack(of.run().energy),
@@ -337,37 +328,24 @@ SAME = {
     "State.from_nodes": bent,
     "advise": advised,
     "equilibrium": lambda of: of.nodes(of.equilibrium()),
-    "equilibrium: native": lambda of: of.nodes(
-        tb.equilibrium(of.scene, inputs=GIVEN, tolerance=1e-11, engine="compiled")
-    ),
+    "equilibrium: native": lambda of: of.nodes(tb.equilibrium(of.scene, inputs=GIVEN,
+        tolerance=1e-11, engine="compiled")),
     "equilibrium: relax": lambda of: of.nodes(of.equilibrium(relax=True)),
-    "equilibrium: branch, throw, initial, t": lambda of: of.nodes(
-        of.equilibrium(branch="stable", throw=False, initial=of.equilibrium(), t=1.0)
-    ),
+    "equilibrium: branch, throw, initial, t": lambda of: of.nodes(of.equilibrium(branch="stable",
+        throw=False, initial=of.equilibrium(), t=1.0)),
     "equilibrium: its gradient": lambda of: gradient(of, lambda of: of.nodes(of.equilibrium())[-1]),
     "equilibrium: torch.func.vmap": vmapped,
     "equilibrium: torch.func.jvp": forward,
-    "equilibrium: in a plane": lambda of: of.nodes(
-        tb.equilibrium(of.with_(plane="xz").scene, inputs=UP, tolerance=1e-11, engine="eager")
-    ),
+    "equilibrium: in a plane": lambda of: of.nodes(tb.equilibrium(of.with_(plane="xz").scene,
+        inputs=UP, tolerance=1e-11, engine="eager")),
     "path": lambda of: pathway(of, "eager"),
     "path: native": lambda of: pathway(of, "compiled"),
-    "critical_load": lambda of: (
-        tb.critical_load(
-            of.with_(effects=(), plane="xy", EI=1.0).scene,
-            4.0,
-            points=3,
-            inputs=PUSHED,
-            engine="eager",
-        ).factor
-    ),
+    "critical_load": lambda of: (tb.critical_load(of.with_(effects=(), plane="xy", EI=1.0).scene,
+        4.0, points=3, inputs=PUSHED, engine="eager").factor),
     "modes": lambda of: tb.modes(of.scene, count=3, inputs=GIVEN).eigenvalue.abs(),
     "modes: lumped": lambda of: tb.modes(of.scene, count=2, lumped=True, inputs=GIVEN).frequency,
-    "pair_modes": lambda of: (
-        tb.pair_modes(
-            tb.modes(of.scene, count=3, inputs=GIVEN), torch.eye(2), lambda s: s[..., -1, 1:3]
-        ).frequency
-    ),
+    "pair_modes": lambda of: (tb.pair_modes(tb.modes(of.scene, count=3, inputs=GIVEN), torch.eye(2),
+        lambda s: s[..., -1, 1:3]).frequency),
     "observe": lambda of: tb.observe(of.run(), S.TipPosition(**of.named), [0.005, 0.015]),
     "identify": identified,
     "monte_carlo": sampled,
@@ -403,14 +381,13 @@ SAME = {
     "plot.animate": animated,
     "plot.shape": lambda of: drawn(of, lambda: tb.plot.shape(of.equilibrium())),
     "plot.energies": lambda of: drawn(of, lambda: tb.plot.energies(of.run())),
-    "plot.history": lambda of: drawn(
-        of, lambda: tb.plot.history(of.run(), S.TipPosition(**of.named))
-    ),
-    "plot.mode_shapes": lambda of: drawn(
-        of, lambda: tb.plot.mode_shapes(of.equilibrium(), tb.modes(of.scene, count=1, inputs=GIVEN))
-    ),
+    "plot.history": lambda of: drawn(of, lambda: tb.plot.history(of.run(),
+        S.TipPosition(**of.named))),
+    "plot.mode_shapes": lambda of: drawn(of, lambda: tb.plot.mode_shapes(of.equilibrium(),
+        tb.modes(of.scene, count=1, inputs=GIVEN))),
     "describe": lambda of: torch.tensor(len(f"{tb.describe(of.scene)}") > 0)[None],
 }
+# fmt: on
 
 
 # what is asked of the halves -> words of the sentence that refuses it
@@ -431,15 +408,9 @@ REFUSED = {
 
 # a second and more each, and proved in other words elsewhere
 LONG = {
-    "advise",
-    "critical_load",
-    "equilibrium: native",
-    "identify",
-    "path: native",
-    "simulate: checkpoint",
-    "simulate: events",
-    "simulate: rtol, atol, first_step, max_steps",
-}
+    "advise", "critical_load", "equilibrium: native", "identify", "path: native",
+    "simulate: checkpoint", "simulate: events", "simulate: rtol, atol, first_step, max_steps",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from cases.rows import ENDS, JOINTS, ROWS
 
 NAN, INF = math.nan, math.inf
 GOOD = dict(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
@@ -138,17 +139,12 @@ CASES = {
     "load of nothing": (lambda: tb.TipLoad(), "TipLoad with neither force nor moment"),
     "flat load": (lambda: tb.TipLoad(force=(1.0, 2.0)), r"TipLoad's force of shape \(2,\)"),
     "scalar load": (lambda: tb.TipLoad(force=1.0), r"TipLoad's force of shape \(\)"),
-    "NaN load": (lambda: tb.LineLoad(force=(NAN, 0, 0)), "LineLoad's force holds nan"),
     "text load": (lambda: tb.TipLoad(force="up"), "'up' was given; numbers"),
-    "infinite gravity": (lambda: tb.Gravity((0, 0, INF)), "Gravity's g holds inf"),
     "input of two": (lambda: tb.TipLoad(force=tb.Input("u", 2)),
                      "Input of size 2 was given; size 3"),
     "input of none": (lambda: tb.Input("u", 0), "size = 0 was given"),
     "tip load elsewhere": (lambda: tb.TipLoad(force=(0, 0, 1.0), node=2), "TipLoad with node = 2"),
     "node between": (lambda: tb.PointLoad(force=(0, 0, 1.0), node=0.5), "node = 0.5 was given"),
-    "negative tau": (lambda: tb.Damping(-0.1), "tau = -0.1 was given"),
-    "NaN tau": (lambda: tb.Damping(NAN), "tau = nan was given"),
-    # scenes
     "no beam": (lambda: tb.Scene("beam"), "beam of type str was given"),
     "not an effect": (lambda: tb.Scene(BEAM, [1.0]), "1.0 was given, which is not an effect"),
     "a class for an effect": (lambda: tb.Scene(BEAM, [tb.Gravity]), "which is not an effect"),
@@ -487,8 +483,13 @@ MALFORMED = {"boolean": True, "text": "x", "complex": 1j, "object": object(), "d
              "complex tensor": torch.ones(3) * 1j,
              "NaN": math.nan, "objects": np.array([None, 1], dtype=object)}
 # fmt: on
+# of effects and joints: what makes one of a value, whose row says what that may be
+MADE = {name: (row, lambda x, row=row: row.make(x, 2)) for name, row in ROWS.items()}
+MADE |= {name: (row, lambda x, row=row: row.make(x, *ENDS)) for name, row in JOINTS.items()}
+MADE = {name: one for name, one in MADE.items() if one[0].draw is not None}
 # fmt: off
 VALUES = {  # of every kind of argument that wants numbers: one call each
+    **{name: make for name, (_, make) in MADE.items() if not name.endswith(".at")},
     "EI": lambda x: stiffness(EI=x)(), "compliance": lambda x: tb.Section(x, torch.eye(6)),
     "radius": lambda x: tb.Section.circle(x, 1.0, 0.3, 1.0), "angle": SECTION.rotated,
     "y": lambda x: SECTION.shifted(y=x),
@@ -498,14 +499,10 @@ VALUES = {  # of every kind of argument that wants numbers: one call each
     "nodes": lambda x: tb.Beam.from_nodes(x, SECTION),
     "velocity": lambda x: tb.Frame(velocity=x),
     "displacement": lambda x: tb.Support(0, displacement=x),
-    "force": lambda x: tb.TipLoad(force=x),
     "node": lambda x: tb.Scene(BEAM, [tb.PointLoad(node=x, force=(0, 0, 1.0))]),
-    "per element": tb.PerElement, "intrinsic curvature": lambda x: tb.Actuation(curvature=x),
+    "per element": tb.PerElement,
     "actuated elements": lambda x: tb.Actuation(curvature=(0, 0, 1.0), elements=x),
-    "tau": tb.Damping, "alpha": tb.MassDamping, "frequencies": lambda x: tb.rayleigh(x, (0.1, 0.1)),
-    "density": lambda x: tb.Drag(x, 1.0), "point mass": tb.PointMass,
-    "offset": lambda x: tb.PointMass(1.0, offset=x),
-    "spring": lambda x: tb.Spring(-1, x, (0, 0, 1.0)), "root spring": tb.RootSpring,
+    "frequencies": lambda x: tb.rayleigh(x, (0.1, 0.1)), "point mass": tb.PointMass,
     "size": lambda x: tb.Input("u", x),
     "history": lambda x: tb.History([0.0, 1.0], x),
     "stations": lambda x: tb.Stations(x, [SECTION] * 2),
@@ -532,6 +529,19 @@ def test_every_number_is_one(value):
         sentence = str(caught.value)
         assert "given" in sentence or "holds" in sentence, sentence
         assert "\n" not in sentence and len(sentence) < 250
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_what_a_value_may_not_be(name):
+    """Of effects and joints: not a number, infinite, or below zero where that is the least."""
+    row, make = MADE[name]
+    value = torch.as_tensor(row.draw, dtype=F64)
+    bad = {"nan": torch.full_like(value, NAN), "inf": torch.full_like(value, INF)}
+    if row.at_zero and row.at_zero.get("least"):
+        bad["-"] = -value
+    for said, x in bad.items():
+        with pytest.raises(ValueError, match=rf"(holds|=|moment) {said}.*; .*(wanted|none)"):
+            make(x)
 
 
 @pytest.mark.parametrize("default", [F32, F64])

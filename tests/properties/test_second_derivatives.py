@@ -44,12 +44,9 @@ def rolled(p, engine):
 def stopped(p, engine):
     """When the tip has moved by 1 mm."""
     solution = tb.simulate(
-        scene(p),
-        [0.0, 0.05],
-        engine=engine,
-        rtol=1e-2,
+        scene(p), [0.0, 0.05], engine=engine, rtol=1e-2,
         events=lambda s: s.tip.position[..., 1] - 1e-3,
-    )
+    )  # fmt: skip
     return (
         solution.stats.event_time
         if hasattr(solution.stats, "event_time")
@@ -100,7 +97,7 @@ MOTIONS = {
     "stepper": stepped,
     "rollout": rolled,
     "event": stopped,
-}
+}  # fmt: skip
 QUANTITIES |= {
     f"{name}, {engine}": partial(function, engine=engine)
     for name, function in MOTIONS.items()

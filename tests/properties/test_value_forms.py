@@ -13,12 +13,9 @@ import pytest
 import torch
 
 import torchbeam as tb
-from cases.rows import ROWS
+from cases.rows import ENDS, JOINTS, ROWS, SECTION, joined
 
 DOUBLE = dict(dtype=torch.float64)
-SECTION = tb.Section.from_stiffness(
-    EA=300.0, GA=(150.0, 120.0), GJ=0.8, EI=(1.0, 1.7), mass=0.3, inertia=(2e-3, 3e-3)
-)
 PUSH = tb.TipLoad(force=(0.2, 0.3, 0.4))
 T = (0.0, 0.02, 0.04)
 
@@ -31,16 +28,6 @@ def alone(*effects, **options) -> tb.Scene:
     return tb.Scene(beam(), [PUSH, *effects], **options)
 
 
-def joined(joint) -> tb.Scene:
-    """A body at a beam's end, that turns or slides there."""
-    hub = tb.Body(0.05, 1e-3, position=(0.6, 0, 0))
-    push = tb.PointLoad("hub", force=(0.02, 0.03, 0.04), moment=(0.01, -0.005, 0.008))
-    clamp = [tb.Support(("arm", 0))]
-    return tb.Scene({"arm": beam(), "hub": hub}, [push], joints=[joint], supports=clamp)
-
-
-ENDS, SOFT = (("arm", -1), "hub"), dict(stiffness=0.2, damping=0.01)
-ROPE = [(None, (0.0, 0, 0.1)), (1, (0.0, 0, 0.02)), (-1, (0.0, 0, 0.02))]
 FLOOR = dict(thickness=0.05, force=1.0)
 
 
@@ -60,61 +47,24 @@ def vector(made, **more) -> Value:
     return Value(made, ((0.1, -0.2, 0.3), (-0.05, 0.1, 0.2)), **more)
 
 
-def number(made, numbers=(0.3, 0.5), **more) -> Value:
-    return Value(made, numbers, **more)
-
-
 MOTION = dict(given=False)
+# fmt: off
 VALUES = {
-    **{
-        name: Value(
-            lambda x, row=row: alone(row.make(x, 2)),
-            row.numbers,
-            "function" in row.forms,
-            "input" in row.forms,
-        )
-        for name, row in ROWS.items()
-        if row.numbers
-    },
-    "tension": number(lambda x: alone(tb.Tendon(ROPE, tension=x))),
-    "length": number(lambda x: alone(tb.Tendon(ROPE, length=x, stiffness=5.0))),
-    "support's place": vector(
-        lambda x: alone(supports=[tb.Support(0), tb.Support(-1, displacement=x, rotation="")]),
-        **MOTION,
-    ),
+    **{name: Value(lambda x, row=row: alone(row.make(x, 2)), row.numbers, "function" in row.forms,
+        "input" in row.forms) for name, row in ROWS.items() if row.numbers},
+    **{name: Value(lambda x, row=row: joined(row.make(x, *ENDS), push=0.1), row.numbers)
+       for name, row in JOINTS.items() if row.numbers},
+    "support's place": vector(lambda x: alone(supports=[tb.Support(0),
+        tb.Support(-1, displacement=x, rotation="")]), **MOTION),
     "clamp's turn": vector(lambda x: alone(root=tb.RootMotion(rotation=x)), **MOTION),
     "frame's velocity": vector(lambda x: alone(frame=tb.Frame(velocity=x)), **MOTION),
     "frame's spin": vector(lambda x: alone(frame=tb.Frame(angular_velocity=x)), **MOTION),
-    "torque": number(lambda x: joined(tb.Hinge(*ENDS, torque=x, **SOFT))),
-    "angle": number(lambda x: joined(tb.Hinge(*ENDS, angle=x))),
-    "force of a slider": number(lambda x: joined(tb.Slider(*ENDS, force=x, **SOFT))),
-    "travel": number(lambda x: joined(tb.Slider(*ENDS, travel=x)), (0.03, 0.05)),
-    "torque of a ball": vector(lambda x: joined(tb.Ball(*ENDS, torque=x, **SOFT))),
-    "second torque": number(
-        lambda x: joined(
-            tb.Universal(*ENDS, second_torque=x, stiffness=(0.2, 0.3), damping=(0.01, 0.02))
-        )
-    ),
-    "torque of a cylinder": number(
-        lambda x: joined(
-            tb.Cylindrical(*ENDS, torque=x, stiffness=(0.2, 5.0), damping=(0.01, 0.02))
-        )
-    ),
-    "travel of a cylinder": number(
-        lambda x: joined(tb.Cylindrical(*ENDS, travel=x, torque=0.01, stiffness=(0.2, 0.0))),
-        (0.03, 0.05),
-    ),
-    "plane's place": Value(
-        lambda x: alone(tb.Contact(tb.Plane(x, (0, 0, 1.0)), **FLOOR)),
-        ((0.0, 0.0, -0.01), (0.0, 0.0, -0.02)),
-        given=False,
-    ),
-    "sphere's centre": Value(
-        lambda x: alone(tb.Contact(tb.Sphere(x, 0.1), **FLOOR)),
-        ((0.3, 0.0, -0.11), (0.35, 0.0, -0.12)),
-        given=False,
-    ),
+    "plane's place": Value(lambda x: alone(tb.Contact(tb.Plane(x, (0, 0, 1.0)), **FLOOR)),
+        ((0.0, 0.0, -0.01), (0.0, 0.0, -0.02)), given=False),
+    "sphere's centre": Value(lambda x: alone(tb.Contact(tb.Sphere(x, 0.1), **FLOOR)),
+        ((0.3, 0.0, -0.11), (0.35, 0.0, -0.12)), given=False),
 }
+# fmt: on
 
 
 def tensor(x) -> torch.Tensor:
@@ -172,9 +122,10 @@ def invariants(A):
 
 
 # One of each kind: native code is made of these, a second for each form, in steps or in statics.
-STEPS = ("tip force", "tension", "torque", "clamp's turn")
-STATICS = ("line force", "curvature", "length")
+STEPS = ("TipLoad.force", "Tendon.tension", "Hinge.torque", "clamp's turn")
+STATICS = ("LineLoad.force", "Actuation.curvature", "Tendon.length")
 SAMPLE = STEPS + STATICS
+assert {*SAMPLE} <= {*VALUES}
 DEAR = {"native": STEPS, "compiled equilibrium": STATICS, "path": STATICS} | dict.fromkeys(
     ("modes", "linearize", "rollout"), SAMPLE
 )
@@ -195,7 +146,9 @@ def rows():
                 yield pytest.param(name, form, call, marks=[pytest.mark.long] * long)
 
 
-COORDINATES = {(name, "linearize", "input") for name in ("angle", "travel", "travel of a cylinder")}
+COORDINATES = {
+    (name, "linearize", "input") for name in ("Hinge.angle", "Slider.travel", "Cylindrical.travel")
+}
 
 
 @cache

@@ -32,6 +32,7 @@ def moving(t):
 FREE = {"other": tb.Body(0.3, 0.01, position=AWAY)}
 BOX = {"other": tb.Body(0.3, 0.01, position=AWAY, surface=tb.Box((0, 0, 0), (1, 1, 1), 0.1))}
 HELD = [tb.Slider(None, "other", **SLIDES)]
+# fmt: off
 CASES = {
     "plane": ({}, [tb.Contact(tb.Plane(DOWN, UP), **ROD)], [], []),
     "plane that rubs": ({}, [tb.Contact(tb.Plane(DOWN, UP), **ROD, **RUBS, damping=1e-3)], [], []),
@@ -49,25 +50,14 @@ CASES = {
     "a slack tendon": ({}, [tendon(length=2.0, stiffness=100.0)], [], []),
     "a slack tendon that rubs": ({}, [tendon(length=2.0, stiffness=100.0, **RUBS)], [], []),
     "a tendon without tension": ({}, [tendon(tension=0.0)], [], []),
-    "limits of a travel": (
-        FREE,
-        [],
-        [tb.Slider(None, "other", **SLIDES, limits=(-9, 9), limit_stiffness=1e5)],
-        HELD,
-    ),
-    "limits of an angle": (
-        FREE,
-        [],
-        [tb.Hinge(None, "other", stiffness=1.0, limits=(-3, 3), limit_stiffness=1e5)],
-        [tb.Hinge(None, "other", stiffness=1.0)],
-    ),
-    "the limit of a ball": (
-        FREE,
-        [],
-        [tb.Ball(None, "other", stiffness=1.0, limit=3.0, limit_stiffness=1e5)],
-        [tb.Ball(None, "other", stiffness=1.0)],
-    ),
+    "limits of a travel": (FREE, [], [tb.Slider(None, "other", **SLIDES, limits=(-9, 9),
+        limit_stiffness=1e5)], HELD),
+    "limits of an angle": (FREE, [], [tb.Hinge(None, "other", stiffness=1.0, limits=(-3, 3),
+        limit_stiffness=1e5)], [tb.Hinge(None, "other", stiffness=1.0)]),
+    "the limit of a ball": (FREE, [], [tb.Ball(None, "other", stiffness=1.0, limit=3.0,
+        limit_stiffness=1e5)], [tb.Ball(None, "other", stiffness=1.0)]),
 }
+# fmt: on
 NATIVE = "plane", "a surface", "corners over a plane"  # forces of elements, of pairs, of nodes
 
 
@@ -108,12 +98,9 @@ def same(a, b):
     for name in ("position", "rotation", "velocity", "spin", "work"):
         x, y = getattr(a, name), getattr(b, name)
         assert_close(
-            x,
-            y,
-            rtol=0,
-            atol=1e-12 * max(1.0, float(y.abs().max())),
+            x, y, rtol=0, atol=1e-12 * max(1.0, float(y.abs().max())),
             msg=lambda m, n=name: f"{n}: {m}",
-        )
+        )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import torchbeam as tb
-from cases.rows import NEW, OLD, ROWS
+from cases.rows import ENDS, JOINTS, NEW, OLD, ROWS, joined
 
 FORCE = torch.tensor([0.1, 0.3, 0.2])
 COMPLIANCE, MASS = (
@@ -36,19 +36,8 @@ def touching(**numbers):
     return tb.Scene(parts, [tb.Contact("lower", "upper", **law)])
 
 
-def pulled(**numbers):
-    """By a tendon that is longer than when it is slack, and rubs."""
-    eyelets = [(None, (0.0, 0, 0.1)), (1, (0, 0, 0.05)), (2, (0, 0, 0.05))]
-    law = dict(stiffness=10.0, length=0.9, friction=0.3, slip_speed=0.1) | numbers
-    return loaded(tb.Tendon(eyelets, **law))
-
-
-def jointed(kind, **numbers):
-    """An arm that hangs on a joint at the tip of another one, pushed to all sides."""
-    parts = {"arm": straight(), "bar": straight(root=(1.0, 0, 0), direction=(0, 0, -1.0))}
-    joint = kind(("arm", -1), ("bar", 0), **numbers)
-    push = tb.PointLoad(("bar", -1), force=torch.tensor([0.5, 0.3, 0.4]), moment=FORCE)
-    return tb.Scene(parts, [push], supports=[tb.Support(("arm", 0))], joints=[joint])
+def hinged(**numbers):
+    return joined(tb.Hinge(*ENDS, **numbers))
 
 
 def hubbed(point):
@@ -87,6 +76,8 @@ def pressed(obstacle, **numbers):
 SCENES = {
     **{name: (lambda x, row=row: loaded(row.make(x, 2)), row.draw, row.after)
        for name, row in ROWS.items() if row.draw is not None},
+    **{name: (lambda x, row=row: joined(row.make(x, *ENDS)), row.draw, row.after)
+       for name, row in JOINTS.items() if row.draw is not None},
     "nodes": (lambda x: loaded(beam=tb.Beam.from_nodes(x, section())),
               [[0.0, 0, 0], [0.5, 0, 0], [1, 0.1, 0]], OLD),
     "nodes of order 2": (lambda x: loaded(beam=tb.Beam.from_nodes(x, section(), order=2)),
@@ -108,11 +99,7 @@ SCENES = {
     "history": (lambda x: loaded(tb.PointLoad(1, force=tb.History([0.0, 1.0], x))),
                 [[1.0, 2, 3]] * 2, NEW),
     "function": (lambda x: loaded(tb.TipLoad(force=lambda t: x * (1 + t))), [0.1, 0.3, 0.2], NEW),
-    "inertia of a point mass": (lambda x: loaded(tb.PointMass(0.2, inertia=x)), torch.eye(3) / 50,
-                                OLD),
     "mass of a body": (lambda x: falling(x), 0.3, OLD),
-    "root spring": (lambda x: loaded(tb.RootSpring(stiffness=x)), [5.0] * 6, NEW),
-    "spring": (lambda x: loaded(tb.Spring(node=2, to=(1.0, 0.5, 0), stiffness=x)), 5.0, NEW),
     "turning frame": (lambda x: loaded(frame=tb.Frame(angular_velocity=x)), [1.0, 3.0, 2.0], NEW),
     "support": (lambda x: loaded(supports=[tb.Support(0), tb.Support(2, displacement=x)]),
                 [0.0, 0.01, 0.02], NEW),
@@ -124,34 +111,14 @@ SCENES = {
         [0.06, 0.05], NEW),
     "thickness between beams": (lambda x: touching(thickness=x), 0.02, NEW),  # sets the places
     "force between beams": (lambda x: touching(force=x), 10.0, NEW),
-    "stiffness of a tendon": (lambda x: pulled(stiffness=x), 10.0, NEW),
-    "length of a tendon": (lambda x: pulled(length=x), 0.9, NEW),
-    "friction of a tendon": (lambda x: pulled(friction=x), 0.3, NEW),
     "an eyelet": (rung, [0.01, 0.02, 0.05], OLD),
     "eyelets along a beam": (lambda x: loaded(tb.Tendon.along(straight(), x, tension=2.0)),
                              [0.01, 0.02, 0.05], OLD),
-    "stiffness of a hinge": (lambda x: jointed(tb.Hinge, stiffness=x), 2.0, OLD),
-    "damping of a hinge": (lambda x: jointed(tb.Hinge, damping=x), 0.1, OLD),
-    "friction of a hinge": (lambda x: jointed(tb.Hinge, friction=x, slip_speed=0.1), 0.1, OLD),
-    "slip speed of a hinge": (lambda x: jointed(tb.Hinge, friction=0.1, slip_speed=x), 0.1, OLD),
-    "limits of a hinge": (lambda x: jointed(tb.Hinge, limits=x, limit_stiffness=5.0),
-                          [-1e-3, 1e-3], OLD),
-    "stiffness of a limit": (lambda x: jointed(tb.Hinge, limits=(-1e-3, 1e-3), limit_stiffness=x),
-                             5.0, OLD),
-    "place of a joint": (lambda x: jointed(tb.Hinge, at=x), [1.0, 0.2, 0.1], OLD),
-    "torque of a hinge": (lambda x: jointed(tb.Hinge, torque=x), 0.1, NEW),
-    "angle of a hinge": (lambda x: jointed(tb.Hinge, angle=x), 0.1, NEW),
-    "force of a slider": (lambda x: jointed(tb.Slider, force=x), 0.1, NEW),
-    "stiffness of a cylindrical joint": (lambda x: jointed(tb.Cylindrical, stiffness=x),
-                                         [2.0, 5.0], OLD),
-    "damping of a universal joint": (lambda x: jointed(tb.Universal, damping=x), [0.1, 0.2], OLD),
-    "limits of a universal joint": (lambda x: jointed(tb.Universal, limits=x,
-        limit_stiffness=(5.0, 4.0)), [[-1e-3, 1e-3], [-2e-3, 2e-3]], OLD),
-    "stiffness of a ball": (lambda x: jointed(tb.Ball, stiffness=x), 2.0, OLD),
-    "matrix of a ball": (lambda x: jointed(tb.Ball, stiffness=x), torch.eye(3), OLD),
-    "damping of a ball": (lambda x: jointed(tb.Ball, damping=x), 0.1, OLD),
-    "limit of a ball": (lambda x: jointed(tb.Ball, limit=x, limit_stiffness=5.0), 1e-3, OLD),
-    "torque of a ball": (lambda x: jointed(tb.Ball, torque=x), [0.1, 0.3, 0.2], NEW),
+    "slip speed of a hinge": (lambda x: hinged(friction=0.1, slip_speed=x), 0.1, OLD),
+    "limits of a hinge": (lambda x: hinged(limits=x, limit_stiffness=5.0), [-1e-4, 1e-4], OLD),
+    "limits of a universal joint": (lambda x: joined(tb.Universal(*ENDS, limits=x,
+        limit_stiffness=(5.0, 4.0))), [[-1e-4, 1e-4], [-2e-4, 2e-4]], OLD),
+    "limit of a ball": (lambda x: joined(tb.Ball(*ENDS, limit=x, limit_stiffness=5.0)), 1e-4, OLD),
     "point of a body in a joint": (hubbed, [-0.2, 0.0, 0.0], OLD),
     "centre of a sphere": (lambda x: pressed(tb.Sphere(x, 0.1)), [0.5, 0.03, -0.16], NEW),
     "radius of a sphere": (lambda x: pressed(tb.Sphere((0.5, 0.03, -0.16), x)), 0.1, NEW),
@@ -170,14 +137,15 @@ COMPILED = (
     "history",
     "PointMass.mass",
     "Damping.tau",
-    "spring",
+    "Spring.stiffness, of a length",
     "turning frame",
     "thickness between beams",
-    "stiffness of a tendon",
+    "Tendon.stiffness",
     "an eyelet",
-    "stiffness of a hinge",
-    "damping of a ball",
-)
+    "Hinge.stiffness",
+    "Ball.damping",
+)  # fmt: skip
+assert {*COMPILED} <= {*SCENES}
 
 
 def after(stepper):

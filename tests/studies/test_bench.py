@@ -109,16 +109,9 @@ def test_peers_print_rows(tmp_path, capsys):
     scripts is refused.
     """
     row = dict(
-        peer="other 1.0",
-        space="3D",
-        elements=14,
-        element="rod",
-        step_ms=1.0,
-        error=0.008,
-        best_cpu_s=0.05,
-        median_cpu_s=0.1,
-        rate=40.0,
-    )
+        peer="other 1.0", space="3D", elements=14, element="rod", step_ms=1.0, error=0.008,
+        best_cpu_s=0.05, median_cpu_s=0.1, rate=40.0,
+    )  # fmt: skip
     (tmp_path / "works.py").write_text(
         f"if __name__ == '__main__':\n    print('a banner'); print('''{json.dumps(row)}''')\n"
     )
@@ -126,30 +119,16 @@ def test_peers_print_rows(tmp_path, capsys):
     (tmp_path / "shared.py").write_text("raise RuntimeError('not a script')\n")
     (found,) = others.peers(tmp_path, sys.executable, True)
     assert (found.engine, found.best, found.median, found.unit, found.error) == (
-        "other 1.0",
-        40.0,
-        20.0,
-        CPU,
-        0.008,
-    )
+        "other 1.0", 40.0, 20.0, CPU, 0.008,
+    )  # fmt: skip
     assert (
         "absent.py is left out: ModuleNotFoundError: No module named 'no_such_package'"
         in capsys.readouterr().err
     )
     ours = Measured(
-        throughput.PART,
-        "rate",
-        400.0,
-        300.0,
-        CPU,
-        "compiled",
-        "3D",
-        10,
-        5.0,
-        256,
-        error=0.0075,
+        throughput.PART, "rate", 400.0, 300.0, CPU, "compiled", "3D", 10, 5.0, 256, error=0.0075,
         element="linked",
-    )
+    )  # fmt: skip
     text = markdown([ours, found])
     assert (
         "| 3D | 10, linked |" in text
@@ -185,11 +164,8 @@ LOADS = {
     assert "1 of 2 are native." in said and said == (out / "loads.md").read_text()
     friction, branch = json.loads((out / "loads.json").read_text())["rows"]
     assert (friction["engine"], branch["engine"], friction["reason"], branch["native_ms"]) == (
-        "native",
-        "eager",
-        "",
-        "",
-    )
+        "native", "eager", "", "",
+    )  # fmt: skip
     assert (
         friction["ratio"] == pytest.approx(friction["eager_ms"] / friction["native_ms"])
         and branch["eager_ms"] > 0

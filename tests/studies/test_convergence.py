@@ -12,22 +12,10 @@ from studies.convergence import ConvergedScene, kinds, main, question, report
 
 def row(scene, rtol, **changed):
     values = dict(
-        scene=scene,
-        family="sudden",
-        kind="motion",
-        read="tip",
-        rtol=rtol,
-        setting="6 linked elements",
-        estimated=rtol / 2,
-        error=rtol / 3,
-        seconds=0.01,
-        setup=0.5,
-        best="4 linked elements",
-        ratio=1.5,
-        runs=5,
-        search=6.0,
-        converged=True,
-    )
+        scene=scene, family="sudden", kind="motion", read="tip", rtol=rtol,
+        setting="6 linked elements", estimated=rtol / 2, error=rtol / 3, seconds=0.01, setup=0.5,
+        best="4 linked elements", ratio=1.5, runs=5, search=6.0, converged=True,
+    )  # fmt: skip
     return ConvergedScene(**values | changed)
 
 
@@ -53,12 +41,9 @@ def test_it_goes_on_where_it_was_cut_off(tmp_path, monkeypatch, capsys):
 def test_misses_are_named():
     """Each that was not accepted, is wrong, dear, or was dear to find; only these."""
     rows = [
-        row(0, 1e-2),
-        row(1, 1e-2, error=0.02),
-        row(2, 1e-2, converged=False),
-        row(3, 1e-2, ratio=2.5),
-        row(4, 1e-2, search=12.0, ratio=math.nan),
-    ]
+        row(0, 1e-2), row(1, 1e-2, error=0.02), row(2, 1e-2, converged=False),
+        row(3, 1e-2, ratio=2.5), row(4, 1e-2, search=12.0, ratio=math.nan),
+    ]  # fmt: skip
     summary, each = report(rows).split("\n\nMedians")
     assert "| 0.01 | all | 5 | 4 | 4 of 5 | 3 of 4 | 2.00 | 1.5 | 2 of 3 |" in summary
     named = [int(line.split("|")[1]) for line in each.splitlines() if line[2:3].isdigit()]

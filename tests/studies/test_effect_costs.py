@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from studies.effect_costs import main, scene, table
-from studies.operations import repeated
 from torchbeam.dynamics.stepper import Stepper
 from torchbeam.nodal.discretise import discretise
 
@@ -55,17 +54,3 @@ def test_every_row_is_taken():
         except ValueError:
             refused.append(name)
     assert not refused
-
-
-@pytest.mark.long  # unit/core/test_batch_subset.py has the effects in batches
-def test_every_row_in_a_batch():
-    """Three copies of a state step as the one, with every effect, to the rounding of sums (1e-13 of
-    velocities near 1).
-    """
-    with torch.no_grad():
-        for name, _, make in table(3):
-            stepper = Stepper(make(), 0.005)
-            state = stepper(stepper(stepper.rest()))
-            one, three = stepper(state), stepper(repeated(state, 3))
-            assert (three.position - one.position).abs().max() < 1e-13, name
-            assert (three.spin - one.spin).abs().max() < 1e-13, name

@@ -38,15 +38,10 @@ def draw(options):
 
 
 MAIN = Study(
-    "some",
-    "A study.",
-    "It studies.",
-    study,
-    quick="fewer",
-    resume="go on",
+    "some", "A study.", "It studies.", study, quick="fewer", resume="go on",
     options={"--bound": dict(type=float, default=1.0, help="of what")},
     check=lambda options: "no" if options.bound == 0 else None,
-)
+)  # fmt: skip
 
 
 def test_reports_are_written_one_in_place_of_the_last(tmp_path, capsys):

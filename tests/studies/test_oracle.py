@@ -49,17 +49,9 @@ def test_the_reference_knows_neither_the_library_nor_torch(name):
 
 def test_the_translation_uses_public_names_alone():
     assert set(imports("scenes")) <= {
-        "__future__",
-        "collections.abc",
-        "typing",
-        "numpy",
-        "torch",
-        "torchbeam",
-        ".",
-        ".balances",
-        ".rod",
-        ".rotations",
-    }
+        "__future__", "collections.abc", "typing", "numpy", "torch", "torchbeam", ".", ".balances",
+        ".rod", ".rotations",
+    }  # fmt: skip
     tree = ast.parse((FOLDER / "scenes.py").read_text())
     used = {
         node.attr
@@ -132,15 +124,9 @@ def test_a_rigid_motion_keeps_every_balance():
     rod = replace(ROD, mass=2.0, inertia=0.01 * np.eye(3))
     none = np.zeros((201, 0, 6))
     moving = Motion(
-        Case(rod, supports={}),
-        t,
-        r,
-        np.broadcast_to(R, (201, 9, 3, 3)),
-        np.cross(w, r),
-        w,
-        none,
+        Case(rod, supports={}), t, r, np.broadcast_to(R, (201, 9, 3, 3)), np.cross(w, r), w, none,
         order=2,
-    )
+    )  # fmt: skip
     left = balances(moving)
     assert np.allclose(left["kinetic"], (2.0 / 12 + 0.01) * 4 / 2, rtol=1e-12)
     assert np.abs(left["angular momentum"]).max() < 1e-12

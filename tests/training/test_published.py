@@ -1,11 +1,12 @@
 """Published tasks: their metric against sums written out, and the table from files of runs."""
 
+import argparse
 import json
 
 import pytest
 import torch
 
-from training import published
+from training import published, results, tuned
 from training.evaluate import DISCOUNT, discounted
 
 
@@ -35,21 +36,51 @@ def test_the_best_that_can_be_is_the_published_ceiling():
 
 
 def test_the_table_is_made_of_the_runs_that_are_there(tmp_path, capsys):
-    """Five seeds of one task, one of another, and a run of no published task: rows with an interval
-    where there are as many as that takes, lines of JSON, files.
+    """Five seeds of one task, one of another, one of an older release without the metric, a
+    controller that learns nothing, and a run of no published task: rows with an interval where
+    there are as many as that takes, lines of JSON, files, curves.
     """
     runs = tmp_path / "runs"
     runs.mkdir()
-    made = [("ik", seed, 100.0 + 10 * seed) for seed in range(5)]
-    for task, seed, value in [*made, ("obstacles", 0, 30.0), ("reach", 0, -3.0)]:
-        numbers = dict(discounted_mean=value, seconds=10.0, steps=1000, success=0.5)
-        run = {"task": task, "algorithm": "shac", "seed": seed, "return": 5.0, **numbers}
-        (runs / f"{task}-{seed}.json").write_text(json.dumps(run))
+    made = [("ik", "shac", seed, 100.0 + 10 * seed) for seed in range(5)]
+    made += [
+        ("obstacles", "shac", 0, 30.0),
+        ("reach", "shac", 0, -3.0),
+        ("follow", "shac", 0, None),
+    ]
+    for task, learner, seed, value in [*made, ("reach-pose", "resolved-rate", None, 2100.0)]:
+        run = {"task": task, "algorithm": learner, "seed": seed, "return": 5.0, "success": 0.5}
+        run |= {"discounted_mean": value} if seed is not None and value else {}
+        run |= {"return": value} if seed is None else {}
+        run |= dict(seconds=None if seed is None else 10.0, steps=0 if seed is None else 1000)
+        name = f"{task}-{learner}" + ("" if seed is None else f"-{seed}")
+        (runs / f"{name}.json").write_text(json.dumps(run))
+        log = "steps,seconds,validation_return\n0,0,-50\n500,4,0\n1000,9,5\n"
+        (runs / f"{name}.csv").write_text(log)
     assert published.main(["--table", "--out", str(tmp_path)]) == 0
-    ik, obstacles = map(json.loads, capsys.readouterr().out.splitlines())
+    lines = map(json.loads, capsys.readouterr().out.splitlines())
+    follow, ik, obstacles, pose = lines
     assert (ik["task"], ik["mean"], ik["seeds"], ik["published"]) == ("ik", 120.0, 5, 197.4)
     assert 100 < ik["low"] < 120 < ik["high"] < 140
     assert obstacles["seeds"] == 1 and obstacles["low"] is None
+    assert (follow["mean"], follow["published"], follow["return"]) == (None, None, 5.0)
+    assert (pose["metric"], pose["mean"], pose["seconds"]) == ("return", 2100.0, None)
     rows = json.loads((tmp_path / "published.json").read_text())["rows"]
-    assert [row["task"] for row in rows] == ["ik", "obstacles"]
-    assert "| 197.4 | 1,000 | 10 CPU s |" in (tmp_path / "published.md").read_text()
+    assert [row["task"] for row in rows] == ["follow", "ik", "obstacles", "reach-pose"]
+    text = (tmp_path / "published.md").read_text()
+    assert "| 120.0 [" in text and "| 197.4 | 5.0 | 50 % | 1,000 | 10 CPU s | 0.37 h | 5 |" in text
+    assert (tmp_path / "published.png").exists()
+
+
+def test_what_is_wanted_is_ten_seeds_and_two_controllers():
+    """Of what is learned; of what is led alone the controllers, on as many episodes as is said."""
+    options = argparse.Namespace(seeds=10, tasks=[*published.PUBLISHED], share=1.0, episodes=256)
+    wanted = published.plan(options)
+    count: dict[str, dict[str, int]] = {}
+    for run in wanted:
+        own = count.setdefault(run.task, {})
+        own[run.algorithm] = own.get(run.algorithm, 0) + 1
+    led = {"zero": 1, "resolved-rate": 1}
+    assert count["ik"] == led | {"shac": 10} and count["reach-nest"] == led
+    assert wanted[results.Run("track-target", "zero", None)][1] == 16
+    assert {*published.PUBLISHED} == {*tuned.PUBLISHED}

@@ -15,26 +15,10 @@ import torchbeam
 
 # From what knows nothing to what knows all:
 LAYERS = (
-    "math",
-    "core",
-    "uncertainty",
-    "topology",
-    "scene",
-    "state",
-    "nodal",
-    "solvers",
-    "equations",
-    "engine",
-    "dynamics",
-    "mixed",
-    "statics",
-    "linear",
-    "sensors",
-    "plot",
-    "analysis",
-    "cli",
+    "math", "core", "uncertainty", "topology", "scene", "state", "nodal", "solvers", "equations",
+    "engine", "dynamics", "mixed", "statics", "linear", "sensors", "plot", "analysis", "cli",
     "extend",
-)
+)  # fmt: skip
 HERE = Path(__file__).parents[2]
 ROOTS = {
     "torchbeam": Path(torchbeam.__file__).parent,
@@ -137,21 +121,11 @@ def test_the_derivations_element_is_imported_where_it_is_asked_for():
 
 
 PHYSICS = (
-    "nodal.assembly",
-    "nodal.balance",
-    "nodal.frame",
-    "nodal.mass_offset",
-    "nodal.loads",
-    "nodal.mass",
-    "nodal.rotary",
-    "nodal.rows",
-    "equations.alpha_kinematics",
-    "equations.energy_projection",
-    "equations.step_element",
-    "equations.step_kinematics",
-    "equations.support_motion",
-    "equations.steady_motion",
-)
+    "nodal.assembly", "nodal.balance", "nodal.frame", "nodal.mass_offset", "nodal.loads",
+    "nodal.mass", "nodal.rotary", "nodal.rows", "equations.alpha_kinematics",
+    "equations.energy_projection", "equations.step_element", "equations.step_kinematics",
+    "equations.support_motion", "equations.steady_motion",
+)  # fmt: skip
 
 
 def test_physics_reads_rows_and_no_scene():
@@ -179,27 +153,16 @@ def test_torchbeam_knows_neither_environments_nor_gymnasium():
 
 
 PUBLIC = (
-    "torchbeam",
-    "torchbeam.extend",
-    "torchbeam.extend.commands",
-    "torchbeam.plot",
-    "torchbeam.sensors",
-    "torchbeam_envs",
-    "torchbeam_envs.baselines",
-    "torchbeam_envs.functional",
-)
+    "torchbeam", "torchbeam.extend", "torchbeam.extend.commands", "torchbeam.plot",
+    "torchbeam.sensors", "torchbeam_envs", "torchbeam_envs.baselines", "torchbeam_envs.functional",
+)  # fmt: skip
 # what a command runs, for those who run parts of it
 DEMO = "torchbeam_envs.demo"
 # folder -> the package alone that the rule is about there; "" = both
 OUTSIDE = {
-    "envs": "torchbeam",
-    "training": "",
-    "cases": "",
-    "examples": "",
-    "tests/properties": "",
-    "tests/verification": "",
-    "tests/envs": "torchbeam",
-}
+    "envs": "torchbeam", "training": "", "cases": "", "examples": "", "tests/properties": "",
+    "tests/verification": "", "tests/envs": "torchbeam",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("folder", OUTSIDE)

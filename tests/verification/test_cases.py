@@ -2,7 +2,9 @@
 
 import csv
 import json
+import math
 import re
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -47,6 +49,9 @@ def test_case(case):
         assert result.error >= 0.7 * case.bound, (
             f"{result.error:.2e}: the bound {case.bound:.1e} is too wide"
         )
+    if case.coarse is not None:
+        order = math.log2(run(replace(case, solve=case.coarse)).error / result.error)
+        assert order == pytest.approx(2, abs=0.1)
 
 
 def test_every_reference_file_is_used():

@@ -16,14 +16,9 @@ def shaken(friction, force, shake):
     section = tb.Section.from_stiffness(EA=1e3, GA=4e2, GJ=0.8, EI=0.2, mass=0.2, inertia=1e-4)
     beam = tb.Beam.straight(1.0, 3, section, root=(0, 0, 0.0105))
     contact = tb.Contact(
-        tb.Plane((0, 0, 0), (0, 0, 1.0)),
-        thickness=1e-3,
-        force=force,
-        radius=0.01,
-        friction=friction,
-        slip_speed=0.02,
-        damping=2e-3,
-    )
+        tb.Plane((0, 0, 0), (0, 0, 1.0)), thickness=1e-3, force=force, radius=0.01,
+        friction=friction, slip_speed=0.02, damping=2e-3,
+    )  # fmt: skip
     gravity = tb.Gravity(lambda t: torch.stack((shake * torch.sin(12 * t), 0 * t, -9.81 + 0 * t)))
     scene = tb.Scene(beam, [gravity, contact], supports=(), plane="xz")
     return scene, tb.simulate(scene, torch.linspace(0, 0.5, 6), step=1e-3)

@@ -266,12 +266,9 @@ def test_lagged_actuator():
     """z' = (u - z)/T from zero: u (1 - exp(-t/T)); steps of T/20: (1/20)^2/12 = 2e-4."""
     T, u = 0.1, torch.tensor([0.0, 0.2, 0.1])
     load = tb.Load(
-        lambda x, R, v, w, t, z: (z, None),
-        node=-1,
-        internal=3,
-        rate=lambda z, x, R, v, w, t: (u - z) / T,
-        of=(),
-    )
+        lambda x, R, v, w, t, z: (z, None), node=-1, internal=3,
+        rate=lambda z, x, R, v, w, t: (u - z) / T, of=(),
+    )  # fmt: skip
     state = run(tb.Scene(cantilever(3), [load]), T / 20, 30)
     assert_close(state.internal.flatten(), u * (1 - math.exp(-1.5)), rtol=2e-4, atol=0)
 
@@ -352,34 +349,3 @@ def test_energy_balance():
         "RootSpring": drift(tb.simulate(tb.Scene(beam, [PUSH, clamp]), t, step=0.005).energy)
     }
     assert {name: x for name, x in found.items() if x >= max(3 * drifts[-1], 1e-4)} == {}
-
-
-@pytest.mark.long  # the gradient fuzz has these too
-def test_gradient_by_parameters_of_effects():
-    """Three steps with a lag that follows the tip, drag, an elastic clamp and an offset mass,
-    against central differences: reverse and forward mode.
-    """
-
-    def moved(p):
-        load = tb.Load(
-            lambda x, R, v, w, t, z: (z - 0.1 * v, None),
-            node=-1,
-            internal=3,
-            of=("position", "velocity"),
-            rate=lambda z, x, R, v, w, t: (p[:3] - z) / p[3] - x,
-        )
-        effects = [
-            load,
-            tb.Drag(p[4], 0.2, tangential=0.1),
-            tb.RootSpring((50.0, p[4]), damping=(1.0, 0.1)),
-            tb.PointMass(p[3], offset=p[:3]),
-            tb.MassDamping(p[3]),
-            tb.Spring(1, p[4], to=p[:3], length=p[3]),
-        ]
-        state = run(tb.Scene(cantilever(3, SOFT), effects), 0.05, 3, tolerance=1e-12)
-        return state.tip.position, state.internal
-
-    p = torch.tensor([0.1, 0.2, 0.3, 0.5, 5.0], requires_grad=True)
-    assert torch.autograd.gradcheck(
-        moved, p, eps=1e-5, atol=1e-6, rtol=1e-5, check_forward_ad=True, fast_mode=True
-    )

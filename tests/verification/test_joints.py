@@ -184,52 +184,6 @@ def test_gradients_by_joints():
         torch.testing.assert_close(slope.sum(), (up - down) / 2e-5, rtol=1e-6, atol=1e-8)
 
 
-def ring(force, elements):
-    """Of radius 1 from four arcs, pulled by two forces along x, held at one node half way, which
-    carries nothing.
-    """
-    parts, joints = {}, []
-    for k in range(4):
-        s = torch.linspace(k * math.pi / 2, (k + 1) * math.pi / 2, elements + 1)
-        parts[f"arc {k}"] = tb.Beam.from_nodes(
-            torch.stack((torch.cos(s), torch.sin(s), 0 * s), -1), SECTION
-        )
-        joints.append(tb.Weld((f"arc {k}", -1), (f"arc {(k + 1) % 4}", 0)))
-    loads = [
-        tb.PointLoad(("arc 0", 0), force=(force, 0, 0)),
-        tb.PointLoad(("arc 2", 0), force=(-force, 0, 0)),
-    ]
-    return tb.Scene(parts, loads, joints=joints, plane="xy", supports=[tb.Support(("arc 1", 0))])
-
-
-def test_ring_of_four_arcs():
-    """Pulled at two points it lengthens by F R^3/EI (pi/4 - 2/pi) and narrows by F R^3/EI
-    (2/pi - 1/2) (Timoshenko 1930); half way between it carries F/2 and F R (1/2 - 1/pi). Of second
-    order in the elements' size: extrapolated from 4 and 8 an arc, to 1 in 1000 with what it
-    stretches and shears.
-    """
-    force, found = 1e-3, []
-    for elements in (4, 8):
-        state = tb.equilibrium(ring(force, elements))
-        right, top, left, bottom = (state[f"arc {k}"].nodes[0] for k in range(4))
-        joint = state.joint[0]
-        assert (
-            abs(joint.force[0] - force / 2) < 1e-9 * force
-            and state.reaction.abs().max() < 1e-12 * force
-        )
-        found.append(
-            torch.stack(((right - left)[0] - 2, (top - bottom)[1] - 2, joint.moment[2])) / force
-        )
-    wanted = torch.tensor(
-        [
-            math.pi / 4 - 2 / math.pi + math.pi / 4 * (1 / 1e4 + 1 / 4e3),
-            0.5 - 2 / math.pi,
-            0.5 - 1 / math.pi,
-        ]
-    )
-    torch.testing.assert_close((4 * found[1] - found[0]) / 3, wanted, rtol=1e-3, atol=0)
-
-
 def link(**law):
     """A beam along x, another on its end that is held at its far end by a slider to the ground."""
     parts = {
@@ -266,37 +220,6 @@ def test_forces_of_joints_and_reactions_are_slopes_of_the_energy():
     ):
         slope = (energy(**{name: value + e}) - energy(**{name: value - e})) / (2 * e)
         torch.testing.assert_close(slope, wanted, rtol=1e-6, atol=1e-8)
-
-
-def pair(R):
-    """A bent beam on a hinge with a damped spring, a body with a point of it on a ball, and a rod:
-    drawn as R (3, 3) turns it."""
-
-    def vector(*v):
-        return R @ torch.tensor(v)
-
-    arm = tb.Beam.straight(1.0, 2, STOCKY, direction=vector(1.0, 0, 0), up=vector(0, 0, 1.0))
-    body = tb.Body(0.3, (1e-3, 2e-3, 3e-3), position=vector(1.0, 0.2, 0), rotation=R)
-    joints = [
-        tb.Hinge(
-            None, ("arm", 0), at=(0.0, 0, 0), axis=vector(0, 1.0, 0.2), stiffness=3.0, damping=0.1
-        ),
-        tb.Ball(("arm", -1), ("body", (0.0, -0.2, 0))),
-        tb.Distance("body", None, at=vector(1.0, 0.4, 0.5)),
-    ]
-    weight = tb.Gravity(vector(0, 0, -9.81))
-    return tb.Scene({"arm": arm, "body": body}, [weight], joints=joints)
-
-
-def test_a_turned_structure_moves_alike():
-    """Places, and forces of joints, are turned with it; coordinates stay."""
-    R = torch.linalg.matrix_exp(torch.tensor([[0, -0.4, 0.9], [0.4, 0, -0.7], [-0.9, 0.7, 0]]))
-    one, two = (last(pair(of), 0.1, 3, tolerance=1e-13) for of in (torch.eye(3), R))
-    torch.testing.assert_close(two.nodes, one.nodes @ R.T, rtol=0, atol=1e-12)
-    torch.testing.assert_close(two.joint[0].coordinate, one.joint[0].coordinate, rtol=0, atol=1e-12)
-    for a, b in zip(one.joint, two.joint, strict=True):
-        torch.testing.assert_close(b.force, R @ a.force, rtol=0, atol=1e-10)
-        torch.testing.assert_close(b.moment, R @ a.moment, rtol=0, atol=1e-10)
 
 
 def test_derivatives_by_lengths_offsets_and_places():
@@ -376,14 +299,11 @@ def linkage():
         arm = crank_.rotation @ torch.tensor(crank)
         ends = (rocker.position + rocker.rotation @ torch.tensor(x) for x in (to_pin, to_pivot))
         return (
-            crank_.position - arm,
-            crank_.position + arm - rod.nodes[0],
-            next(ends) - rod.tip.position,
-            next(ends) - torch.tensor(pivot),
-            crank_.rotation[[0, 2], 1],
-            rocker.rotation[[0, 2], 1],
+            crank_.position - arm, crank_.position + arm - rod.nodes[0],
+            next(ends) - rod.tip.position, next(ends) - torch.tensor(pivot),
+            crank_.rotation[[0, 2], 1], rocker.rotation[[0, 2], 1],
             (rod.tip.rotation @ drawn) @ rocker.rotation[:, 0],
-        )
+        )  # fmt: skip
 
     return scene, gaps
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache, cached_property
 from itertools import product
 from typing import Any
 
 import torch
+from torch import Tensor
 from torch._C import _functorch as functorch
+from torch._functorch import eager_transforms
 from torch.autograd import forward_ad
+from torch.autograd.graph import _engine_run_backward
 
 
 @contextmanager
@@ -43,6 +46,39 @@ def _past_inference() -> Iterator[None]:
 
 
 NOTHING = nullcontext()
+
+
+def vjp(function: Callable[..., Any], *xs: Tensor) -> tuple[Any, Callable[..., tuple[Tensor, ...]]]:
+    """function(*xs), a tensor or a tuple of tensors, and the map from its cotangents to those of
+    the tensors xs: `torch.func.vjp`, whose map imports torch's compiler and a computer algebra
+    system first, for more than two seconds.
+    """
+    with eager_transforms.grad_increment_nesting() as level, torch.enable_grad():
+        own = eager_transforms._create_differentiable(
+            eager_transforms._wrap_all_tensors(xs, level), level
+        )
+        inner = function(*own)
+        value = eager_transforms._undo_create_differentiable(inner, level)
+    values = inner if isinstance(inner, tuple) else (inner,)
+
+    def pull(cotangents: Any) -> tuple[Tensor, ...]:
+        given = cotangents if isinstance(cotangents, tuple) else (cotangents,)
+        pairs = [(y, v) for y, v in zip(values, given, strict=True) if y.requires_grad]
+        slopes: tuple[Tensor | None, ...] = (None,) * len(own)
+        if pairs:
+            outputs, bars = zip(*pairs, strict=True)
+            graph = torch.is_grad_enabled()
+            with lasting():
+                # torch.autograd.grad without its look at shapes; as there: the graph is retained,
+                # and recorded again, unused inputs are allowed
+                slopes = _engine_run_backward(
+                    outputs, bars, True, graph, own, True, accumulate_grad=False
+                )
+        return tuple(
+            torch.zeros_like(x) if v is None else v for x, v in zip(own, slopes, strict=True)
+        )
+
+    return value, pull
 
 
 class cached(cached_property):

@@ -19,6 +19,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from ..math.shapes import broadcast_shapes
+from .derivatives import vjp
 from .validation import as_tensor, axis_last, concrete
 
 # torch's words for two dtypes that meet
@@ -181,10 +182,10 @@ def rate_along(
         return torch.func.jvp(function, at, rates)
     if saves_by_hooks():
         raise ValueError(HOOKED)
-    value, _ = torch.func.vjp(function, *at)
+    value, _ = vjp(function, *at)
     several = isinstance(value, tuple)
     zero = tuple(map(torch.zeros_like, value)) if several else torch.zeros_like(value)
-    return value, torch.func.vjp(lambda v: torch.func.vjp(function, *at)[1](v), zero)[1](rates)[0]
+    return value, vjp(lambda v: vjp(function, *at)[1](v), zero)[1](rates)[0]
 
 
 def within_dual_numbers() -> bool:

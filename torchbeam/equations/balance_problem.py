@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -18,7 +18,7 @@ from ..nodal.balance import (
     restrained_forces,
     size_of_strain,
 )
-from ..nodal.between_nodes import NodeMotion
+from ..nodal.between_nodes import NodeMotion, Told
 from ..nodal.conditions import Conditions
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import InertiaForces
@@ -39,6 +39,7 @@ class BalanceProblem(Tree):
     """
 
     model: Rows
+    told: ClassVar[Told | None] = None  # by the last iteration
 
     @property
     def conditions(self) -> Conditions:
@@ -137,7 +138,7 @@ class BalanceProblem(Tree):
     def idle(self, kinematics: Any) -> Tensor:
         """(...) bool: whether none of them does anything."""
         way = self.node_motion(kinematics).way()
-        return element_loads.idle(self.model, way, self.conditions)
+        return element_loads.far(self.model, way, self.conditions).all(-1)
 
     def passed(self, kinematics: Any) -> Tensor | None:
         """(...) bool: whether the beam would pass through what it touches; None = it moves through
@@ -232,13 +233,13 @@ class BalanceProblem(Tree):
         """See `Problem`."""
         raise NotImplementedError
 
-    def by_secants(self, secant: Tensor) -> BalanceProblem:
+    def telling(self, *about: Any) -> Told:
         """See `Problem`."""
-        return self
+        return {}
 
-    def after(self, *about: Any) -> BalanceProblem:
+    def after(self, told: Told) -> BalanceProblem:
         """See `Problem`."""
-        return self
+        raise NotImplementedError
 
     def linearise(
         self, x: Any, kinematics: Any, element: ElementBalance, inertia: InertiaForces | None

@@ -7,6 +7,7 @@ and the stress.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
@@ -19,7 +20,7 @@ from ..core.leaves import leaf
 from ..nodal import element_loads, interactions
 from ..nodal import loads as external
 from ..nodal.balance import Residual
-from ..nodal.between_nodes import NodeMotion
+from ..nodal.between_nodes import NodeMotion, Told
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
@@ -51,8 +52,7 @@ class StepProblem(BalanceProblem):
     dt: Tensor = leaf(0)
     t: Tensor = leaf(0)
     inputs: Inputs = leaf(1)
-    secant: Tensor | None = leaf(0, default=None, kw_only=True)
-    told: Tensor | None = leaf(2, default=None, kw_only=True)
+    told: Told | None = leaf(2, default=None, kw_only=True)
 
     UNKNOWNS: ClassVar[type]
     TANGENT: ClassVar[type]
@@ -157,7 +157,7 @@ class StepProblem(BalanceProblem):
         nodes = self.motion.nodes(kinematics, self.conditions.reads if reads is None else reads)
         dt = self.dt if self.INSTANT == 0.5 else None
         return nodes._replace(
-            frame=self._frame_middle, internal=self.start.internal, dt=dt, secant=self.secant
+            frame=self._frame_middle, internal=self.start.internal, dt=dt, told=self.told or {}
         )
 
     def merit(self, residual: Residual) -> Tensor | None:
@@ -182,15 +182,21 @@ class StepProblem(BalanceProblem):
         )
         return self.UNKNOWNS(u, self.model.space.normalize(m), stress)
 
-    def by_secants(self, secant: Tensor) -> StepProblem:
-        return replace(self, secant=secant) if self.model.rubs else self
-
-    def after(self, kinematics: Any, *_: Any) -> StepProblem:
-        motion = self.node_motion(kinematics)
+    def telling(self, kinematics: Any, *_: Any) -> Told:
+        told: dict[str, Tensor] = {}
+        if not any(one.dissipative for one in self.model.interactions) and not self.model.rubs:
+            return told
+        motion, nodes = self.node_motion(kinematics), self.nodes(kinematics)
         for one in self.model.interactions:
-            if (told := one.told(motion)) is not None:
-                return replace(self, told=told)
-        return self
+            told |= one.telling(motion)
+        given = self.model, nodes, self.conditions
+        told |= external.telling(*given) | element_loads.telling(*given)
+        return element_loads.forgotten(self.model, told, motion.way(), self.conditions)
+
+    def after(self, told: Told) -> StepProblem:
+        new = copy(self)  # with what it has cached, which does not depend on it
+        vars(new)["told"] = told
+        return new
 
     def seen(self, x: Any) -> Nodes:
         """`nodes` of the unknowns."""
@@ -248,8 +254,7 @@ class StepProblem(BalanceProblem):
             ),
             way=lambda: self._way(kinematics),
             half=(lambda: of_motion().half) if mean else None,
-            secant=self.secant,
-            told=self.told,
+            told=self.told or {},
         )
 
     def finished(

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.derivatives import vjp
 from ..core.functions_of_time import rate_along
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
@@ -225,7 +226,7 @@ class Perturbation:
             value, rows = self.read(outputs, self.at(q, v, self.inputs, z, force))
             return value
 
-        value, back = torch.func.vjp(read, zero, zero, still, slack)
+        value, back = vjp(read, zero, zero, still, slack)
         slopes = [
             back(
                 torch.zeros_like(value).index_fill(-1, torch.tensor([i], device=value.device), 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from torch import Tensor
@@ -12,6 +12,11 @@ from .multipliers import Multipliers
 
 Where = tuple[Tensor, Tensor]
 Rates = Callable[[], tuple[Tensor, Tensor]]
+# what an iteration tells the next one: of "tendons" (..., E, 2) of points with friction, see
+# `rope.Grip`; of the points of "elements", "bodies" and "pairs" where surfaces rub (..., n, 6), see
+# `contact_law.telling`
+Told = Mapping[str, Tensor]
+NOTHING: Told = {}
 
 
 class NodeMotion(NamedTuple):
@@ -33,8 +38,7 @@ class NodeMotion(NamedTuple):
     way     `element_loads.Way` of the whole step
     half    half the spin of a node's end by that of its move (..., N+1, s, s); None = it is the end
             that moves
-    secant  (...), see `LoadPoint`
-    told    (..., E, 2) of points with friction, see `rope.Grip`
+    told    by the last iteration
     """
 
     now: Any
@@ -51,8 +55,7 @@ class NodeMotion(NamedTuple):
     path: Callable[[], Tensor] | None = None
     way: Callable[[], Any] | None = None
     half: Callable[[], Tensor] | None = None
-    secant: Tensor | None = None
-    told: Tensor | None = None
+    told: Told = NOTHING
 
     @property
     def rate(self) -> float:
@@ -142,9 +145,9 @@ class BetweenNodes(Tree):
         """
         return fields
 
-    def told(self, motion: NodeMotion) -> Tensor | None:
-        """What an iteration tells the next one, see `NodeMotion`."""
-        return None
+    def telling(self, motion: NodeMotion) -> Told:
+        """What an iteration tells the next one."""
+        return {}
 
     def near_enough(self, motion: NodeMotion) -> Tensor | None:
         """(...) bool: whether parts may touch each other over the step; None = there are none."""

@@ -22,8 +22,10 @@ from ..scene.stations import Table
 from ..topology.protocols import Blocks, Matrix
 from . import interactions
 from .acting import ActingLoad
+from .between_nodes import Told
 from .conditions import Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
+from .multipliers import stacked
 from .rows import Rows
 from .sample_check import check_samples, tried
 
@@ -77,6 +79,26 @@ def all_loads(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
     return interactions.at_nodes(rows.space, nodes, now, total)
 
 
+def telling(rows: Rows, nodes: Nodes, now: Conditions) -> Told:
+    """What points where surfaces rub tell the next iteration."""
+    points = _points(rows, nodes, now)
+    each = [act.load.telling(point) for act, point in points if act.load.rubs]
+    return {"elements": stacked(*each)} if each else {}
+
+
+def forgotten(rows: Rows, told: Told, way: Way, now: Conditions) -> Told:
+    """The same, but of elements that are `far` nothing."""
+    if "elements" not in told:
+        return told
+    away = far(rows, way, now)
+    each = [
+        away[..., _elements(rows, act)].repeat_interleave(act.load.points, -1)
+        for act in now.between
+        if act.load.rubs
+    ]
+    return {**told, "elements": torch.where(torch.cat(each, -1)[..., None], 0.0, told["elements"])}
+
+
 class Way(NamedTuple):
     """Straight ways of nodes over a step of dt (...) s: by `half` (..., N+1, p) m on either side of
     the `middle` (..., N+1, p) m, in the space's coordinates; None = they rest.
@@ -87,10 +109,10 @@ class Way(NamedTuple):
     dt: Tensor | None = None
 
 
-def idle(rows: Rows, way: Way, now: Conditions) -> Tensor:
-    """(...) bool: whether none of these loads does anything, wherever nodes are on their way: by
-    the squares of how far an element's points are from its centre, and of how far they move. The
-    shares of nodes in a point have squares that sum up to 1 at most.
+def far(rows: Rows, way: Way, now: Conditions) -> Tensor:
+    """(..., elements) bool: where none of these loads does anything, wherever nodes are on their
+    way: by the squares of how far an element's points are from its centre, and of how far they
+    move. The shares of nodes in a point have squares that sum up to 1 at most.
     """
     each = []
     for acting in now.between:
@@ -104,8 +126,8 @@ def idle(rows: Rows, way: Way, now: Conditions) -> Tensor:
             shifts += [2 * part.square().sum(-1) for part in carried if part is not None]
             share = 1 if len(shifts) == len(moves) else 2
             spread = spread + share * sum(shifts[1:], shifts[0])
-        each.append(load.idle(x, 2 * spread).all(-1))
-    return torch.stack(torch.broadcast_tensors(*each)).all(0)
+        each.append(_padded(rows, acting, ~load.idle(x, 2 * spread), 0))
+    return ~torch.stack(torch.broadcast_tensors(*each)).any(0)
 
 
 def _hull(corners: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
@@ -165,7 +187,9 @@ def at_points(rows: Rows, acting: ActingLoad) -> ActingLoad:
     return acting._replace(load=acting.load.at_points(s))
 
 
-def load_point(rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions) -> LoadPoint:
+def load_point(
+    rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions, told: Tensor | None = None
+) -> LoadPoint:
     """The points (..., points, 3) of the elements along which a load acts, one after the other."""
     space = rows.space
     public = {
@@ -185,13 +209,19 @@ def load_point(rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions) ->
         **motion,
         dt=nodes.dt if acting.load.wants_step else None,
         frame=now.velocities if acting.load.wants_frame else (None, None),
-        secant=nodes.secant,
+        told=told,
     )
 
 
 def _points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingLoad, LoadPoint]]:
+    told, row = nodes.told.get("elements"), 0
     for acting in now.between:
-        point = load_point(rows, acting, nodes, now)
+        own = None
+        if acting.load.rubs and told is not None:
+            elements = range(rows.topology.element_count)[_elements(rows, acting)]
+            own = told.narrow(-2, row, count := len(elements) * acting.load.points)
+            row += count
+        point = load_point(rows, acting, nodes, now, own)
         if acting.functions and not tried(acting.functions):
             check_samples(acting.load, point, now.t, now.inputs)
         yield at_points(rows, acting), point

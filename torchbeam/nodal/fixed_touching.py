@@ -24,10 +24,15 @@ class FixedTouching(AllTouching):
     nodes: tuple[tuple[int, ...], ...]
     laws: tuple[PairLaw, ...]
 
+    @property
+    def every(self) -> int:
+        return len(self.nodes)
+
     def near(self, motion: PairMotion | None) -> list[Near]:
         if self.pairs is None:
             return []
-        return [Near(self.pairs, torch.tensor(self.nodes, device=self.moves.device))]
+        nodes = torch.tensor(self.nodes, device=self.moves.device)
+        return [Near(self.pairs, nodes, torch.arange(len(nodes), device=nodes.device))]
 
 
 def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:

@@ -25,8 +25,10 @@ from ..scene.effects.load_point import (
     together,
 )
 from .acting import ActingLoad
+from .between_nodes import NOTHING, Told
 from .conditions import Conditions
 from .coordinates.spatial import Spatial
+from .multipliers import stacked
 from .rows import Rows
 from .sample_check import check_samples, tried
 
@@ -48,7 +50,7 @@ class Nodes(NamedTuple):
               read by no load
     axes      (..., N+1, 3, 3) section axes -> frame a, where these are known; None = `rotation`
               tells
-    secant    (...), see `LoadPoint`
+    told      by the last iteration
     """
 
     position: Tensor
@@ -61,7 +63,7 @@ class Nodes(NamedTuple):
     acceleration: Tensor | None = None
     angular_acceleration: Tensor | None = None
     axes: Tensor | None = None
-    secant: Tensor | None = None
+    told: Told = NOTHING
 
     def of(self, node: int | slice, reads: frozenset[str]) -> Nodes:
         """Of one, (..., *), or of some: how they are turned, and what a load reads."""
@@ -124,6 +126,13 @@ def tangent(
             else total + _spread(rows, acting, derivatives, 2)
         )
     return total
+
+
+def telling(rows: Rows, nodes: Nodes, now: Conditions) -> Told:
+    """What bodies whose surfaces rub tell the next iteration."""
+    points = load_points(rows, nodes, now, now.moving)
+    each = [act.load.telling(point) for act, point in points if act.load.rubbing_points]
+    return {"bodies": stacked(*each)} if each else {}
 
 
 def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
@@ -345,6 +354,7 @@ def _flat(acting: ActingLoad, z: Tensor) -> Tensor:
 def load_points(
     rows: Rows, nodes: Nodes, now: Conditions, loads: tuple[ActingLoad, ...]
 ) -> Iterator[tuple[ActingLoad, LoadPoint]]:
+    row = 0
     for acting in loads:
         load, internal, place = acting.load, acting.internal is not None, {}
         space, at = (
@@ -371,8 +381,9 @@ def load_points(
             place["support"] = now.root
         if load.wants_frame:
             place["frame"] = now.velocities
-        if load.rubs:
-            place["secant"] = nodes.secant
+        if load.rubbing_points and "bodies" in nodes.told:
+            place["told"] = nodes.told["bodies"].narrow(-2, row, load.rubbing_points)
+            row += load.rubbing_points
         point = load_point(space, load, acting.reads, at, **place)
         if acting.functions and not tried(acting.functions):
             check_samples(load, point, now.t, now.inputs)

@@ -16,6 +16,7 @@ from .joints import Joints
 from .model import Model
 
 RANK = {torch.float64: 1e-9, torch.float32: 1e-4}  # of a row
+CLEAR = 1e-3  # of a row: a singular value that is no matter of rounding
 
 
 def refuse_redundant(model: Model) -> None:
@@ -45,7 +46,12 @@ def refuse_redundant(model: Model) -> None:
 
 
 def _rank(G: Tensor, least: float) -> int:
-    """The least of all samples; a row that is smaller than `least` is none."""
+    """The least of all samples; a row that is smaller than `least` is none. Where all are clearly
+    independent, a factorisation of G G^T tells it, a tenth of the work of singular values.
+    """
+    apart = G @ G.mT - CLEAR**2 * torch.eye(G.shape[-2]).to(G)
+    if (torch.linalg.cholesky_ex(apart).info == 0).all():
+        return G.shape[-2]
     return int((torch.linalg.svdvals(G) > least).sum(-1).amin())
 
 

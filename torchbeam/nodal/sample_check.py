@@ -27,7 +27,7 @@ from ..scene.effects.load_point import together
 # fields of a point and their axes, those of sites along the beam apart
 MOTION = ("position", "velocity", "spin", "acceleration", "angular_acceleration", "internal")
 AT_SITES = {"R": 2, "mass": 2, "s": 0} | dict.fromkeys(MOTION, 1)
-OF_ALL = {"axes": 2, "dt": 0, "secant": 0}
+OF_ALL = {"axes": 2, "dt": 0, "told": 2}
 OF_INTERACTION = {"own": 1, "internal": 1}
 FEW = 3  # samples of an axis that are enough, but for functions that hold rows for all of them
 TURN = 0.3  # rad

@@ -24,7 +24,7 @@ from torch import Tensor
 from ..core.leaves import AXES, leaf
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
-from ..scene.effects.contact_law import damped, potential, pressure, rubbing
+from ..scene.effects.contact_law import damped, potential, pressure
 from ..scene.effects.contact_path import leads_through
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY, jacobians
@@ -111,8 +111,7 @@ class SurfacePairs(TouchingPairs):
             p = p * damped(approach * self.damping[..., None] / d)
         if self.friction is not None and points.velocity is not None:
             slip = self._slip(points, self._lever(rho, u))
-            secant = None if points.secant is None else points.secant[..., None, None]
-            rub = -self.friction[..., None] * p * rubbing(slip, self.slip_speed[..., None], secant)
+            rub = self._rub(points, p, slip)
         shares = torch.zeros_like(rho)
         return Meeting(
             shares, rho, (gaps[0] + gaps[1]) / 2, p, elastic, u, slip, rub, self.measure[..., None]
@@ -160,7 +159,7 @@ class SurfacePairs(TouchingPairs):
             velocity, spin = (*moving, None, None)[:2]
             now = None if half is None else half + (x - x.detach())
             turned = *R[:-1], R[-1] + skew(turn) @ R[-1]
-            motion = PairMotion(x, now, velocity, spin, points.secant, turned)
+            motion = PairMotion(x, now, velocity, spin, points.told, turned)
             return torch.cat(torch.broadcast_tensors(*self._actions(motion)), -1)
 
         still = torch.zeros_like(points.position[..., 0, :])

@@ -19,7 +19,7 @@ from ..math.shapes import broadcast_shapes
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
 from ..topology.places import added
-from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
+from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates, Told
 from .coordinates.spatial import Spatial
 from .joint_motion import end_moves
 from .rope import Rope, RopeStep, Stretches
@@ -131,9 +131,9 @@ class Tendons(BetweenNodes):
         shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
         return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
 
-    def told(self, motion: NodeMotion) -> Tensor | None:
+    def telling(self, motion: NodeMotion) -> Told:
         if motion.dt is None or not self.dissipative:
-            return None
+            return {}
         rows, steps = [], self.steps(motion.placed(self.eyelets), motion.now.tendons)
         for rope, step in zip(self.ropes, steps, strict=True):
             none = torch.zeros_like(step.after[..., :2])
@@ -141,7 +141,7 @@ class Tendons(BetweenNodes):
                 own = rope.grips(step, Stretches.of(step)).told
                 none = pad(own, (0, 0, 1, 1))
             rows.append(none)
-        return torch.cat(rows, -2)
+        return {"tendons": torch.cat(rows, -2)}
 
     def values(self, scene: Any, t: Tensor, inputs: Inputs, end: Tensor) -> Tensor:
         """(..., K): the tension N or length m that is given."""
@@ -174,6 +174,7 @@ class Tendons(BetweenNodes):
         over = of.dt is not None and motion.start is not None
         rates = self._rates(motion) if over and self.dissipative else None
         way = self.way(motion) if over and self._coupled else None
+        told = of.told.get("tendons")
         for k, (rope, part) in enumerate(zip(self.ropes, self._parts, strict=True)):
             steps.append(
                 RopeStep(
@@ -184,7 +185,7 @@ class Tendons(BetweenNodes):
                     of.dt,
                     None if rates is None else rates[..., part, :],
                     None if way is None else way[..., part, :],
-                    None if of.told is None else of.told[..., part, :][..., 1:-1, :],
+                    None if told is None else told[..., part, :][..., 1:-1, :],
                 )
             )
         return tuple(steps)

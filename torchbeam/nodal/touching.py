@@ -212,6 +212,11 @@ class Touching(Tree):
         return self._every[..., :: self.places.count, :]
 
     @property
+    def every(self) -> int:
+        """How many pairs of places and pieces there are."""
+        return self.places.shares.shape[-2] * len(self.pieces)
+
+    @property
     def nodes(self) -> tuple[tuple[tuple[int, int, int], ...], ...]:
         """The three of each of the n nodes that have places, and of each piece."""
         return piece_nodes(*self.along), self.pieces

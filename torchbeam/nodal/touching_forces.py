@@ -18,27 +18,33 @@ from ..math.concrete import mapped
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
 from ..topology.places import added
-from .between_nodes import BetweenNodes, NodeMotion, Rates
+from .between_nodes import BetweenNodes, NodeMotion, Rates, Told
 from .coordinates.spatial import Spatial
 from .surface_pairs import BODY
 from .touching import Touching
 from .touching_pairs import PairMotion, TouchingPairs
 
 
-def of_nodes(nodes: Tensor, motion: PairMotion) -> PairMotion:
-    """The motion of the nodes (U, 6) of pairs."""
+def of_nodes(nodes: Tensor, motion: PairMotion, told: Tensor | None = None) -> PairMotion:
+    """The motion of the nodes (U, 6) of pairs; what they are told."""
     moves = (None if x is None else x[..., nodes, :] for x in motion[:4])
     axes = None
     if motion.axes is not None:
         axes = tuple(R[..., nodes[:, BODY], :, :] for R in motion.axes)
-    return PairMotion(*moves, motion.secant, axes)
+    return PairMotion(*moves, told, axes)
 
 
 class Near(NamedTuple):
-    """Pairs that may touch each other, and their nodes (U, 6)."""
+    """Pairs that may touch each other, their nodes (U, 6), and which of all pairs (U) they are."""
 
     pairs: TouchingPairs
     nodes: Tensor
+    rows: Tensor
+
+    def told(self, motion: NodeMotion) -> Tensor | None:
+        """(..., U, 6) by the last iteration."""
+        told = motion.told.get("pairs")
+        return None if told is None else told[..., self.rows, :]
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,11 @@ class AnyTouching(BetweenNodes):
 
     present = True
     reads: ClassVar[frozenset[str]] = frozenset()
+
+    @property
+    def every(self) -> int:
+        """How many pairs there are, near or not."""
+        raise NotImplementedError
 
     @property
     def smooth(self) -> bool:
@@ -70,8 +81,7 @@ class AnyTouching(BetweenNodes):
             space.public_position(at.position),
             space.public_vector(at.position - start[0]) if mean else None,
             *rates,
-            motion.secant,
-            self._axes(motion, mean),
+            axes=self._axes(motion, mean),
         )
 
     def way_of(self, motion: NodeMotion) -> PairMotion:
@@ -102,7 +112,7 @@ class AnyTouching(BetweenNodes):
     def loaded(self, nodes: Tensor, motion: NodeMotion) -> Tensor:
         """The nodes' balances (..., nodes, w), with the forces of these."""
         now = self.moves_of(motion)
-        for pairs, own in self.near(now):
+        for pairs, own, _ in self.near(now):
             push = -(pairs.wrenches(of_nodes(own, now)) @ self.moves.mT).flatten(-3, -2)
             nodes = added(nodes, tuple(own.flatten().tolist()), push, nodes.shape[-2], 1)
         return nodes
@@ -148,12 +158,24 @@ class AnyTouching(BetweenNodes):
     def work(self, motion: NodeMotion) -> Tensor | float:
         """(...) J over a step."""
         now = self.way_of(motion)
-        return sum(pairs.work(of_nodes(own, now), motion.dt) for pairs, own in self.near(now))
+        return sum(pairs.work(of_nodes(own, now), motion.dt) for pairs, own, _ in self.near(now))
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
     ) -> dict[str, Any]:
         return fields | {"work": fields["work"] + self.work(motion)} if "work" in fields else fields
+
+    def telling(self, motion: NodeMotion) -> Told:
+        """Those that are far tell nothing."""
+        now, way = self.moves_of(motion), self.way_of(motion)
+        none = self.moves.new_zeros(self.every, 6)
+        for near in self.near(now):
+            if near.pairs.friction is not None:
+                far = near.pairs.far(of_nodes(near.nodes, way))[..., None]
+                own = near.pairs.telling(of_nodes(near.nodes, now, near.told(motion)))
+                own = torch.where(far, 0.0, own)
+                none = none.expand(*own.shape[:-2], -1, -1).index_copy(-2, near.rows, own)
+        return {"pairs": none}
 
     def near_enough(self, motion: NodeMotion) -> Tensor | None:
         return self._any(motion, lambda pairs, own: (~pairs.far(own)).any(-1))
@@ -165,14 +187,14 @@ class AnyTouching(BetweenNodes):
         self, motion: NodeMotion, what: Callable[[TouchingPairs, PairMotion], Tensor]
     ) -> Tensor | None:
         way = self.way_of(motion)
-        each = [what(pairs, of_nodes(own, way)) for pairs, own in self.near(way)]
+        each = [what(pairs, of_nodes(own, way)) for pairs, own, _ in self.near(way)]
         return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
     def by_moves(self, near: Near, motion: NodeMotion, now: PairMotion) -> Tensor:
         """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves, of a
         motion with these `moves_of`.
         """
-        of_pairs = of_nodes(near.nodes, now)
+        of_pairs = of_nodes(near.nodes, now, near.told(motion))
         slopes = near.pairs.slopes(of_pairs)
         change, by = slopes.pop(POSITION) @ self.moves[:, :3].mT, {}
         if slopes and motion.before is not None:
@@ -229,9 +251,18 @@ class AllTouching(AnyTouching):
     def reads(self) -> frozenset[str]:
         return frozenset().union(*(one.reads for one in self.each))
 
+    @property
+    def every(self) -> int:
+        return sum(one.every for one in self.each)
+
     def near(self, motion: PairMotion) -> list[Near]:
-        near = [(one, one.nearby(motion)) for one in self.each]
-        return [Near(one.pairs(own), own.nodes) for one, own in near if len(own.point)]
+        near, first = [], 0
+        for one in self.each:
+            if len((own := one.nearby(motion)).point):
+                rows = first + own.point * len(one.pieces) + own.piece
+                near.append(Near(one.pairs(own), own.nodes, rows))
+            first += one.every
+        return near
 
 
 @dataclass(frozen=True)
@@ -242,6 +273,8 @@ class OnePair(AnyTouching):
 
     dissipative = property(lambda self: self.pairs.lossy)
     reads = property(lambda self: self.pairs.reads)
+    every = 1
 
     def near(self, motion: PairMotion | None) -> list[Near]:
-        return [Near(self.pairs, torch.arange(6, device=self.moves.device)[None])]
+        nodes = torch.arange(6, device=self.moves.device)[None]
+        return [Near(self.pairs, nodes, nodes[:, 0])]

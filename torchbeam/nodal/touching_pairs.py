@@ -26,7 +26,7 @@ from torch import Tensor
 
 from ..core.leaves import Tree, batch_shapes, leaf
 from ..math.shapes import broadcast_shapes
-from ..scene.effects.contact_law import damped, potential, pressure, rubbing
+from ..scene.effects.contact_law import damped, potential, pressure, rubbing, telling
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, SPIN, VELOCITY, jacobians
 from .centreline import bernstein, least_distance, nearest
@@ -38,15 +38,16 @@ class PairMotion(NamedTuple):
     """Of all nodes (..., N+1, 3), or of U pairs of the nodes (..., U, 6, 3), or of the points
     (..., U, 4, 3), frame a: position m where forces act; half m by which they move on either side
     of it over a step, None = at an instant; velocity m/s and spin rad/s there, absolute, None = at
-    rest; secant (...), see `LoadPoint`; axes (..., N+1, 3, 3), or (..., U, 3, 3) of a piece's own
-    node, before and after a step, at an instant once, None = nothing reads them.
+    rest; told (..., U, 6), see `contact_law.telling`, None = nothing; axes (..., N+1, 3, 3), or
+    (..., U, 3, 3) of a piece's own node, before and after a step, at an instant once, None =
+    nothing reads them.
     """
 
     position: Tensor
     half: Tensor | None = None
     velocity: Tensor | None = None
     spin: Tensor | None = None
-    secant: Tensor | None = None
+    told: Tensor | None = None
     axes: tuple[Tensor, ...] | None = None
 
 
@@ -117,7 +118,7 @@ class TouchingPairs(Tree):
             place = (self.own[..., None] * x[..., :3, :]).sum(-2, keepdim=True)
             return torch.cat((place, x[..., 3:, :].expand(*place.shape[:-2], 3, 3)), -2)
 
-        return PairMotion(*(None if x is None else four(x) for x in motion[:4]), motion.secant)
+        return PairMotion(*(None if x is None else four(x) for x in motion[:4]), motion.told)
 
     def slack(self, motion: PairMotion) -> Tensor:
         """(..., U) m: by how much the gap is wider than where forces begin, at least, wherever both
@@ -168,10 +169,19 @@ class TouchingPairs(Tree):
         slip = rub = None
         if self.friction is not None and velocity is not None:
             slip = self._slip(shares, r, apart(velocity), spin)
-            secant = None if points.secant is None else points.secant[..., None, None]
-            rub = -self.friction[..., None] * p * rubbing(slip, self.slip_speed[..., None], secant)
+            rub = self._rub(points, p, slip)
         measure = (self.measure * within)[..., None]
         return Meeting(shares, r, norm(r) - (room - d), p, elastic, u, slip, rub, measure)
+
+    def _rub(self, points: PairMotion, p: Tensor, slip: Tensor) -> Tensor:
+        """(..., U, 3) N/m of friction on the place."""
+        sense = rubbing(slip, self.slip_speed[..., None], points.told)
+        return -self.friction[..., None] * p * sense
+
+    def telling(self, motion: PairMotion) -> Tensor:
+        """(..., U, 6) what friction tells the next iteration."""
+        points = self.points(motion)
+        return telling(self.meeting(points).slip, self.slip_speed[..., None], points.told)
 
     def _slip(self, shares: Tensor, r: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., U, 3) m/s of the first part's surface on the second's."""
@@ -234,7 +244,7 @@ class TouchingPairs(Tree):
             x, *moving = (part.unflatten(-1, (4, 3)) for part in (x, *moving))
             velocity, spin = (*moving, None, None)[:2]
             now = None if half is None else half + (x - x.detach())
-            found = self._actions(PairMotion(x, now, velocity, spin, points.secant))
+            found = self._actions(PairMotion(x, now, velocity, spin, points.told))
             return torch.cat([part for part in found if part is not None], -1)
 
         batch = broadcast_shapes(points.position.shape[:-3], *batch_shapes(self))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import torch
@@ -16,10 +17,9 @@ from .problem import Problem
 
 TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-4}  # of the scaled residual
 LIMIT = 25  # iterations
-# friction by secants: after so many iterations, above this residual, unless it falls by this factor
-PATIENCE, CLOSE, FALLS = 6, 0.01, 0.3
-# a step is shortened by factors between these two, to no less than this share
-SHORTER, LEAST = (0.1, 0.5), 0.01
+# whole steps that may pass before one is below the best; a step is shortened by factors between
+# these two, to no less than this share
+WAIT, SHORTER, LEAST = 5, (0.1, 0.5), 0.01
 TRUSTED = 0.01  # a residual that falls by this factor goes on to fall at the order of convergence
 
 
@@ -55,15 +55,13 @@ def newton(
     cantilevers under tip forces, with 1e-8, one in twenty was above it, the worst at 2e-6). A
     sample whose residual stops being finite has failed and is left alone.
 
-    Friction rises steeply up to its most and stays there, where Newton's method can go from slip to
-    slip the other way and back, however short the step: once it has taken some iterations, its
-    tangents take friction by secants, as the lagged iteration of Kacanov does (Vogel and Oman 1996:
-    convergent of itself, but linearly), until what is left is small, see `next_secant`.
+    What an iteration tells the next one (`Problem.telling`) is told again where that goes back.
 
     Where a contact begins, or what sticks begins to slip, tangents tell little of what is beyond:
-    of a problem with a merit, a step that raises it is shortened until it does not, see
-    `step_length`. Each time counts as an iteration. Steps are whole where nothing is near enough to
-    touch, and the last one is, which is foreseen to converge.
+    of a problem with a merit, some whole steps may raise it, as those that go deep into an obstacle
+    come back by themselves; where none of them leads below the best, the step from there is
+    shortened until it does, see `step_length`. Each time counts as an iteration. Steps are whole
+    where nothing is near enough to touch, and the last one is, which is foreseen to converge.
 
     trust_start  whether r may be the residual of x; not where that is the size of a step to come,
                  whatever the balance lacks
@@ -76,13 +74,15 @@ def newton(
 
 
 class Search(NamedTuple):
-    """Where steps may be shortened: the unknowns that the last began from, the merit there, and the
-    share of it that has been taken.
+    """Where steps may be shortened: the best unknowns so far and what was told there, the merit
+    there, the share of the step from there that has been taken, and `Length.waited`.
     """
 
-    last: Any
+    best: Any
+    told: Mapping[str, Tensor]
     merit: Tensor
     share: Tensor
+    waited: Tensor
 
 
 def _iterate(
@@ -94,13 +94,10 @@ def _iterate(
     limit: int,
     trust_start: bool,
     foresee: Tensor | None,
-    earlier: int = 0,
-    secant: Tensor | None = None,
     search: Search | None = None,
 ) -> Outcome:
-    """`before` (...): the scaled residual of the iteration before; None = there was none; earlier:
-    how many have been made; secant (...): whether the problem has secants, None = no; search: of
-    the last step, None = it was whole.
+    """`before` (...): the scaled residual of the iteration before; None = there was none;
+    search: of the last step, None = there was none.
     """
     first = before is None
     for k in range(limit):
@@ -117,7 +114,6 @@ def _iterate(
             status = torch.where(torch.isfinite(size) | (not first), DIVERGED, BROKEN)
             iterations = torch.zeros_like(status)
             before = torch.zeros_like(size) if first else before
-            secant = torch.zeros_like(size) if secant is None else secant
             x = type(x)(*(v.expand(*size.shape, *v.shape[-2:]) for v in x))
             few = None if active is None else BatchSubset.worthwhile(~over)
             part = None if few is None else _part(problem, few)
@@ -144,22 +140,23 @@ def _iterate(
         *change, root = tangent.solve(residual.nodes, residual.strain)
         keep = over[..., None, None]
         after = problem.update(x, *change)
+        told = problem.telling(*about)
         if length is not None:
-            after = _where(length.back, problem.between(search.last, x, length.ratio), after)
-            search = search._replace(last=_where(length.back, search.last, x))
+            after = _where(length.back, problem.between(search.best, x, length.ratio), after)
+            last = problem.told or {}
+            best = _told(length.worse, search.told, last)
+            told = _told(length.back, _told(length.ratio > 0, last, best), told)
+            search = search._replace(best=_where(length.worse, search.best, x), told=best)
         x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, after, strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
         done = done | ends
         over = done | ~torch.isfinite(size)
-        if earlier + k >= PATIENCE:
-            last, secant = secant, next_secant(size, before, earlier + k, secant, length)
-            problem = problem.by_secants(secant) if concrete(secant != last).any() else problem
         if trust_start or not first or k:
-            before = size if length is None else torch.where(length.back, before, size)
+            before = size if length is None else length.before(before, size)
         if concrete(over).all():
             break
-        problem = problem.after(*about)
+        problem = problem.after(told) if told else problem
         few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
         part = None if few is None else _part(problem, few)
         if part is not None:
@@ -172,11 +169,13 @@ def _iterate(
                 limit - 1 - k,
                 True,
                 _some(few, foresee),
-                earlier + k + 1,
-                few.take(secant, 0),
                 None
                 if search is None
-                else Search(_taken(few, search.last), *(few.take(v, 0) for v in search[1:])),
+                else Search(
+                    _taken(few, search.best),
+                    {name: few.take(v, 2) for name, v in search.told.items()},
+                    *(few.take(v, 0) for v in search[2:]),
+                ),
             )
             return _joined(
                 few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest
@@ -185,47 +184,47 @@ def _iterate(
 
 
 class Length(NamedTuple):
-    """back (...) bool: whether the last step is taken back, to which ratio of it; short (...) bool:
-    whether it is taken as it is, which is not whole; merit, share (...): of the step to come.
+    """worse (...) bool: where the last step has led above the best; back (...) bool: whether it is
+    taken back, to which ratio of it, 0 = to the best; merit (...): of the best; share (...): of the
+    step to come; waited (...): whole steps since the best, WAIT + 1 = at it again, then WAIT + 2.
     """
 
+    worse: Tensor
     back: Tensor
     ratio: Tensor
-    short: Tensor
     merit: Tensor
     share: Tensor
+    waited: Tensor
+
+    def before(self, before: Tensor, size: Tensor) -> Tensor:
+        """(...) the scaled residual that the next one is measured by, 0 = by none."""
+        return torch.where(self.back, torch.where(self.ratio > 0, before, 0.0), size)
 
 
-def step_length(merit: Tensor, last: Tensor, share: Tensor, free: Tensor) -> Length:
-    """What becomes of the step that has led to a merit (...), a sum of squares, from one of `last`,
-    a share of it having been taken; free (...): samples in which it may be shortened. The ratio is
-    where a parabola that falls at first as Newton's step promises has its least value (Dennis and
-    Schnabel 1983, 6.3.2), within bounds.
+def step_length(merit: Tensor, best: Tensor, share: Tensor, waited: Tensor, free: Tensor) -> Length:
+    """What becomes of the step that has led to a merit (...), a sum of squares, where the best is
+    `best`, a share of it having been taken; free (...): samples in which it may be shortened.
+
+    Steps stay whole until so many have not led below the best (the watchdog of Chamberlain, Powell,
+    Lemarechal and Pedersen 1982); then that is gone back to, and the step from there shortened. The
+    ratio is where a parabola that falls at first as Newton's step promises has its least value
+    (Dennis and Schnabel 1983, 6.3.2), within bounds.
     """
-    back = free & (merit > last) & (share > LEAST)
-    ratio = (last / (last + merit)).clamp(*SHORTER)
+    again = waited == WAIT + 1
+    worse = free & ~again & (merit > best) & (share > LEAST)
+    back = worse & (waited >= WAIT)
+    returns = worse & (waited == WAIT)
+    ratio = (best / (best + merit)).clamp(*SHORTER)
     one = torch.ones_like(ratio)
+    searched = torch.where(worse, waited, 0.0)
     return Length(
+        worse,
         back,
-        torch.where(back, ratio, one),
-        ~back & (share < 1),
-        torch.where(back, last, merit),
-        torch.where(back, ratio * share, one),
+        torch.where(returns, 0.0, torch.where(back, ratio, one)),
+        torch.where(worse, best, merit),
+        torch.where(back & ~returns, ratio * share, one),
+        torch.where(again | worse & (waited <= WAIT), waited + 1, searched),
     )
-
-
-def next_secant(
-    size: Tensor, before: Tensor, iterations: Tensor, secant: Tensor, length: Length | None = None
-) -> Tensor:
-    """(...) 1 where the next iteration is to take friction by secants, after so many with tangents:
-    where the residual is not small, and has not fallen by much with a tangent. Of a step with
-    secants that was not whole the next is with tangents, which lead down.
-    """
-    falls = (secant == 0) & (size < FALLS * before)
-    if length is not None:
-        falls = falls | (secant != 0) & length.short
-    after = ((size > CLOSE) & ~falls & (iterations >= PATIENCE)).to(size)
-    return after if length is None else torch.where(length.back, secant, after)
 
 
 def converged(
@@ -252,15 +251,26 @@ def _searched(
     if merit is None:
         return None, None
     if search is None:
-        search = Search(x, torch.full_like(merit, torch.inf), torch.ones_like(merit))
+        one = torch.ones_like(merit)
+        search = Search(x, {}, torch.inf * one, one, 0 * one)
     if concrete(free & (merit > search.merit)).any():
-        free = free & (problem.near(x) | problem.near(search.last))
-    length = step_length(merit, search.merit, search.share, free)
-    return length, search._replace(merit=length.merit, share=length.share)
+        free = free & (problem.near(x) | problem.near(search.best))
+    length = step_length(merit, *search[2:], free)
+    return length, Search(*search[:2], length.merit, length.share, length.waited)
 
 
 def _where(which: Tensor, a: Any, b: Any) -> Any:
     return type(a)(*(torch.where(which[..., None, None], v, w) for v, w in zip(a, b, strict=True)))
+
+
+def _told(which: Tensor, a: Mapping[str, Tensor], b: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+    """What is told in one way and the other; nothing is zeros."""
+    some = which[..., None, None]
+    parts = {name: (a.get(name), b.get(name)) for name in {**a, **b}}
+    return {
+        name: torch.where(some, 0.0 if v is None else v, 0.0 if w is None else w)
+        for name, (v, w) in parts.items()
+    }
 
 
 def _part(problem: Problem, few: BatchSubset) -> Problem | None:

@@ -7,6 +7,7 @@ its tensors tell whether a derivative is wanted.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from torch import Tensor
@@ -86,14 +87,19 @@ class Problem(Protocol):
         """
         ...
 
-    def by_secants(self, secant: Tensor) -> Problem:
-        """The same whose tangents have, of the samples where secant (...) is 1, friction as if its
-        share of the slip stayed; itself where there is no friction.
+    @property
+    def told(self) -> Mapping[str, Tensor] | None:
+        """What the last iteration has told this one, (..., m, n) by name; zeros, what there is
+        not.
         """
         ...
 
-    def after(self, *about: Any) -> Problem:
-        """The same for the next iteration, whose tangent knows of that of this one; about: what
+    def telling(self, *about: Any) -> Mapping[str, Tensor]:
+        """What this iteration tells the next one, by which that has its tangent; about: what
         `residual` gives beside the balance.
         """
+        ...
+
+    def after(self, told: Mapping[str, Tensor]) -> Problem:
+        """The same, told this."""
         ...

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from ..core.derivatives import cached
+from ..core.derivatives import cached, vjp
 from ..core.functions_of_time import rate_along
 from ..core.leaves import Tree, leaf
 from ..engine.chain.path_balance import native_balance
@@ -201,12 +201,9 @@ class ArcLengthProblem(Tree):
     def merit(self, residual: Balance) -> None:
         """Steps along a path are whole."""
 
-    def by_secants(self, secant: Tensor) -> ArcLengthProblem:
-        """Paths refuse friction."""
-        return self
-
-    def after(self, *about: Any) -> ArcLengthProblem:
-        return self
+    def telling(self, *about: Any) -> dict[str, Tensor]:
+        """Nothing: paths refuse friction."""
+        return {}
 
 
 class ArcLengthTangent(NamedTuple):
@@ -263,7 +260,7 @@ def gradient(
         return control(still.update(x, move, torch.zeros_like(x.stress)))
 
     with torch.enable_grad():
-        value, back = torch.func.vjp(
+        value, back = vjp(
             read, x.position.new_zeros(*x.position.shape[:-1], still.model.space.unknowns)
         )
         return value, back(torch.ones_like(value))[0]

@@ -103,7 +103,8 @@ class Cut:
     too; order: where each node is in the row of all lines' nodes, one after the other, those of the
     interface and one that stands for all that have no unknowns; direct: elements whose nodes
     are both in the interface, with their places there; multipliers: how many rows of these there
-    are behind the nodes; ties: of the nodes of each.
+    are behind the nodes; ties: of the nodes of each; fixed: places of nodes that supports hold,
+    wholly or in part.
     """
 
     interface: tuple[int, ...]
@@ -113,6 +114,7 @@ class Cut:
     direct: tuple[tuple[int, int, int], ...]
     multipliers: int = 0
     ties: Ties = ()
+    fixed: frozenset[int] = frozenset()
 
     def holds(self, nodes: tuple[int, ...]) -> bool:
         """Whether any of them is in the interface."""
@@ -146,9 +148,10 @@ def cut(
     joints: Joints,
     ties: Ties = (),
     held: tuple[int, ...] = (),
+    fixed: tuple[int, ...] = (),
 ) -> Cut:
     """Of chains of so many elements of order 1, and single nodes behind them, without nodes at the
-    ends of the chains that are held.
+    ends of the chains that are held; of others some are `fixed`, at least in part.
     """
     total = sum(N + 1 for N in chains)
     joined = {node for pair in joints for node in pair if node is not None}
@@ -182,7 +185,8 @@ def cut(
     multipliers = max((node + 1 for nodes in ties for node in nodes), default=0) - total - singles
     place |= {total + singles + k: len(interface) + k for k in range(multipliers)}
     tied = tuple(tuple(place[node] for node in nodes) for nodes in ties)
-    return Cut(interface, by_length, lines, order, tuple(direct), max(0, multipliers), tied)
+    there = frozenset(place[node] for node in fixed if node in place)
+    return Cut(interface, by_length, lines, order, tuple(direct), max(0, multipliers), tied, there)
 
 
 def _manner(run: Run) -> tuple[bool, bool]:

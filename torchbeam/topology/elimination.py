@@ -1,13 +1,12 @@
-"""Elimination: the lines of nodes between those of the interface, then a small dense system, of the
-interface's moves and the multipliers.
+"""Elimination: the lines of nodes between those of the interface, then the system of its moves and
+the multipliers.
 
 A line is eliminated node by node towards an interface node r, so that each one's moves follow from
 the next one's: x_i = y_i - A_i x_{i+1}, of the last one with x_r in the place of x_{i+1}. Where it
 begins at another interface node l, y_i has columns f_i of x_l too, and the row of l goes along,
 with its block g_i at the line's first node that is left: g_{i+1} = -g_i A_i. What is left of the
 last row and of g goes into the rows of r and l. A line with one end in the interface begins at the
-other, one with none is a chain by itself; lines alike are eliminated side by side. The dense system
-is solved with exchange of rows: it does not ask whether ties make trees or loops.
+other, one with none is a chain by itself; lines alike are eliminated side by side.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from torch.nn.functional import pad
 
 from ..math.block_tridiagonal import backward, broadcast_matrices, forward
 from ..math.first_derivative import first_only
-from ..math.shapes import broadcast_shapes
 from .cut import Cut, Line
-from .places import Places, index, take
+from .interface import Interface
+from .places import Places, take
 
 Rows = tuple[list[Tensor], list[Tensor]]  # of each node of a line, see `forward`
 
@@ -104,7 +103,7 @@ def condense(
 ) -> tuple[Interface | None, list[Rows]]:
     """The interface's system, None where there is none, and the rows of each line."""
     n, J, interface = D.shape[-3], how.multipliers, how.interface
-    system = Interface(len(interface) + J, D.shape[-1]) if interface or J else None
+    system = Interface(how, D.shape[-1]) if interface or J else None
     if system is not None:
         own = range(len(interface))
         system.add(take(D, interface, 2), own, own)
@@ -184,49 +183,3 @@ def restored(line: Line, rows: Rows, interface: Tensor | None) -> Tensor:
     x = torch.broadcast_tensors(*backward(ahead, y, after))
     x = torch.cat(x, -1).mT
     return x if line.alone else x.flatten(-3, -2)
-
-
-class Interface:
-    """The interface's system: blocks and right-hand sides added up at places, then solved. count:
-    places; w: their size.
-    """
-
-    def __init__(self, count: int, w: int) -> None:
-        self.count, self.w = count, w
-        self.blocks: list[Tensor] = []
-        self.at: list[int] = []
-        self.loads: list[Tensor] = []
-        self.rows: list[int] = []
-
-    def add(self, blocks: Tensor, rows: Any, columns: Any) -> None:
-        """(..., K, w, w) at K places."""
-        at = [row * self.count + column for row, column in zip(rows, columns, strict=True)]
-        if at:
-            self.blocks.append(blocks)
-            self.at += at
-
-    def load(self, b: Tensor, rows: Any) -> None:
-        """(..., K, w) at K places."""
-        self.loads.append(b)
-        self.rows += rows
-
-    def dense(self) -> Tensor:
-        """(..., count w, count w)"""
-        n = self.count
-        total = _sum(self.blocks, self.at, n * n, 2).unflatten(-3, (n, n))
-        return total.transpose(-3, -2).flatten(-4, -3).flatten(-2)
-
-    def solution(self) -> Tensor:
-        """(..., count, w)"""
-        A, b = self.dense(), _sum(self.loads, self.rows, self.count, 1).flatten(-2)
-        shape = broadcast_shapes(A.shape[:-2], b.shape[:-1])
-        A, b = A.expand(*shape, *A.shape[-2:]), b.expand(*shape, b.shape[-1])
-        return torch.linalg.solve_ex(A, b[..., None])[0].unflatten(-2, (self.count, self.w))[..., 0]
-
-
-def _sum(parts: list[Tensor], at: list[int], count: int, axes: int) -> Tensor:
-    """(..., count, *) of parts (..., K, *), one after the other, added up at places."""
-    shape = broadcast_shapes(*(part.shape[: -1 - axes] for part in parts))
-    whole = torch.cat([x.expand(*shape, *x.shape[-1 - axes :]) for x in parts], -1 - axes)
-    total = whole.new_zeros(*shape, count, *whole.shape[whole.ndim - axes :])
-    return total.index_add(-1 - axes, index(tuple(at), whole.device), whole)

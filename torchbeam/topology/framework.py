@@ -99,12 +99,14 @@ class Framework:
     @property
     def cut(self) -> Cut:
         """Of the nodes that are inside no element."""
-        return self.cut_without(())
+        return self.cut_without((), ())
 
-    def cut_without(self, held: tuple[int, ...]) -> Cut:
-        """The same without some that have no unknowns, at the ends of the lines."""
+    def cut_without(self, held: tuple[int, ...], fixed: tuple[int, ...]) -> Cut:
+        """The same without some that have no unknowns, at the ends of the lines; of these nodes
+        supports hold some, at least in part, which are `fixed`.
+        """
         ends = self.of_ends
-        return cut(ends.chains, ends.singles, ends.joints, ends.ties, held)
+        return cut(ends.chains, ends.singles, ends.joints, ends.ties, held, fixed)
 
     @cached_property
     def of_ends(self) -> Framework:

@@ -162,7 +162,7 @@ class FrameworkMatrix:
 
     def restricted(self, unknowns: FrameworkUnknowns) -> FrameworkSystem:
         of, D, couplings = self.framework, self.diagonal, self._couplings()
-        cut, tied = of.cut_without(unknowns.held), self.tied
+        cut, tied = of.cut_without(unknowns.held, unknowns.fixed), self.tied
         if unknowns.partial or cut.holds(unknowns.held):
             free = unknowns.mask
             D, *couplings = masked(of, free, D, *couplings)

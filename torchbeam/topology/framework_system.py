@@ -12,10 +12,12 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math.block_tridiagonal import finite_pivots, in_unit, positive_definite, recorded
+from ..math.concrete import concrete
 from ..math.shapes import broadcast_shapes
 from .cut import Cut
 from .elimination import FrameworkSolve, blocks, condense, solve
 from .framework_unknowns import FrameworkUnknowns
+from .interface import Interface
 from .midside_nodes import Midside
 
 
@@ -88,7 +90,12 @@ class FrameworkSystem:
         for line in self.cut.lines:
             own = positive_definite(*blocks(line, self.D, self.U, self.L))
             well.append(own if line.alone else own.all(-1))
-        well += [positive_definite(*matrix) for matrix in self._free_interface()]
+        system, held = self._interface(), 0 if self.held is None else int(self.held.sum())
+        definite = system.definite(held) if system is not None and system.large else None
+        if definite is not None and concrete(definite).all():
+            well.append(definite)
+        else:
+            well += [positive_definite(*matrix) for matrix in self._free_interface()]
         if self.midside is not None:
             well.append(
                 (torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0).all(-1)
@@ -100,11 +107,10 @@ class FrameworkSystem:
         independent constraints leave, as those of a chain (D, L, U) without couplings; none where
         there is no interface.
         """
-        how, w = self.cut, self.D.shape[-1]
-        if not how.interface:
+        how, w, system = self.cut, self.D.shape[-1], self._interface()
+        if system is None:
             return []
-        none = self.D.new_zeros(self.D.shape[-3] + how.multipliers, w)
-        dense, n = condense(how, none, *self._parts)[0].dense(), len(how.interface) * w
+        dense, n = system.dense(), len(how.interface) * w
         # a run is singular: so is this
         dense = torch.where(torch.isfinite(dense).all(-1).all(-1)[..., None, None], dense, 0.0)
         K, G = dense[..., :n, :n], dense[..., n:, :n]
@@ -119,6 +125,11 @@ class FrameworkSystem:
             pad(K.new_zeros(K.shape[-1]), (0, more), value=1.0)
         )
         return [_block_pivots(K, w)]
+
+    def _interface(self) -> Interface | None:
+        """With no right-hand sides; None where there is none."""
+        none = self.D.new_zeros(self.D.shape[-3] + self.cut.multipliers, self.D.shape[-1])
+        return condense(self.cut, none, *self._parts)[0]
 
     def detach(self) -> FrameworkSystem:
         midside = None if self.midside is None else self.midside.detach()

@@ -19,6 +19,7 @@ class FrameworkUnknowns:
     nodes    how many there are; of them, those from `first` to `last` (excluded) are not all held
              whole
     held     those that have no unknowns
+    fixed    of those inside no element which supports hold, wholly or in part
     moving   (n, w) bool: what is free of the nodes from first to last
     free     the same as numbers, None = all is
     mask     (nodes, w) of all nodes, None = all is free
@@ -30,6 +31,7 @@ class FrameworkUnknowns:
     first: int
     last: int
     held: tuple[int, ...]
+    fixed: tuple[int, ...]
     moving: Tensor
     free: Tensor | None
     mask: Tensor | None
@@ -49,13 +51,14 @@ class FrameworkUnknowns:
                 held += (*before, *takewhile(fixed.__getitem__, after))
         kept = [k for k in range(nodes) if k not in held]
         first, last = kept[0], kept[-1] + 1
-        whole, inside = bool(moving.all()), moving[first:last]
+        whole, inside, free = bool(moving.all()), moving[first:last], moving.all(-1).tolist()
         return cls(
             framework.order,
             nodes,
             first,
             last,
             tuple(held),
+            tuple(k for k, node in enumerate(framework.ends) if not free[node]),
             inside,
             None if whole or bool(inside.all()) else inside.to(like),
             None if whole else moving.to(like),

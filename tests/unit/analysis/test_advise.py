@@ -25,15 +25,9 @@ def scene(*more):
 def advice():
     more = tb.Gravity((0.0, 0, -1e-4)), tb.Damping((1e-5,) * 6), tb.Gravity((0.0, -2.0, 0))
     return tb.advise(
-        scene(*more),
-        T,
-        TIP,
-        0.01,
-        step=0.02,
-        consider=[tb.LineLoad(force=(0, 0, 1.0))],
-        repeats=1,
+        scene(*more), T, TIP, 0.01, step=0.02, consider=[tb.LineLoad(force=(0, 0, 1.0))], repeats=1,
         show=False,
-    )
+    )  # fmt: skip
 
 
 def test_what_matters(advice):

@@ -94,13 +94,10 @@ def motion(engine):
     with torch.autocast("cpu", enabled=False):  # where torch wants backward to be called
         solution.tip.position.square().sum().backward()
     return (
-        solution.tip.rotation,
-        solution.energy.strain,
-        solution.root.moment,
-        force.grad,
+        solution.tip.rotation, solution.energy.strain, solution.root.moment, force.grad,
         tb.sensors.Strain(0.4, beam=scene())(solution.state),
         tb.observe(solution, tb.sensors.TipPosition(), [0.013, 0.04]),
-    )
+    )  # fmt: skip
 
 
 def stepping(engine):
@@ -112,12 +109,9 @@ def statics(engine):
     state = tb.equilibrium(scene(), inputs={"u": (0, 0.1, 0)}, engine=engine)
     model = tb.linearize(scene(), state, tb.sensors.TipPosition(), inputs={"u": (0, 0.1, 0)})
     return [
-        state.position,
-        state.axes,
-        model.A,
-        model.C,
+        state.position, state.axes, model.A, model.C,
         tb.modes(scene(), state, count=2, inputs={"u": (0, 0.1, 0)}).frequency,
-    ]
+    ]  # fmt: skip
 
 
 def network(engine):

@@ -73,13 +73,9 @@ def test_every_leaf_is_found_once_with_its_axes():
     )
     found = [(one.name, one.axes, one.batch_shape) for one in leaves(cloud)]
     assert found == [
-        ("inputs", 1, (4,)),
-        ("place", 1, (4,)),
-        ("weight", 0, (4,)),
-        ("place", 1, ()),
-        ("weight", 0, None),
-        ("after", 2, (5, 1)),
-    ]
+        ("inputs", 1, (4,)), ("place", 1, (4,)), ("weight", 0, (4,)), ("place", 1, ()),
+        ("weight", 0, None), ("after", 2, (5, 1)),
+    ]  # fmt: skip
     assert torch.broadcast_shapes(*batch_shapes(cloud)) == (5, 4)
 
 

@@ -20,11 +20,8 @@ def test_heading_says_machine_threads_dtype_and_versions():
     assert heading["versions"]["torch"].startswith(torch.__version__.split("+")[0])
     text = sentence(heading)
     parts = (
-        heading["machine"],
-        f"{threads} thread",
-        "float64",
-        f"torch {heading['versions']['torch']}",
-    )
+        heading["machine"], f"{threads} thread", "float64", f"torch {heading['versions']['torch']}",
+    )  # fmt: skip
     assert all(part in text for part in parts)
     assert "dtype" not in measured_on(dtype=None) and measured_on(threads=4)["threads"] == 4
     assert sentence({"threads": 2, "rows": []}) == "Measured on: 2 threads."
@@ -57,11 +54,8 @@ def test_rates_command_writes_its_files(tmp_path, capsys):
     assert rates(["--quick", "--out", str(tmp_path)]) == 0
     found = json.loads((tmp_path / "rates.json").read_text())
     assert {row["what"] for row in found["rows"]} == {
-        "sweep",
-        "minimal",
-        "linalg.solve alone",
-        "dense",
-    }
+        "sweep", "minimal", "linalg.solve alone", "dense",
+    }  # fmt: skip
     assert all(0 < row["minimum_ms"] <= row["median_ms"] for row in found["rows"])
     assert (tmp_path / "rates.md").read_text() == capsys.readouterr().out
     assert len((tmp_path / "rates.csv").read_text().splitlines()) == 5

@@ -14,13 +14,9 @@ from torchbeam.core.leaves import leaves
 
 SECTION = tb.Section.rectangle(0.03, 0.002, E=69e9, nu=0.33, rho=2700.0)
 EFFECTS = [
-    tb.TipLoad(force=(0, 0, 0.1)),
-    tb.Gravity((0, 0, -9.81)),
-    tb.Damping(1e-3),
-    tb.PointMass(0.1),
-    tb.PointLoad(2, moment=tb.Input("m", 3)),
-    tb.LineLoad(force=tb.PerElement(torch.ones(3, 3))),
-]
+    tb.TipLoad(force=(0, 0, 0.1)), tb.Gravity((0, 0, -9.81)), tb.Damping(1e-3), tb.PointMass(0.1),
+    tb.PointLoad(2, moment=tb.Input("m", 3)), tb.LineLoad(force=tb.PerElement(torch.ones(3, 3))),
+]  # fmt: skip
 SUPPORTS = (tb.Support(-1, "yz", ""), tb.Support(0, displacement=(0, 0, 0.01)))
 SCENE = tb.Scene(tb.Beam.straight(1.0, 3, SECTION), EFFECTS, supports=SUPPORTS)
 M = torch.zeros(3)
@@ -127,17 +123,12 @@ def _fit():
 
 
 LAWS = [
-    tb.laws.Constant(1.0),
-    tb.laws.Uniform(0.0, 1.0),
-    tb.laws.Normal(1.0, 0.1),
-    tb.laws.LogNormal(1.0, 0.1),
-    tb.laws.Triangular(0.0, 0.5, 1.0),
-    tb.laws.Gumbel(1.0, 0.2),
-    tb.laws.Weibull(1.0, 0.3),
-    tb.laws.Empirical(torch.arange(5.0)),
+    tb.laws.Constant(1.0), tb.laws.Uniform(0.0, 1.0), tb.laws.Normal(1.0, 0.1),
+    tb.laws.LogNormal(1.0, 0.1), tb.laws.Triangular(0.0, 0.5, 1.0), tb.laws.Gumbel(1.0, 0.2),
+    tb.laws.Weibull(1.0, 0.3), tb.laws.Empirical(torch.arange(5.0)),
     tb.laws.Truncated(tb.laws.Normal(1.0, 0.1), 0.9, 1.2),
     tb.laws.RandomField(torch.linspace(0, 1, 4), 1.0, 0.1, 0.5),
-]
+]  # fmt: skip
 
 
 def test_laws_load_with_weights_only():

@@ -242,15 +242,10 @@ def held(value, gain=1.0):
 
 
 HELD = {
-    "tensor": torch.ones(2),
-    "parameter": torch.nn.Parameter(torch.ones(2)),
-    "float": Gain(2.0),
-    "int": Count(2),
-    "str": Name("two"),
-    "dict": Table(two=2.0),
-    "partial": functools.partial(max, 2.0),
-    "member": Material.STEEL,
-}
+    "tensor": torch.ones(2), "parameter": torch.nn.Parameter(torch.ones(2)), "float": Gain(2.0),
+    "int": Count(2), "str": Name("two"), "dict": Table(two=2.0),
+    "partial": functools.partial(max, 2.0), "member": Material.STEEL,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("value", HELD.values(), ids=HELD)

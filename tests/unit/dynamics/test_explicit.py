@@ -98,13 +98,9 @@ def test_work_adds_up():
     for _ in range(2):
         state = step(state, u=u)
     run = tb.simulate(
-        scene(),
-        0.02 * torch.arange(3),
-        step.rest((2,)),
-        "rk4",
-        options={"step_size": 5e-4},
+        scene(), 0.02 * torch.arange(3), step.rest((2,)), "rk4", options={"step_size": 5e-4},
         inputs={"u": u},
-    )
+    )  # fmt: skip
     assert (run.energy.work[-1] > 0).all()
     torch.testing.assert_close(state.work, run.energy.work[-1], rtol=1e-9, atol=0)
     after = step(state, active=[True, False], u=u)
@@ -144,12 +140,9 @@ def test_who_rests_is_not_judged_by_a_support_that_has_moved_on():
         0, displacement=lambda t: torch.stack((0 * t, 0.02 * torch.sin(8 * t), 0 * t))
     )
     step = tb.ExplicitStepper(
-        tb.Scene(still.beam, still.loads, supports=moving),
-        0.001,
-        "rk4",
-        "nodal",
+        tb.Scene(still.beam, still.loads, supports=moving), 0.001, "rk4", "nodal",
         options={"step_size": 5e-4},
-    )
+    )  # fmt: skip
     state, u = step.rest((2,)), torch.zeros(2, 3)
     for _ in range(2):
         state = step(state, active=[True, False], u=u)

@@ -2,6 +2,7 @@
 the slip speed asks for.
 """
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,7 +10,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.solvers.newton import CLOSE, PATIENCE, next_secant
+from torchbeam.scene.effects.contact_law import foretold, rubbing, telling
 
 G, MASS = 9.81, 0.2
 LAW = dict(thickness=1e-3, force=4 * MASS * G, radius=0.01, friction=0.6, damping=1e-3)
@@ -43,7 +44,7 @@ def shaken():
     return scene, thrown(scene, velocity)
 
 
-def test_steps_converge_by_secants_in_both_engines():
+def test_steps_converge_in_both_engines():
     """Down to a ten-thousandth of the speed, and whole: none is made in parts. The step that takes
     most iterations takes as many eagerly, to the same state.
     """
@@ -55,13 +56,68 @@ def test_steps_converge_by_secants_in_both_engines():
         assert (state.status == 0).all()
         if (count := int(stepper.iterations.max())) > most:
             most, hardest = count, (before, state, stepper.iterations)
-    assert most > PATIENCE + 2
+    assert 8 < most <= 25
     before, native, iterations = hardest
     stepper = tb.Stepper(scene, 4e-3, engine="eager", halvings=0)
     eager = stepper(before)
     assert_close(iterations, stepper.iterations, rtol=0, atol=0)
     assert_close(native.position, eager.position, rtol=0, atol=1e-12)  # rounding, over 1 m
     assert_close(native.velocity, eager.velocity, rtol=0, atol=1e-9)  # which a step divides
+
+
+def on_a_peg():
+    """A rope over half a turn of a peg, held at one end and pulled at the other by its weight."""
+    n, radius, hang, thickness = 24, 0.1, torch.tensor(0.19), 2e-4
+    s = torch.linspace(0, float(2 * hang + math.pi * radius), n + 1)
+    turn = ((s - hang) / radius).clamp(0, math.pi)
+    below = (hang - s).clamp(min=0) + (s - hang - math.pi * radius).clamp(min=0)
+    axis = radius + 0.7 * thickness
+    nodes = torch.stack((-axis * turn.cos(), 0 * s, axis * turn.sin() - below), -1)
+    section = tb.Section.from_stiffness(EA=2e3, GA=2e3, GJ=1e-3, EI=4e-5, mass=0.05, inertia=1e-7)
+    law = dict(thickness=thickness, force=50.0, friction=0.5, slip_speed=1e-2)
+    effects = [
+        tb.Contact(tb.Cylinder((0.0, 0, 0), (0.0, 1, 0), radius), **law),
+        *(tb.Gravity((0, 0, -G)), tb.Damping(2e-4), tb.MassDamping(5.0)),
+        tb.PointLoad(-1, force=(0.0, 0, -1.0)),
+    ]
+    held = [tb.Support(0, "xyz", "")]
+    return tb.Scene(tb.Beam.from_nodes(nodes, section), effects, supports=held, plane="xz")
+
+
+def test_a_rope_that_sticks_on_a_peg_takes_few_iterations():
+    """Where it hops off and is pressed back: with tangents of friction alone, or with each step of
+    Newton's method shortened that raises the merit, steps took up to 261. As many eagerly.
+    """
+    scene, states, counts = on_a_peg(), [], []
+    engines = (tb.Stepper(scene, 1e-2, engine=name, halvings=0) for name in ("compiled", "eager"))
+    native, eager = engines
+    state = native.rest()
+    for _ in range(10):
+        states.append(state)
+        state = native(state)
+        assert state.status == 0
+        counts.append(int(native.iterations))
+    assert max(counts) <= 15
+    for k in (4, 5):
+        after = eager(states[k])
+        assert int(eager.iterations) == counts[k]
+        assert_close(after.position, states[k + 1].position, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("speed", (0.0, 0.4, 3.0))
+def test_the_foretold_sense_is_that_of_the_slip_at_the_solution(speed):
+    """There, where a sense and slip are told that belong to each other, the derivative of friction
+    is its tangent; so it is where nothing is told. No sense is longer than 1.
+    """
+    v = torch.tensor([1.0])
+    slip = speed * torch.tensor([0.6, 0.8, 0.0])
+    sense = rubbing(slip, v)
+    for told in (telling(slip, v, None), torch.zeros(6)):
+        assert_close(foretold(slip, v, told), sense)
+        by = torch.autograd.functional.jacobian(lambda x, told=told: rubbing(x, v, told), slip)
+        assert_close(by, torch.autograd.functional.jacobian(lambda x: rubbing(x, v), slip))
+    back = foretold(-7 * slip, v, telling(slip, v, None))
+    assert torch.linalg.vector_norm(back) <= 1 + 1e-12
 
 
 @pytest.mark.steps
@@ -78,16 +134,6 @@ def test_what_is_thrown_comes_to_rest_where_it_must():
     mu_g = LAW["friction"] * G
     way = (run.nodes[-1] - run.nodes[0])[..., 0]
     assert ((way.T - v * v / (2 * mu_g)).abs() < mu_g * dt * dt + slip_speed * 0.2).all()
-
-
-def test_secants_are_for_what_does_not_fall():
-    """Not at first; not where a tangent makes the residual fall; not close to the solution."""
-    size = torch.tensor([0.5, 0.5, 0.1, 0.5 * CLOSE])
-    before, secant = torch.tensor([0.6, 0.5, 0.5, 0.4 * CLOSE]), torch.tensor([0.0, 1.0, 0.0, 1.0])
-    wanted = torch.tensor([1.0, 1.0, 0.0, 0.0])
-    late, early = torch.tensor(float(PATIENCE)), torch.tensor(PATIENCE - 1.0)
-    assert_close(next_secant(size, before, late, secant), wanted)
-    assert not next_secant(size, before, early, secant).any()
 
 
 def test_a_step_that_finds_no_end_says_what_to_change():

@@ -156,12 +156,9 @@ def test_engines_agree_and_differentiate():
 
         def last(dt, tau=tau, force=force, engine=engine):
             stepper = tb.Stepper(
-                pulled(tb.Input("force", 3), tau, 1),
-                dt,
-                "midpoint4",
-                engine=engine,
+                pulled(tb.Input("force", 3), tau, 1), dt, "midpoint4", engine=engine,
                 tolerance=1e-12,
-            )
+            )  # fmt: skip
             return stepper(stepper(stepper.rest(), force=force), force=force), stepper.iterations
 
         def of(state):
@@ -206,11 +203,8 @@ def test_extrapolated_steps_are_native():
         found[engine] = states.detach(), grads
     (eager, grads), (native, native_grads) = found["eager"], found["compiled"]
     assert (eager.status > 0).tolist() == [
-        [False, False],
-        [False, False],
-        [False, True],
-        [False, True],
-    ]
+        [False, False], [False, False], [False, True], [False, True],
+    ]  # fmt: skip
     same(eager, native)
     for a, b in zip(grads, native_grads, strict=True):
         assert_close(a, b, rtol=1e-9, atol=1e-9)

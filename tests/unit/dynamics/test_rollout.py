@@ -60,12 +60,9 @@ def test_inputs_of_intervals_are_those_of_steps(method):
     """
     u = forces().requires_grad_()
     found = tb.simulate(
-        scene(),
-        DT * torch.arange(STEPS + 1),
-        method=method,
-        step=DT / 2,
+        scene(), DT * torch.arange(STEPS + 1), method=method, step=DT / 2,
         inputs={"force": tb.PerInterval(u)},
-    )
+    )  # fmt: skip
     stepper = tb.Stepper(scene(), DT / 2, method)
     twice = tb.rollout(
         stepper, stepper.rest(), 2 * STEPS, force=tb.PerInterval(u.repeat_interleave(2, 0))

@@ -13,16 +13,9 @@ import torchbeam as tb
 
 # N on the tip; m/s of the whole beam; m, where it is
 SAMPLES = [
-    (0.0, 0.0, 0.0),
-    (1e-300, 0.0, 0.0),
-    (3e-80, 0.0, 0.0),
-    (1e-15, 0.0, 0.0),
-    (1.0, 0.0, 0.0),
-    (0.0, 1.0, 0.0),
-    (0.0, 1e3, 0.0),
-    (3e-80, 1.0, 1e4),
-    (1.0, 1.0, 1e4),
-]
+    (0.0, 0.0, 0.0), (1e-300, 0.0, 0.0), (3e-80, 0.0, 0.0), (1e-15, 0.0, 0.0), (1.0, 0.0, 0.0),
+    (0.0, 1.0, 0.0), (0.0, 1e3, 0.0), (3e-80, 1.0, 1e4), (1.0, 1.0, 1e4),
+]  # fmt: skip
 TOLERANCES = {torch.float64: (None, 1e-6, 1e-10, 1e-13, 1e-14), torch.float32: (None, 1e-3, 1e-6)}
 METHODS = "midpoint", "generalized_alpha"
 

@@ -18,14 +18,9 @@ from torchbeam.nodal.discretise import discretise
 pytestmark = pytest.mark.steps
 
 CASES = [
-    dict(damping="one"),
-    dict(damping="six"),
-    dict(),
-    dict(effects=()),
-    dict(rotary=False),
-    dict(coupled=False, damping="six"),
-    dict(effects=[tb.Drag(1.2, 0.4, added_mass=0.8)]),
-]
+    dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False),
+    dict(coupled=False, damping="six"), dict(effects=[tb.Drag(1.2, 0.4, added_mass=0.8)]),
+]  # fmt: skip
 
 
 def problem_of(case, batch=(3,)):
@@ -71,13 +66,9 @@ def smooth(tau=0.0, scale=1.0):
 
 def run(of, step, end=0.4, **options):
     return tb.simulate(
-        of,
-        torch.linspace(0, end, 3),
-        method="generalized_alpha",
-        step=step,
-        tolerance=1e-12,
+        of, torch.linspace(0, end, 3), method="generalized_alpha", step=step, tolerance=1e-12,
         **options,
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -178,14 +169,9 @@ def test_restart_and_steps():
     assert_close(now.position, whole.state[-1].position, rtol=0, atol=1e-13)
     middle = whole.state[1]
     again = tb.simulate(
-        of,
-        torch.tensor([0.2, 0.4]),
-        middle,
-        method="generalized_alpha",
-        step=0.02,
-        rho_inf=0.8,
+        of, torch.tensor([0.2, 0.4]), middle, method="generalized_alpha", step=0.02, rho_inf=0.8,
         tolerance=1e-12,
-    )
+    )  # fmt: skip
     assert_close(again.state[-1].position, whole.state[-1].position, rtol=0, atol=1e-12)
 
 

@@ -4,7 +4,6 @@ of statics.
 
 import pytest
 import torch
-import torch.autograd.forward_ad as forward_ad
 from torch.testing import assert_close
 from torch.utils.checkpoint import checkpoint as recompute
 
@@ -20,14 +19,9 @@ from torchbeam.nodal.loads import Nodes, external
 
 DT = torch.tensor(0.1)
 CASES = [
-    dict(damping="one"),
-    dict(damping="six"),
-    dict(),
-    dict(effects=()),
-    dict(rotary=False),
-    dict(coupled=False, damping="six"),
-    dict(order=2, damping="six"),
-]
+    dict(damping="one"), dict(damping="six"), dict(), dict(effects=()), dict(rotary=False),
+    dict(coupled=False, damping="six"), dict(order=2, damping="six"),
+]  # fmt: skip
 
 
 def step_of(case, lumped=False, batch=(3,)):
@@ -156,31 +150,6 @@ def test_energy_error_is_second_order():
     drifts = energy_drifts(of, torch.linspace(0, 1, 6), (0.04, 0.02, 0.01), tolerance=1e-12)
     assert drifts[0] < 5e-5
     assert_close(orders(drifts), torch.full((2,), 2.0), rtol=0, atol=0.05)
-
-
-@pytest.mark.long  # unit/core/test_functions_of_time.py has a short one
-def test_dual_numbers_go_through_a_checkpointed_motion():
-    """They need no memory of the past, so that nothing is kept: the derivative is that of
-    `torch.func.jvp` without.
-    """
-    t = torch.linspace(0, 0.2, 5)
-
-    def tip(force, **options):
-        of = tb.Scene(
-            tb.Beam.straight(
-                1.0, 2, tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1.0, EI=1.0, mass=0.2)
-            ),
-            [tb.TipLoad(force=force)],
-        )
-        return tb.simulate(of, t, step=0.02, **options).tip.position
-
-    force, along = torch.tensor([0.1, 0.2, -0.3]), torch.tensor([0.3, -1.0, 0.5])
-    value, expected = torch.func.jvp(tip, (force,), (along,))
-    with forward_ad.dual_level():
-        found = forward_ad.unpack_dual(tip(forward_ad.make_dual(force, along), checkpoint=True))
-    assert expected[-1].abs().amax() > 1e-3
-    assert_close(found.primal, value, rtol=0, atol=1e-14)
-    assert_close(found.tangent, expected, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("engine", ["eager", "compiled"])

@@ -186,12 +186,9 @@ def test_units(N, inertia, units):
         ]
         return (
             tb.modes(tb.Scene(beam), count=4).frequency * s,
-            tb.modes(tb.Scene(beam, [hung]), count=2).frequency * s,
-            torch.view_as_real(damped),
-            torch.as_tensor(free),
-            poles.sort().values,
-            torch.stack(lost),
-        )
+            tb.modes(tb.Scene(beam, [hung]), count=2).frequency * s, torch.view_as_real(damped),
+            torch.as_tensor(free), poles.sort().values, torch.stack(lost),
+        )  # fmt: skip
 
     wanted = answers(1.0, 1.0, 1.0)
     assert wanted[0][0] > 7 and torch.isfinite(wanted[-1]).all()

@@ -180,13 +180,9 @@ def test_derivatives(kind, normalize):
 
     def of(p):
         scene = beam(
-            N,
-            tb.TipLoad(force=(0.1, 0.3, 0.4)),
-            *effects,
-            EI=(p[0], 1.3 * p[0]),
-            GJ=0.8 * p[1],
+            N, tb.TipLoad(force=(0.1, 0.3, 0.4)), *effects, EI=(p[0], 1.3 * p[0]), GJ=0.8 * p[1],
             mass=0.2 * p[2],
-        )
+        )  # fmt: skip
         found = tb.modes(
             scene, tb.equilibrium(scene, tolerance=1e-12), count=2, normalize=normalize
         )
@@ -237,13 +233,9 @@ def test_units_do_not_matter(order):
 
     def frequencies(size):
         section = tb.Section.from_stiffness(
-            EA=1e4 * size,
-            GA=1e4 * size,
-            GJ=0.8 * size,
-            EI=(size, 1.5 * size),
-            mass=size,
+            EA=1e4 * size, GA=1e4 * size, GJ=0.8 * size, EI=(size, 1.5 * size), mass=size,
             inertia=1e-3 * size,
-        )
+        )  # fmt: skip
         beam = tb.Beam.straight(1.0, 24 // order, section, order=order)
         pins = (tb.Support(0, "xyz", "xy"), tb.Support(-1, "yz", ""))
         return tb.modes(tb.Scene(beam, supports=pins)).frequency

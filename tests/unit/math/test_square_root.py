@@ -26,12 +26,8 @@ def test_later_readings():
     both.
     """
     root, F, H, C, y = (
-        rows(3, 3),
-        rows(3, 3, seed=1),
-        rows(1, 3, seed=2),
-        rows(1, 3, seed=3),
-        rows(2),
-    )
+        rows(3, 3), rows(3, 3, seed=1), rows(1, 3, seed=2), rows(1, 3, seed=3), rows(2),
+    )  # fmt: skip
     first = conditioned(torch.cat((_with_noise(root @ H.mT), _below(root @ F.mT)), 1), y[:1])
     second_error = y[1:] - C @ first.change
     second = conditioned(

@@ -156,19 +156,9 @@ def test_one_element_stands_as_printed():
         system.A.shape == (36, 36) and system.b.shape == (36,) and system.drift.shape == (2, 4, 3)
     )
     assert system.columns == (
-        "u_1",
-        "theta_1",
-        "F_1",
-        "M_1",
-        "V_1",
-        "Omega_1",
-        "V_dot_1",
-        "Omega_dot_1",
-        "F*_1",
-        "M*_1",
-        "u^_2",
-        "theta^_2",
-    )
+        "u_1", "theta_1", "F_1", "M_1", "V_1", "Omega_1", "V_dot_1", "Omega_dot_1", "F*_1", "M*_1",
+        "u^_2", "theta^_2",
+    )  # fmt: skip
     assert system.rows[:4] == ("f_u node 1", "f_psi node 1", "f_F node 1", "f_M node 1")
     assert len(system.blocks) == 34
     R = rot.turn(system.x.theta[0]) @ system.model.Cab[0]

@@ -15,12 +15,9 @@ from torchbeam.nodal.rotation_vector import Turn, arc, arc_slope
 K = ((3.0, 0.4, -0.2), (0.4, 2.0, 0.3), (-0.2, 0.3, 5.0))
 RESTING = dict(damping=0.05), dict(friction=0.3, slip_speed=0.1)
 LAWS = {
-    "stiffness": dict(stiffness=3.0),
-    "damping": RESTING[0],
-    "friction": RESTING[1],
-    "limit": dict(limit=0.05, limit_stiffness=20.0),
-    "torque": {},
-}
+    "stiffness": dict(stiffness=3.0), "damping": RESTING[0], "friction": RESTING[1],
+    "limit": dict(limit=0.05, limit_stiffness=20.0), "torque": {},
+}  # fmt: skip
 LAWS["all"] = {name: value for own in LAWS.values() for name, value in own.items()}
 
 
@@ -69,14 +66,9 @@ def swing(joint, engine, method="midpoint"):
 
         inputs = {"m": motor}
     found = tb.simulate(
-        scene,
-        [0.0, 0.1, 0.2],
-        step=0.02,
-        inputs=inputs,
-        engine=engine,
-        method=method,
+        scene, [0.0, 0.1, 0.2], step=0.02, inputs=inputs, engine=engine, method=method,
         tolerance=1e-12,
-    )
+    )  # fmt: skip
     assert int(found.status[()]) == 0
     return found
 

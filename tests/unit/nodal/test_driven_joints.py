@@ -40,13 +40,10 @@ KINDS = {"hinge": (tb.Hinge, "torque", "angle"), "slider": (tb.Slider, "force", 
 TABLE = [(kind, law) for kind in KINDS for law in (*LAWS, "effort", "prescribed")]
 K = ((3.0, 0.4, -0.2), (0.4, 2.0, 0.3), (-0.2, 0.3, 5.0))
 BALL = {
-    "spring": dict(stiffness=3.0),
-    "matrix": dict(stiffness=K),
-    "damping": dict(damping=0.7),
-    "friction": dict(friction=2.0, slip_speed=4.0),
-    "limit": dict(limit=0.1, limit_stiffness=40.0),
+    "spring": dict(stiffness=3.0), "matrix": dict(stiffness=K), "damping": dict(damping=0.7),
+    "friction": dict(friction=2.0, slip_speed=4.0), "limit": dict(limit=0.1, limit_stiffness=40.0),
     "effort": dict(torque=lambda t: torch.stack((0.4 + torch.sin(t), t, -t))),
-}
+}  # fmt: skip
 BALL["all"] = {name: value for own in BALL.values() for name, value in own.items()}
 FIRST_OF_TWO = dict(torque=lambda t: 0.4 + t, second_angle=lambda t: 0.2 + torch.sin(t))
 TWO = {

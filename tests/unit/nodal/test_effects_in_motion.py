@@ -158,19 +158,9 @@ def moved(scene):
 # the random scenes of test_metamorphic.py, which it turns, have these; or another case here has
 # them, and more
 HELD = {
-    "dead load",
-    "line load of s",
-    "gravity",
-    "mass damping",
-    "drag",
-    "added mass",
-    "spring",
-    "point mass",
-    "user load",
-    "frame",
-    "free",
-    "damping",
-}
+    "dead load", "line load of s", "gravity", "mass damping", "drag", "added mass", "spring",
+    "point mass", "user load", "frame", "free", "damping",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -20,14 +20,11 @@ MET = torch.tensor(PLACE) + quat.rotate(TURN, torch.tensor(POINT))  # the hub's 
 
 # of each what it resists by, so that it holds the hub; none where a distance leaves it to turn
 JOINTS = {
-    tb.Weld: {},
-    tb.Ball: dict(stiffness=6.0),
-    tb.Hinge: dict(axis=AXIS, stiffness=3.0),
+    tb.Weld: {}, tb.Ball: dict(stiffness=6.0), tb.Hinge: dict(axis=AXIS, stiffness=3.0),
     tb.Universal: dict(axis=AXIS, second=SECOND, stiffness=(3.0, 4.0)),
     tb.Slider: dict(axis=AXIS, stiffness=20.0),
-    tb.Cylindrical: dict(axis=AXIS, stiffness=(3.0, 20.0)),
-    tb.Distance: {},
-}
+    tb.Cylindrical: dict(axis=AXIS, stiffness=(3.0, 20.0)), tb.Distance: {},
+}  # fmt: skip
 OTHERS = "ground", "base"
 
 

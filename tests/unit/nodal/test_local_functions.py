@@ -23,21 +23,10 @@ from torchbeam.topology.framework import Framework
 N, BATCH = 3, (2,)
 # behind that of the nodes or elements
 AXES = {
-    "length": 1,
-    "reference": 1,
-    "eigenstrain": 1,
-    "S": 2,
-    "C": 2,
-    "retardation_time": 2,
-    "position": 1,
-    "rotation": 1,
-    "velocity": 1,
-    "spin": 1,
-    "acceleration": 1,
-    "chord": 1,
-    "B": 2,
+    "length": 1, "reference": 1, "eigenstrain": 1, "S": 2, "C": 2, "retardation_time": 2,
+    "position": 1, "rotation": 1, "velocity": 1, "spin": 1, "acceleration": 1, "chord": 1, "B": 2,
     "B_section": 2,
-}
+}  # fmt: skip
 
 
 def at(x, k, axes=1):
@@ -99,12 +88,9 @@ def element_of(problem, space, k):
     if hasattr(element, "straining"):
         more = dict(straining=at(element.straining, k))
     found = one(
-        element,
-        k,
-        law=one(problem.model.law, k),
-        start=Ends(*(at(x, k) for x in element.start)),
+        element, k, law=one(problem.model.law, k), start=Ends(*(at(x, k) for x in element.start)),
         **more,
-    )
+    )  # fmt: skip
     return (
         replace(found, space=replace(space, linear_element=one(space.linear_element, k)))
         if hasattr(space, "linear_element")

@@ -58,13 +58,9 @@ def element(kind):
         position = torch.randn(*BATCH, nodes, 2)
         rotation = space.exponential(0.4 * torch.randn(*BATCH, nodes, 1))
     return (
-        space,
-        position,
-        signs * rotation,
-        length,
-        torch.randn(*BATCH, 2 * N, space.dims.strain),
+        space, position, signs * rotation, length, torch.randn(*BATCH, 2 * N, space.dims.strain),
         torch.randn(*BATCH, nodes, space.unknowns),
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", ["space", "plane"])

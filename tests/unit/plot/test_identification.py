@@ -74,12 +74,9 @@ def test_the_band_of_sigma_that_only_weighs():
     """
     for sigma in (None, 7.0):
         one = tb.identify(
-            lambda theta: theta["b"][:, None] * T,
-            2 * T + NOISE[:, 0],
-            {"b": 1.0},
-            sigma=sigma,
+            lambda theta: theta["b"][:, None] * T, 2 * T + NOISE[:, 0], {"b": 1.0}, sigma=sigma,
             absolute_sigma=False,
-        )
+        )  # fmt: skip
         band = tb.plot.fit(one)[1].collections[0].get_paths()[0].vertices[:, 1].max()
         squares = (one.y - 2 * T - NOISE[:, 0]).square().sum()
         assert band == pytest.approx(1.96 * (squares / (len(T) - 1)).sqrt().item())

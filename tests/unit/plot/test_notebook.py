@@ -73,11 +73,8 @@ def test_picture_and_table(what):
         return set(re.findall(r"[\w.<>]+", text))
 
     assert words(" ".join(page.cells[1::2])) >= words(repr(shown)) - {
-        type(shown).__name__,
-        "effects",
-        "supports",
-        "joints",
-    }
+        type(shown).__name__, "effects", "supports", "joints",
+    }  # fmt: skip
     assert len(page.images) == 1 and colours(page.images[0]) > 20
 
 

@@ -123,12 +123,9 @@ def test_load_path(tmp_path):
     """
     states = [tb.equilibrium(tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, f))])) for f in range(8)]
     path = SimpleNamespace(
-        factor=torch.arange(8.0),
-        state=tb.State.stack(states),
-        stable=torch.arange(8) < 4,
-        valid=torch.arange(8) < 7,
-        kind=(torch.arange(8) == 4).long(),
-    )
+        factor=torch.arange(8.0), state=tb.State.stack(states), stable=torch.arange(8) < 4,
+        valid=torch.arange(8) < 7, kind=(torch.arange(8) == 4).long(),
+    )  # fmt: skip
     ax = tb.plot.load_path(path, tb.sensors.TipPosition()["z"], label="strip", name="force / N")
     drawn(ax, tmp_path / "path.png")
     solid, dashed, dot, *_ = data(ax)

@@ -80,12 +80,9 @@ def test_a_structure_with_body_tendon_and_obstacles():
     )
     with opened(scene) as view:
         assert {*view._drawn} == {
-            "sample 0/beam 0",
-            "sample 0/body 0",
-            "sample 0/body 0 dark",
-            "tendon 0",
+            "sample 0/beam 0", "sample 0/body 0", "sample 0/body 0 dark", "tendon 0",
             *(f"obstacle {k}" for k in range(5)),
-        }
+        }  # fmt: skip
         assert np.allclose(view._drawn["tendon 0"].points, [[[0, 0, 0.2], [1, 0, 0.1]]])
         ball = view._drawn["obstacle 0"].vertices - np.array(BALL.centre)
         assert np.allclose(np.linalg.norm(ball, axis=-1), 0.1, atol=1e-6) and len(ball) > 100

@@ -114,14 +114,10 @@ def test_the_adjoint_finds_whatever_the_rates_read(what):
         soft = tb.Section.from_stiffness(EA=10.0, GA=10.0, GJ=0.1, EI=0.1, mass=1.0, inertia=0.01)
         beam = tb.Beam.straight(0.3, 2, soft)
         sol = tb.simulate(
-            tb.Scene(beam, **{k: v for k, v in given.items() if k != "inputs"}),
-            [0.0, 0.02],
-            method="rk4",
-            initial=tb.rest(tb.Scene(beam)),
-            options={"step_size": 2e-3},
-            adjoint=adjoint,
-            inputs=given.get("inputs"),
-        )
+            tb.Scene(beam, **{k: v for k, v in given.items() if k != "inputs"}), [0.0, 0.02],
+            method="rk4", initial=tb.rest(tb.Scene(beam)), options={"step_size": 2e-3},
+            adjoint=adjoint, inputs=given.get("inputs"),
+        )  # fmt: skip
         slopes.append(torch.autograd.grad(sol.tip.position[-1, :2].sum(), p)[0])
     assert slopes[0] != 0
     torch.testing.assert_close(slopes[1], slopes[0], rtol=1e-5, atol=0)

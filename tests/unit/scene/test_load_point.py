@@ -74,6 +74,10 @@ def effects():
         "Spring with a length, damped": fx.Spring(
             -1, 2.0, to=(0.1, 0.2, 0.3), length=0.5, damping=0.1
         ),
+        "Spring on an arm": fx.Spring(1, 5.0, (0.1, 0.2, 0.3), offset=(0.02, -0.1, 0.3)),
+        "Spring with a length on an arm": fx.Spring(
+            1, 5.0, (0.1, 0.2, 0.3), 0.1, offset=(0.02, -0.1, 0.3)
+        ),
         "Spring to a point that moves, damped": fx.Spring(
             -1, 2.0, to=lambda t: (t, t**2, 0.3), length=0.5, damping=0.1
         ),
@@ -107,17 +111,10 @@ def a_site(effect, seed=0):
     s = torch.tensor([0.0, 0.2, 0.7, 1.0]) if effect.node is None else None
     motion = (torch.randn(*lead, 3) for _ in range(3))
     return fx.LoadPoint(
-        R,
-        spd(*lead),
-        *motion,
-        s,
-        rotations(),
-        support,
-        torch.randn(*lead, getattr(effect, "internal", 0)),
-        torch.tensor(0.4),
-        elements=SITES - 1,
+        R, spd(*lead), *motion, s, rotations(), support,
+        torch.randn(*lead, getattr(effect, "internal", 0)), torch.tensor(0.4), elements=SITES - 1,
         frame=(torch.randn(3), torch.randn(3)),
-    )
+    )  # fmt: skip
 
 
 def moved(site, name, by):
@@ -196,43 +193,6 @@ def test_tangent_where_derivatives_are_off_or_nested(name):
         assert_close(
             slope, (near[0] - near[1]) / 2e-5, rtol=1e-7, atol=1e-7 * float(want[what].abs().max())
         )
-
-
-@pytest.mark.parametrize(
-    "name", ["Gravity", "MassDamping", "Drag", "Spring with a length, damped", "RootSpring damped"]
-)
-def test_everything_turned_is_the_wrench_turned(name):
-    """Frame a turned by Q, with all that is written in it: force and moment are Q times what they
-    were.
-    """
-    effect = effects()[name]
-    site = a_site(effect)
-    Q = rotations()
-
-    def turned(v):
-        return (Q @ v[..., None])[..., 0]
-
-    support = fx.Pose(*(Q @ v if k == 1 else turned(v) for k, v in enumerate(site.support)))
-    motion = {n: turned(getattr(site, n)) for n in ("position", "velocity", "spin")}
-    there = replace(
-        site,
-        R=Q @ site.R,
-        axes=Q @ site.axes,
-        support=support,
-        frame=tuple(map(turned, site.frame)),
-        **motion,
-    )
-    other = (
-        replace(effect, to=turned(torch.as_tensor(effect.to)))
-        if "Spring" in name and "Root" not in name
-        else effect
-    )
-    for here, after in zip(
-        effect.wrench(site, ZERO, {}), other.wrench(there, ZERO, {}), strict=True
-    ):
-        assert (here is None) == (after is None)
-        if here is not None:
-            assert_close(after, turned(here))
 
 
 def test_drag_at_rest():
@@ -346,12 +306,9 @@ def test_linear_lag_is_the_midpoint_rule():
     """
     T, u = 0.01, 2.0
     load = fx.Load(
-        lambda x, R, v, w, t, z: (z, None),
-        node=-1,
-        internal=3,
-        rate=lambda z, x, R, v, w, t: (u - z) / T,
-        of=(),
-    )
+        lambda x, R, v, w, t, z: (z, None), node=-1, internal=3,
+        rate=lambda z, x, R, v, w, t: (u - z) / T, of=(),
+    )  # fmt: skip
     for dt in (0.001, 10.0):
         z = torch.tensor([0.0, 1, 5])
         middle = load.advance(fx.LoadPoint(torch.eye(3)), z, ZERO, {}, torch.tensor(dt))
@@ -464,13 +421,7 @@ REFUSED = {
         (3.0, 4.0, 5.0), (0.02, 0.03)
     ),
     "take a negative coefficient": lambda: fx.rayleigh((3.0, 4.0), (0.01, 0.1)),
-    "alpha = -1": lambda: fx.MassDamping(-1.0),
-    "tau = -0.1": lambda: tb.Damping(-0.1),
-    "Drag's density = -1": lambda: fx.Drag(-1.0, 0.1),
-    "Drag's diameter = nan": lambda: fx.Drag(1.0, math.nan),
-    "Drag's normal = -1.2": lambda: fx.Drag(1.0, 0.1, normal=-1.2),
     "Drag's flow of shape (2,)": lambda: fx.Drag(1.0, 0.1, flow=(1.0, 2.0)),
-    "PointMass's mass = -2": lambda: fx.PointMass(-2.0),
     "principal moment -1": lambda: fx.PointMass(1.0, inertia=(1.0, -1, 2)),
     "not symmetric": lambda: fx.PointMass(
         1.0, inertia=torch.eye(3) + torch.tensor([[0, 0.1, 0], [0, 0, 0], [0, 0, 0]])
@@ -479,10 +430,7 @@ REFUSED = {
     "the matrix holds them": lambda: fx.PointMass(torch.eye(6), offset=(0, 0, 1.0)),
     "node = ('tip',)": lambda: fx.PointMass(1.0, node=("tip",)),
     "node = 0.5": lambda: fx.Spring(0.5, 1.0, to=(0, 0, 0)),
-    "Spring's stiffness = -3": lambda: fx.Spring(-1, -3.0, to=(0, 0, 0)),
-    "Spring's length = -1": lambda: fx.Spring(-1, 3.0, to=(0, 0, 0), length=-1.0),
     "Spring's to of shape (2,)": lambda: fx.Spring(-1, 3.0, to=(0, 0)),
-    "RootSpring's stiffness = inf": lambda: fx.RootSpring((1.0, math.inf)),
     "stiffness of shape (5,)": lambda: fx.RootSpring((1.0, 2, 3, 4, 5)),
     "neither curvature nor strain": lambda: fx.Actuation(),
     "Along the beam": lambda: fx.Actuation(curvature=fx.Along(lambda s, t: s)),
@@ -559,20 +507,3 @@ def test_a_load_s_arguments_can_be_stacked(node):
     for shape, u in (((), (2,)), ((2,), ()), ((3, 2), (2,)), ((), ())):
         stepper(tb.rest(scene, shape), u=torch.zeros(*u, 1))
     assert all(len(axes) == 1 for axes in seen)
-
-
-@pytest.mark.parametrize("length", [None, 0.1])
-def test_a_spring_on_an_arm_has_the_tangent_of_its_wrench(length):
-    """As by automatic differentiation, at two sites that are turned."""
-    point = fx.load_point.LoadPoint(
-        position=torch.tensor([[1.0, 0.2, 0.1], [0.4, -0.3, 0.2]]),
-        R=quat.matrix(quat.normalize(torch.tensor([[1.0, 0.2, -0.4, 0.3], [0.9, -0.1, 0, 0.6]]))),
-    )
-    spring = bind(tb.Spring(1, 5.0, (0.1, 0.2, 0.3), length, offset=(0.02, -0.1, 0.3)))
-    own, known = (
-        f(spring, point, torch.tensor(0.0), {})
-        for f in (type(spring).tangent, fx.load_point.LoadEffect.tangent)
-    )
-    assert own.keys() == known.keys()
-    for name, slope in known.items():
-        torch.testing.assert_close(own[name], slope, rtol=0, atol=1e-12)

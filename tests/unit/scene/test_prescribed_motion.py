@@ -424,33 +424,6 @@ def test_a_support_that_moves():
     assert_close(moved.tip.position[:, 2], 1e-3 * moved.t, rtol=0, atol=1e-15)
 
 
-@pytest.mark.long  # the gradient fuzz has these too
-def test_gradient_by_the_motion_of_the_root():
-    """Reverse mode through a moving clamp, a frame and an offset mass against central
-    differences.
-    """
-
-    def tip(amplitude, omega, offset, mass):
-        of = tb.Scene(
-            tb.Beam.straight(1.0, 2, SECTION),
-            [tb.PointMass(mass, offset=torch.stack((0 * offset, offset, offset)))],
-            root=tb.RootMotion(
-                displacement=lambda t: amplitude * torch.stack((0 * t, torch.sin(3 * t), t))
-            ),
-            frame=tb.Frame(angular_velocity=torch.stack((0 * omega, 0 * omega, omega))),
-        )
-        stepper = tb.Stepper(of, 0.05, tolerance=1e-13)
-        s = stepper.rest()
-        for _ in range(3):
-            s = stepper(s)
-        return s.tip.position, s.tip.velocity, s.root.force, s.work
-
-    at = [torch.tensor(v, requires_grad=True) for v in (0.3, 1.0, 0.1, 0.2)]
-    assert torch.autograd.gradcheck(
-        tip, at, eps=1e-6, atol=1e-5, rtol=1e-4, check_forward_ad=True, fast_mode=True
-    )
-
-
 @pytest.mark.parametrize("held", ["frame", "root", "supports"])
 def test_motions_given_as_lists_of_tensors(held):
     """[0, a, b] with tensors in it is the stacked tensor: the same motion, the same gradient, and

@@ -287,12 +287,9 @@ def test_curve_of_a_function_is_of_fourth_order_with_elements_of_order_2():
 
     def made(N):
         beam = tb.Beam.curve(
-            1.0,
-            N,
-            SECTION,
-            lambda s: torch.stack((1 + s, 2 * torch.sin(3 * s), 3 - 2 * s**2), -1),
+            1.0, N, SECTION, lambda s: torch.stack((1 + s, 2 * torch.sin(3 * s), 3 - 2 * s**2), -1),
             order=2,
-        )
+        )  # fmt: skip
         return torch.cat((beam.nodes[-1], beam.frames[-1]))
 
     exact = made(128)

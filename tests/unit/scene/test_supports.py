@@ -93,12 +93,9 @@ def test_gradient_by_geometry_whatever_is_held(how, small, every):
         low, high = f(e * torch.stack((-way, way)))
         forward = torch.func.jvp(f, (0 * way,), (way,))[1]
         assert_close(
-            forward,
-            (high - low) / (2 * e),
-            rtol=2e-7,
-            atol=2e-7,
+            forward, (high - low) / (2 * e), rtol=2e-7, atol=2e-7,
             msg=lambda m, at=(position, rotation): f"{at}: {m}",
-        )
+        )  # fmt: skip
         if rotation == "yz":
             assert_close(torch.func.grad(f)(0 * way) @ way, forward, rtol=0, atol=1e-9)
 

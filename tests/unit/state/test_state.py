@@ -98,12 +98,9 @@ def test_a_state_of_another_scene_is_refused():
     """What it remembers has no place in this scene, or its mesh is another: one sentence."""
     turned = tb.rest(tb.Scene(beam(), frame=tb.Frame(angular_velocity=(0, 0, 1.0))))
     lag = tb.Load(
-        lambda r, R, v, w, t, z: (z, None),
-        node=-1,
-        internal=3,
-        rate=lambda z, r, R, v, w, t: -z,
+        lambda r, R, v, w, t, z: (z, None), node=-1, internal=3, rate=lambda z, r, R, v, w, t: -z,
         of=(),
-    )
+    )  # fmt: skip
     still = tb.Scene(beam())
     for state, words in (
         (turned, "whose frame has turned"),

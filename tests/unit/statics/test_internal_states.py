@@ -24,13 +24,9 @@ def test_internal_states_come_to_rest_by_a_law_that_is_not_linear(node):
             return (pull - z - z**3) / 0.1
 
         load = tb.Load(
-            lambda x, R, v, w, t, z, p: (z, None),
-            node=node,
-            internal=3,
-            rate=rate,
-            of=("position",),
-            values={"p": p if node == -1 else p[:, None]},
-        )
+            lambda x, R, v, w, t, z, p: (z, None), node=node, internal=3, rate=rate,
+            of=("position",), values={"p": p if node == -1 else p[:, None]},
+        )  # fmt: skip
         return tb.equilibrium(tb.Scene(beam, [load]), tolerance=1e-12)
 
     state = found(p)
@@ -65,13 +61,9 @@ def test_a_path_has_them_where_its_equilibria_have(load):
             ) / 0.1
 
         pushed = tb.Load(
-            lambda x, R, v, w, t, z, p: (factor * z, None),
-            node=-1,
-            internal=3,
-            rate=rate,
-            of=("position",),
-            inputs={"p": 1},
-        )
+            lambda x, R, v, w, t, z, p: (factor * z, None), node=-1, internal=3, rate=rate,
+            of=("position",), inputs={"p": 1},
+        )  # fmt: skip
         return tb.Scene(beam, [pushed, tb.TipLoad(force=factor * torch.tensor([0.0, 0.2, 0.0]))])
 
     one, p = torch.ones(1), torch.tensor([[0.5], [2.0]])

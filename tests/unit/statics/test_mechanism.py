@@ -18,12 +18,9 @@ HINGE, PIN = tb.Support(0, rotation="xz"), tb.Support(0, rotation="")
 
 def hung(section, elements, support, angle=0.0):
     beam = tb.Beam.straight(
-        1.0,
-        elements,
-        section,
-        direction=(math.sin(angle), 0.0, -math.cos(angle)),
+        1.0, elements, section, direction=(math.sin(angle), 0.0, -math.cos(angle)),
         up=(0.0, 1.0, 0.0),
-    )
+    )  # fmt: skip
     return tb.Scene(beam, [tb.Gravity((0.0, 0.0, -9.81))], supports=[support])
 
 

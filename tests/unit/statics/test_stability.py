@@ -86,12 +86,8 @@ def test_one_motion_that_diverges(engine, turning):
     state, said = told(scene, engine)
     assert re.search(rf"sample 2 \({2 if turning else 3} of 5\) is in unstable equilibrium", said)
     assert tb.modes(scene, state, count=3).divergence.any(-1).tolist() == [
-        False,
-        False,
-        True,
-        True,
-        True,
-    ]
+        False, False, True, True, True,
+    ]  # fmt: skip
 
 
 @torch.no_grad()
@@ -241,12 +237,9 @@ UNITS = {"mm-N": (1e3, 1.0), "nm-pN": (1e9, 1e12), "km-MN": (1e-3, 1e-6)}  # of 
 
 def measured(length, force, shape):
     section = tb.Section.from_stiffness(
-        EA=1e4 * force,
-        GA=4e3 * force,
-        GJ=0.8 * force * length**2,
-        EI=(1.0 * force * length**2, 1.3 * force * length**2),
-        mass=0.2,
-    )
+        EA=1e4 * force, GA=4e3 * force, GJ=0.8 * force * length**2,
+        EI=(1.0 * force * length**2, 1.3 * force * length**2), mass=0.2,
+    )  # fmt: skip
     if shape == "column":
         beam = tb.Beam.straight(length, 4, section)
         return tb.Scene(beam, [tb.TipLoad(force=(-4 * force, 0, 1e-3 * force))])

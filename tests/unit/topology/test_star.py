@@ -45,13 +45,9 @@ def star_of(chain):
     """The same scene with its nodes and elements in the star's order, and the star."""
     beam = chain.beam
     rows = {
-        "nodes": NODES,
-        "frames": NODES,
-        "elements": ELEMENTS,
-        "length": ELEMENTS,
-        "compliance": ELEMENTS,
-        "mass": ELEMENTS,
-    }
+        "nodes": NODES, "frames": NODES, "elements": ELEMENTS, "length": ELEMENTS,
+        "compliance": ELEMENTS, "mass": ELEMENTS,
+    }  # fmt: skip
     axis = {"length": -1, "compliance": -3, "mass": -3}
     rows = {
         name: getattr(beam, name).index_select(axis.get(name, -2), torch.tensor(at))
@@ -204,14 +200,11 @@ def junction(load, **options):
     section = tb.Section.from_stiffness(EA=EA, GA=GA, GJ=GJ, EI=EI_Y, mass=0.2)
     plain = tb.Beam.straight(1.0, joint, section)
     beam = replace(
-        plain,
-        nodes=torch.stack([*nodes, torch.zeros(3)]),
-        length=torch.tensor(length),
-        coupled=True,
-        compliance=torch.stack(compliance),
+        plain, nodes=torch.stack([*nodes, torch.zeros(3)]), length=torch.tensor(length),
+        coupled=True, compliance=torch.stack(compliance),
         frames=torch.tensor([1.0, 0, 0, 0]).expand(joint + 1, 4),
         elements=torch.tensor([1.0, 0, 0, 0]).expand(joint, 4),
-    )
+    )  # fmt: skip
     of = tb.Scene(
         beam,
         [tb.PointLoad(force=load[:3], moment=load[3:], node=joint)],

@@ -249,15 +249,9 @@ class Cluster:
     def __init__(self, folder, workers):
         self.file = folder / f"scheduler-{time.monotonic_ns()}.json"
         self.scheduler = self._begin(
-            "scheduler",
-            "--scheduler-file",
-            self.file,
-            "--port",
-            "0",
-            "--no-dashboard",
-            "--host",
+            "scheduler", "--scheduler-file", self.file, "--port", "0", "--no-dashboard", "--host",
             "127.0.0.1",
-        )
+        )  # fmt: skip
         until(self._address, self.scheduler)
         self.address = self._address()
         self.workers = []
@@ -372,12 +366,8 @@ def test_a_folder_that_workers_do_not_see(tmp_path):
 
     laws = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
     found = tb.monte_carlo(
-        lambda theta: theta * torch.ones(2),
-        laws,
-        64,
-        chunk=16,
-        out=tmp_path / "run",
+        lambda theta: theta * torch.ones(2), laws, 64, chunk=16, out=tmp_path / "run",
         executor=Elsewhere(),
-    )
+    )  # fmt: skip
     assert found.y.dtype == torch.float64 and len(list((tmp_path / "run").glob("chunk*"))) == 4
     assert not (tmp_path / "nowhere").exists()

@@ -32,12 +32,9 @@ def samples(n: int, seed: int, names: str = "ab") -> tb.Samples:
 def deviation_of_a_law(n: int, seed: int) -> tuple[Tensor, ...]:
     """Of a, by its width: the deviation itself, and its derivative."""
     answers = tb.moment_derivatives(
-        total,
-        lambda q: {"a": lambda u: q[0] * u},
-        torch.tensor([1.0], dtype=torch.float64),
-        n,
+        total, lambda q: {"a": lambda u: q[0] * u}, torch.tensor([1.0], dtype=torch.float64), n,
         seed=seed,
-    )
+    )  # fmt: skip
     return tuple(
         torch.stack((x, y[0])) for x, y in zip(answers.deviation, answers.deviation_by, strict=True)
     )
@@ -46,12 +43,9 @@ def deviation_of_a_law(n: int, seed: int) -> tuple[Tensor, ...]:
 def indices(n: int, seed: int) -> tuple[Tensor, ...]:
     """Of 2 a + b + a b: first and total."""
     s = tb.sobol_indices(
-        lambda theta: 2 * theta[:, 0] + theta[:, 1] + theta.prod(-1),
-        UNIT,
-        n,
-        seed=seed,
+        lambda theta: 2 * theta[:, 0] + theta[:, 1] + theta.prod(-1), UNIT, n, seed=seed,
         dtype=torch.float64,
-    )
+    )  # fmt: skip
     return torch.stack((s.first, s.total)), s.low, s.high
 
 

@@ -50,13 +50,9 @@ def test_of_several_numbers_torchs_laws_and_correlation():
 
     q = torch.tensor([1.0, 0.2, 3.0, 0.5])
     found = tb.moment_derivatives(
-        lambda a, b: torch.stack((a, a * b), -1),
-        laws,
-        q,
-        4096,
-        correlation={("a", "b"): 0.6},
+        lambda a, b: torch.stack((a, a * b), -1), laws, q, 4096, correlation={("a", "b"): 0.6},
         by_name=True,
-    )
+    )  # fmt: skip
     wanted = torch.tensor([[1.0, 3.0], [0.0, 0.6 * 0.5], [0.0, 1.0], [0.0, 0.6 * 0.2]])
     assert_close(found.mean_by.estimate, wanted, rtol=0, atol=5e-3)
     assert_close(
@@ -68,11 +64,8 @@ def test_failed_samples_do_not_count():
     """Neither in values nor in derivatives."""
     found = tb.moment_derivatives(
         lambda theta: torch.where(theta[:, 0] > 1, torch.nan, theta[:, 0]),
-        lambda q: {"x": lambda u: q[0] * u},
-        torch.tensor([2.0]),
-        1024,
-        replicates=8,
-    )
+        lambda q: {"x": lambda u: q[0] * u}, torch.tensor([2.0]), 1024, replicates=8,
+    )  # fmt: skip
     assert found.mean.reasons == {"y is not finite": 512}
     assert_close(found.mean.estimate, torch.tensor(0.5), rtol=1e-3, atol=0)
     assert_close(found.mean_by.estimate, torch.tensor([0.25]), rtol=1e-3, atol=0)
@@ -140,12 +133,9 @@ def test_single_precision_far_from_zero():
     )
     assert found.deviation.estimate.item() == pytest.approx(0.1, rel=0.02)
     assert_close(
-        found.deviation_by.estimate,
-        torch.tensor([0.0, 1.0]),
-        rtol=0.02,
-        atol=0.02,
+        found.deviation_by.estimate, torch.tensor([0.0, 1.0]), rtol=0.02, atol=0.02,
         check_dtype=False,
-    )
+    )  # fmt: skip
 
 
 def test_double_precision_far_from_zero():

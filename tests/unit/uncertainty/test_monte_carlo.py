@@ -74,13 +74,9 @@ def test_other_processes():
     before, opened = _open_files(), []
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         there = tb.monte_carlo(
-            torch.sin,
-            LAWS,
-            64,
-            chunk=1,
-            executor=pool,
+            torch.sin, LAWS, 64, chunk=1, executor=pool,
             progress=lambda _: opened.append(_open_files()),
-        )
+        )  # fmt: skip
     assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64, chunk=1).y).all()
     # pipes of two processes, and nothing that is left of each chunk
     assert max(opened) < before + 32
@@ -110,14 +106,9 @@ def test_a_cluster_that_loses_a_worker(tmp_path):
     calls.mkdir()
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
         there = tb.monte_carlo(
-            partial(_dies_once, calls),
-            LAWS,
-            64,
-            chunk=8,
-            executor=client.get_executor(retries=3),
-            out=out,
-            version=1,
-        )
+            partial(_dies_once, calls), LAWS, 64, chunk=8, executor=client.get_executor(retries=3),
+            out=out, version=1,
+        )  # fmt: skip
     assert (calls / "killed").exists()
     assert (there.y == tb.monte_carlo(torch.sin, LAWS, 64).y).all() and len([*out.iterdir()]) == 9
 

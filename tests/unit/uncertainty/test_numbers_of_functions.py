@@ -82,6 +82,21 @@ class Scale(float):
     """A number with a method."""
 
 
+def attribute_of(x):
+    """What reads an attribute of x, and what changes it."""
+    x.k = 2.0
+    return lambda theta: x.k * theta.sum(-1), lambda: setattr(x, "k", 3.0)
+
+
+def itself(x, name="k", holder=None):
+    """A function that knows its number by itself, or in a holder."""
+    return x, lambda: setattr(holder or x, name, 3.0)
+
+
+ASKED = "def function(theta):\n    return k * theta.sum(-1)"
+NO_NAME = "k = 2.0\nclass Of:\n    def __call__(self, theta):\n        return k * theta.sum(-1)"
+
+
 @way
 def closure():
     k = 2.0
@@ -94,31 +109,6 @@ def closure():
         k = 3.0
 
     return function, change
-
-
-@way
-def list_in_a_closure():
-    k = [2.0]
-    return lambda theta: k[0] * theta.sum(-1), lambda: k.__setitem__(0, 3.0)
-
-
-@way
-def dictionary_in_a_closure():
-    k = {"k": 2.0}
-    return lambda theta: k["k"] * theta.sum(-1), lambda: k.update(k=3.0)
-
-
-@way
-def tensor_written_in_place():
-    k = torch.tensor(2.0)
-    return lambda theta: k * theta.sum(-1), lambda: k.fill_(3.0)
-
-
-@way
-def attribute_of_a_tensor():
-    x = torch.tensor(1.0)
-    x.k = 2.0
-    return lambda theta: x.k * theta.sum(-1), lambda: setattr(x, "k", 3.0)
 
 
 @way
@@ -138,18 +128,9 @@ def keyword_default():
 
 
 @way
-def global_():
-    names = vars(module_of("k = 2.0\ndef function(theta):\n    return k * theta.sum(-1)"))
-    return names["function"], lambda: names.update(k=3.0)
-
-
-@way
 def global_of_a_namespace_without_a_name():
     names = {}
-    exec(
-        "k = 2.0\nclass Of:\n    def __call__(self, theta):\n        return k * theta.sum(-1)",
-        names,
-    )
+    exec(NO_NAME, names)
     return names["Of"](), lambda: names.update(k=3.0)
 
 
@@ -159,7 +140,7 @@ def attribute_of_a_function():
         return function.k * theta.sum(-1)
 
     function.k = 2.0
-    return function, lambda: setattr(function, "k", 3.0)
+    return itself(function)
 
 
 @way
@@ -173,10 +154,7 @@ def attribute_of_another_function():
 
 @way
 def attribute_of_a_cached_function():
-    @functools.lru_cache
-    def other():
-        return 1.0
-
+    other = functools.lru_cache(lambda: 1.0)
     other.k = 2.0
     functions = [other]
     return lambda theta: functions[0].k * theta.sum(-1), lambda: setattr(other, "k", 3.0)
@@ -189,7 +167,7 @@ def attribute_of_a_method():
             return Of.__call__.k * theta.sum(-1)
 
     Of.__call__.k = 2.0
-    return Of(), lambda: setattr(Of.__call__, "k", 3.0)
+    return itself(Of(), holder=Of.__call__)
 
 
 @way
@@ -220,28 +198,9 @@ def wrapped_function():
 
 
 @way
-def attribute_of_an_object():
-    spring = Spring()
-    return spring, lambda: setattr(spring, "k", 3.0)
-
-
-@way
-def bound_method():
-    spring = Spring()
-    return spring.force, lambda: setattr(spring, "k", 3.0)
-
-
-@way
 def property_of_an_object():
     spring = Spring()
     return lambda theta: spring.twice * theta.sum(-1), lambda: setattr(spring, "k", 3.0)
-
-
-@way
-def slot():
-    slotted = Slotted()
-    slotted.k = 2.0
-    return slotted, lambda: setattr(slotted, "k", 3.0)
 
 
 @way
@@ -252,18 +211,7 @@ def attribute_of_a_class():
         def __call__(self, theta):
             return self.k * theta.sum(-1)
 
-    return Of(), lambda: setattr(Of, "k", 3.0)
-
-
-@way
-def attribute_of_a_metaclass():
-    class Meta(type):
-        k = 2.0
-
-    class Of(metaclass=Meta):
-        pass
-
-    return lambda theta: Of.k * theta.sum(-1), lambda: setattr(Meta, "k", 3.0)
+    return itself(Of(), holder=Of)
 
 
 @way
@@ -275,53 +223,14 @@ def class_method():
         def function(cls, theta):
             return cls.k * theta.sum(-1)
 
-    return Of.function, lambda: setattr(Of, "k", 3.0)
-
-
-@way
-def field_of_a_dataclass():
-    record = Record()
-    return record, lambda: setattr(record, "k", 3.0)
-
-
-@way
-def attribute_of_a_dataclass():
-    record = Record()
-    record.factor = 2.0
-    return record, lambda: setattr(record, "factor", 3.0)
-
-
-@way
-def attribute_of_a_dictionary():
-    table = Table()
-    table.k = 2.0
-    return lambda theta: table.k * theta.sum(-1), lambda: setattr(table, "k", 3.0)
-
-
-@way
-def attribute_of_a_number():
-    scale = Scale(1.0)
-    scale.k = 2.0
-    return lambda theta: scale.k * theta.sum(-1), lambda: setattr(scale, "k", 3.0)
-
-
-@way
-def simple_namespace():
-    space = types.SimpleNamespace(k=2.0)
-    return lambda theta: space.k * theta.sum(-1), lambda: setattr(space, "k", 3.0)
-
-
-@way
-def argument_of_a_partial():
-    k = {"k": 2.0}
-    return functools.partial(lambda theta, k: k["k"] * theta.sum(-1), k=k), lambda: k.update(k=3.0)
+    return itself(Of.function, holder=Of)
 
 
 @way
 def attribute_of_a_partial():
     function = functools.partial(lambda theta: function.k * theta.sum(-1))
     function.k = 2.0
-    return function, lambda: setattr(function, "k", 3.0)
+    return itself(function)
 
 
 @way
@@ -335,71 +244,115 @@ def dispatched_function():
 
 
 @way
-def module():
-    users = module_of("", k=2.0)
-    return lambda theta: users.k * theta.sum(-1), lambda: setattr(users, "k", 3.0)
-
-
-@way
-def global_of_a_function_of_a_module():
-    users = module_of("k = 2.0\ndef function(theta):\n    return k * theta.sum(-1)")
-    return lambda theta: users.function(theta), lambda: setattr(users, "k", 3.0)
-
-
-@way
 def module_by_a_word():
     users = module_of("", k=2.0)
     return lambda theta: getattr(users, "k") * theta.sum(-1), lambda: setattr(users, "k", 3.0)  # noqa: B009
 
 
 @way
-def module_in_a_list():
-    users = [module_of("", k=2.0)]
-    return lambda theta: users[0].k * theta.sum(-1), lambda: setattr(users[0], "k", 3.0)
-
-
-@way
-def attribute_put_on_torch():
-    torch.users_k = 2.0
-    return lambda theta: torch.users_k * theta.sum(-1), lambda: setattr(torch, "users_k", 3.0)
-
-
-@way
 def function_put_on_a_part_of_torch():
-    torch.linalg.users_k = lambda x: 2 * x
+    part, name = torch.linalg, "users_k"
+    part.users_k = lambda x: 2 * x
     return lambda theta: torch.linalg.users_k(theta.sum(-1)), lambda: setattr(
-        torch.linalg, "users_k", lambda x: 3 * x
+        part, name, lambda x: 3 * x
     )
 
 
-@way
-def attribute_put_on_math():
-    math.users_k = 2.0
-    return lambda theta: math.users_k * theta.sum(-1), lambda: setattr(math, "users_k", 3.0)
+def put_on(place, function):
+    place.users_k = 2.0
+    return function, lambda: setattr(place, "users_k", 3.0)
 
 
-@way
-def parameter_of_a_network():
+def in_a_list(k):
+    return lambda theta: k[0] * theta.sum(-1), lambda: k.__setitem__(0, 3.0)
+
+
+def in_a_tensor(k):
+    return lambda theta: k * theta.sum(-1), lambda: k.fill_(3.0)
+
+
+def in_a_dictionary(k):
+    return lambda theta: k["k"] * theta.sum(-1), lambda: k.update(k=3.0)
+
+
+def by_argument(k):
+    return functools.partial(lambda theta, k: k["k"] * theta.sum(-1), k=k), lambda: k.update(k=3.0)
+
+
+def as_global(names):
+    return names["function"], lambda: names.update(k=3.0)
+
+
+def of_module(users):
+    return lambda theta: users.function(theta), lambda: setattr(users, "k", 3.0)
+
+
+def of_modules(users):
+    return lambda theta: users[0].k * theta.sum(-1), lambda: setattr(users[0], "k", 3.0)
+
+
+def slot():
+    slotted = Slotted()
+    slotted.k = 2.0
+    return itself(slotted)
+
+
+def factor():
+    record = Record()
+    record.factor = 2.0
+    return itself(record, "factor")
+
+
+def of_network(make, change):
     network = Network()
-    return network, lambda: network.weight.data.mul_(2)
+    return make(network), lambda: change(network)
+
+
+# fmt: off
+WAYS |= {
+    "list in a closure": lambda: in_a_list([2.0]),
+    "tensor written in place": lambda: in_a_tensor(torch.tensor(2.0)),
+    "dictionary in a closure": lambda: in_a_dictionary({"k": 2.0}),
+    "argument of a partial": lambda: by_argument({"k": 2.0}),
+    "global": lambda: as_global(vars(module_of(ASKED, k=2.0))),
+    "global of a function of a module": lambda: of_module(module_of(ASKED, k=2.0)),
+    "module in a list": lambda: of_modules([module_of("", k=2.0)]),
+    **{f"attribute of {name}": lambda make=make: attribute_of(make()) for name, make in {
+        "a tensor": lambda: torch.tensor(1.0), "a number": lambda: Scale(1.0),
+        "a dictionary": Table, "a namespace": types.SimpleNamespace,
+        "a module": lambda: module_of("")}.items()},
+    "attribute of an object": lambda: itself(Spring()),
+    "field of a dataclass": lambda: itself(Record()), "attribute of a dataclass": factor,
+    "slot": slot,
+    "attribute put on torch": lambda: put_on(torch, lambda theta: torch.users_k * theta.sum(-1)),
+    "attribute put on math": lambda: put_on(math, lambda theta: math.users_k * theta.sum(-1)),
+    "parameter of a network": lambda: of_network(lambda net: net,
+                                                 lambda net: net.weight.data.mul_(2)),
+    "buffer of a network": lambda: of_network(lambda net: net.forward,
+                                              lambda net: net.shift.mul_(2)),
+    "attribute of a network": lambda: of_network(lambda net: lambda theta: net(theta),
+                                                 lambda net: setattr(net, "k", 3.0)),
+    "hook of a network": lambda: of_network(
+        lambda net: net, lambda net: net.register_forward_hook(lambda own, given, y: 2 * y)),
+}
+# fmt: on
 
 
 @way
-def buffer_of_a_network():
-    network = Network()
-    return network.forward, lambda: network.shift.mul_(2)
+def bound_method():
+    spring = Spring()
+    return itself(spring.force, holder=spring)
 
 
 @way
-def attribute_of_a_network():
-    network = Network()
-    return lambda theta: network(theta), lambda: setattr(network, "k", 3.0)
+def attribute_of_a_metaclass():
+    class Meta(type):
+        k = 2.0
 
+    class Of(metaclass=Meta):
+        pass
 
-@way
-def hook_of_a_network():
-    network = Network()
-    return network, lambda: network.register_forward_hook(lambda own, given, y: 2 * y)
+    return lambda theta: Of.k * theta.sum(-1), lambda: setattr(Meta, "k", 3.0)
 
 
 @pytest.fixture(autouse=True)

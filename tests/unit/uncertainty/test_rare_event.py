@@ -63,14 +63,9 @@ def test_importance_sampling():
     assert found.points[0].tolist() == pytest.approx([BETA / 2] * 4, abs=1e-3)
     with ThreadPoolExecutor(2) as pool:
         other = tb.rare_event(
-            lambda theta: linear(theta).detach(),
-            NORMALS,
-            BETA,
-            1024,
-            method="importance",
-            executor=pool,
-            chunk=100,
-        )
+            lambda theta: linear(theta).detach(), NORMALS, BETA, 1024, method="importance",
+            executor=pool, chunk=100,
+        )  # fmt: skip
     assert (
         other.probability == pytest.approx(found.probability, rel=1e-5)
         and other.evaluations > found.evaluations
@@ -122,14 +117,9 @@ def test_strength_less_load():
     R, S, rho = laws["R"], laws["S"], 0.3
     beta = (R.mu - S.mu) / math.sqrt(R.sigma**2 + S.sigma**2 - 2 * rho * R.sigma * S.sigma)
     found = tb.rare_event(
-        lambda R, S: S / R,
-        laws,
-        1.0,
-        2048,
-        method="importance",
-        correlation={("R", "S"): rho},
+        lambda R, S: S / R, laws, 1.0, 2048, method="importance", correlation={("R", "S"): rho},
         by_name=True,
-    )
+    )  # fmt: skip
     assert found.form == pytest.approx(tail(beta), rel=1e-3) and found.low < tail(beta) < found.high
     assert found.probability == pytest.approx(tail(beta), rel=0.1) and 3 < found.beta[0] < 5
     assert found.points[0, 0] == pytest.approx(found.points[0, 1].item(), rel=1e-4)
@@ -234,12 +224,9 @@ def test_curved():
 def test_failed_samples():
     """They are not the event, and are counted."""
     found = tb.rare_event(
-        lambda theta: torch.where(theta[:, 1] > 0, torch.nan, theta[:, 0]),
-        NORMALS,
-        3.0,
-        10000,
+        lambda theta: torch.where(theta[:, 1] > 0, torch.nan, theta[:, 0]), NORMALS, 3.0, 10000,
         seed=1,
-    )
+    )  # fmt: skip
     assert found.low < tail(3.0) / 2 < found.high and found.failed > 0.2 * found.evaluations
     assert list(found.reasons) == ["y is not finite"], found
     work = Evaluation(

@@ -336,12 +336,9 @@ def test_progress(capsys):
     """A function gets counts after each chunk; the terminal a line."""
     seen = []
     tb.monte_carlo(
-        lambda theta: theta / 0,
-        LAWS,
-        100,
-        chunk=30,
+        lambda theta: theta / 0, LAWS, 100, chunk=30,
         progress=lambda at: seen.append((at.done, at.failed, at.eta)),
-    )
+    )  # fmt: skip
     assert [x[:2] for x in seen] == [(30, 30), (60, 60), (90, 90), (100, 100)] and seen[-1][2] == 0
     tb.monte_carlo(total, LAWS, 100, progress=True)
     assert "100 of 100 samples, 100 %" in capsys.readouterr().err

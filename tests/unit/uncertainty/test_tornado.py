@@ -7,11 +7,8 @@ from torch.testing import assert_close
 import torchbeam as tb
 
 LAWS = {
-    "a": (0.0, 1.0),
-    "k": tb.laws.Constant(2.0),
-    "b": (0.0, 10.0),
-    "c": tb.laws.Normal(0.0, 1.0),
-}
+    "a": (0.0, 1.0), "k": tb.laws.Constant(2.0), "b": (0.0, 10.0), "c": tb.laws.Normal(0.0, 1.0),
+}  # fmt: skip
 
 
 def function(a, k, b, c):

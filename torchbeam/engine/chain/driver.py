@@ -16,15 +16,16 @@ order, and where their fields lie.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
-from .driver_code import ALL, Place, Places
+from .driver_code import ALL, ROWS, Place, Places
 from .elimination_driver import Elimination
 from .interaction import SIDES
-from .layout import LAW
+from .layout import ELEMENTS, LAW, NODES, TOLD
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
 SQUARES = ("square_force", "square_moment")
@@ -62,7 +63,6 @@ class Driver(Elimination):
         with self.code.loop(0, self.args["elements"]) as e:
             self._copy_to(("stress", e), ("start_stress", e))
         self._start_multipliers()
-        self._start_tendons()
 
     def _hoisted(self) -> None:
         """What does not depend on the unknowns."""
@@ -85,8 +85,7 @@ class Driver(Elimination):
         code = self.code
         for name in ("before", "iterations"):
             self._fill(("sample", 0, name))
-        if "secant" in self.layout.fields("common"):
-            self._fill(("common", 0, "secant"))
+        self._each_told(lambda told, *_: self._fill(*told))
         count = code.slot()
         code.store(0, count)
         with code.until() as ends:
@@ -97,6 +96,7 @@ class Driver(Elimination):
                 self._take_back()
             else:
                 self._back()
+            self._tell()
             self._judge()
             iterations = code.add(code.load(count), 1)
             code.store(iterations, count)
@@ -111,6 +111,7 @@ class Driver(Elimination):
     def _pass(self) -> None:
         """Balance and elimination."""
         self._fill(("sums", 0))
+        self._each_told(lambda _, coming, *__: self._fill(*coming))
         if self.has_interface:
             with self._entries("interface") as (_, (node, *_)):
                 self._fill(("push", node))
@@ -136,11 +137,15 @@ class Driver(Elimination):
         self._judge_by("element 0")
         for k in self._loaded(e):
             self._add_load(f"element load {k}", e, to)
+            if "told" in self.functions[f"element load {k}"].outputs:
+                far = self.at("change", 0, "far")
+                self._blend((f"next {ELEMENTS}", e), ("change", 0, "told"), far)
             self._judge_by(f"far {k}", f"element load {k}")
 
     def _node(self, j: str, turn: str | int) -> None:
         """Balance of node j, and what is computed there for the elements at it."""
         places = {f"> {END}": ("at_end", turn), HOISTED: ("before node", j)}
+        places["> told"] = f"next {NODES}", j
         self._at_node("node", j, ("at_node", turn), places)
 
     def _condensed(self, e: str) -> None:
@@ -198,13 +203,14 @@ class Driver(Elimination):
         self._blend(("support", k, "found"), ("support", k, "reaction"), over)
 
     def _search(self) -> None:
-        """Which samples take their last step back; of the others, what the next begins from."""
+        """Which samples take their last step back; of those that are below the best, the best."""
         self._agree()
         self._call_of_sample("search")
-        back = self.at("sample", 0, "back")
-        for name, last, count in self._unknowns():
+        worse = self.at("sample", 0, "worse")
+        for name, best, count in self._unknowns():
             with self.code.loop(0, count) as k:
-                self._blend((last, k), (name, k), back)
+                self._blend((best, k), (name, k), worse)
+        self._each_told(lambda told, _, best: self._blend(best[0], told[0], worse, told[1]))
 
     def _take_back(self) -> None:
         """Part of the way back, of samples that take it."""
@@ -212,28 +218,50 @@ class Driver(Elimination):
         forth = self.at("sample", 0, "forth")
         code.call("all", forth, result := code.slot())
         with code.when(code.compare("eq", code.load(result), 0)):
-            for name, last, count in self._unknowns():
+            for name, best, count in self._unknowns():
                 with code.loop(0, count) as k:
-                    self._part_back(name, last, k)
+                    self._part_back(name, best, k)
                     self._blend((name, k), (f"{name}_back", 0), forth)
 
-    def _part_back(self, name: str, last: str, k: str) -> None:
+    def _part_back(self, name: str, best: str, k: str) -> None:
         fields = [*self.layout.fields(name)] if name == "unknown" else ["x"]
         places: Places = {"ratio": ("sample", 0, "ratio")}
         for field in fields:
             own = (field,) if name == "unknown" else ()
             to = f"to_{field}" if name == "unknown" else "to"
-            places |= {field: (last, k, *own), to: (name, k, *own)}
+            places |= {field: (best, k, *own), to: (name, k, *own)}
             places[f"> {field}"] = (f"{name}_back", 0, *own)
         self._call("between" if name == "unknown" else f"part {name}", places=places)
 
+    def _each_told(self, then: Callable[..., None]) -> None:
+        """then(what is told, what is told next, what was told at the best) of each sort of rows,
+        where all of them begin and how many numbers that is.
+        """
+        for rows in TOLD.values():
+            if f"told {rows}" in self.layout.records:
+                size = self._size((f"told {rows}", 0))
+                size = self.code.mul(self.args[ROWS[rows]], size)
+                then(*(((f"{word} {rows}", 0), size) for word in ("told", "next", "best told")))
+
+    def _tell(self) -> None:
+        """What the next iteration is told, see `newton`."""
+
+        def tell(told: tuple[Place, str], coming: tuple[Place, str], best: Any) -> None:
+            if "search" not in self.functions:
+                self._copy_to(told[0], coming[0], told[1])
+                return
+            for source, kept in ((coming, "back"), (best, "stays")):
+                self._blend(told[0], source[0], self.at("sample", 0, kept), told[1])
+
+        self._each_told(tell)
+
     def _unknowns(self) -> list[tuple[str, str, str]]:
-        """Records of unknowns, of what they were before the last step, and how many there are."""
+        """Records of unknowns, of the best so far, and how many there are."""
         args = self.args
         return [
-            ("unknown", "last_unknown", args["nodes"]),
-            ("stress", "last_stress", args["elements"]),
-            *[("multiplier", "last_multiplier", args["multipliers_count"])] * self.kinds.multiplied,
+            ("unknown", "best_unknown", args["nodes"]),
+            ("stress", "best_stress", args["elements"]),
+            *[("multiplier", "best_multiplier", args["multipliers_count"])] * self.kinds.multiplied,
         ]
 
     def _judge(self) -> None:
@@ -248,8 +276,7 @@ class Driver(Elimination):
         """A function of what is of a sample, whose outputs are, too."""
         self._call(name, lambda f: self._first_of(("sums", "sample"), f), ("change", 0))
         for output in self.functions[name].outputs:
-            to = "common" if output == "secant" else "sample"
-            self._copy_to((to, 0, output), ("change", 0, output))
+            self._copy_to(("sample", 0, output), ("change", 0, output))
 
     def _judge_by(self, *names: str) -> None:
         """By what functions have given of sums: the largest, of squares the sum itself."""

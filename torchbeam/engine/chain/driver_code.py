@@ -45,7 +45,9 @@ class DriverCode:
     """
 
     ARGS: tuple[str, ...] = ALL
-    AT_NODE = "node", "state", "unknown"  # records of nodes that functions read
+    # records of nodes and of elements that functions read
+    AT_NODE: tuple[str, ...] = ("node", "state", "unknown", "told nodes")
+    AT_ELEMENT = "element", "stress", "law", "element_state", "told elements"
 
     def __init__(
         self,
@@ -223,7 +225,7 @@ class DriverCode:
                 if name == END
                 else self._of_node(name, self._node_of(e, side))
             )
-        return self._first_of(("element", "stress", "law", "element_state"), field, e)
+        return self._first_of(self.AT_ELEMENT, field, e)
 
     def _at_end_node(self, name: str, node: str) -> Place:
         """A field of a node that something connects to others."""

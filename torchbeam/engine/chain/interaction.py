@@ -119,13 +119,14 @@ JOINT = Interaction(
     kept="joints",
 )
 TIE = Interaction(
-    *("tie", "stretch", STRETCHES, ("pull", "told", "at_stretch"), SIDES[1], _of_stretches),
+    *("tie", "stretch", STRETCHES, ("pull", "told stretches", "at_stretch")),
+    *(SIDES[1], _of_stretches),
     unknowns=True,
     chained=True,
     more=3,
     of=TENDONS,
 )
-PAIR = Interaction("pair", "pair", PAIRS, (), PAIR_SIDES, _of_pairs, far=True)
+PAIR = Interaction("pair", "pair", PAIRS, ("told pairs",), PAIR_SIDES, _of_pairs, far=True)
 COUPLING = Interaction(
     *("coupling", "coupling", COUPLINGS, ("coupling_state",), PAIR_SIDES, _of_couplings),
     unknowns=True,

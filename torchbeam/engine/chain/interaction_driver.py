@@ -196,6 +196,9 @@ class InteractionCode(DriverCode):
         if before in self.layout.records:
             hoisted = {HOISTED: (before, entry.number)}
         self._call_of(f"{entry.name} {entry.function}", entry, record, hoisted)
+        if "told" in self.functions[f"{entry.name} {entry.function}"].outputs:
+            told, far = ((record, entry.number, name) for name in ("told", "far"))
+            self._blend((f"next {entry.of.rows}", entry.number), told, self.at(*far))
         for side in entry.sides:
             push = record, entry.number, f"{side}.push"
             self._add(("push", entry.nodes[side]), push, size)

@@ -30,6 +30,8 @@ OWN, BETWEEN, LAW = "own", "between", "law"
 INNER, MIDDLE = "inner", "middle"
 GIVEN = {1: BETWEEN, 2: INNER}  # what elements of an order give
 REACTIONS = {"found": "reaction_bar", "last": "reaction_start_bar"}  # cotangents of a support's
+# what gives what an iteration tells the next one, and of which rows
+TOLD = {"tension next": STRETCHES, "element load": ELEMENTS, "node": NODES, "pair": PAIRS}
 FLAGS = "passed", "near"  # of what may touch, see `StepProblem`
 
 

@@ -24,9 +24,10 @@ from ...core.status import BROKEN, DIVERGED, SUCCESS
 from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...math.block_tridiagonal import eliminated
+from ...nodal import element_loads, loads
 from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_forces, scaled
 from ...nodal.multipliers import measured
-from ...solvers.newton import Length, converged, next_secant, step_length
+from ...solvers.newton import Length, converged, step_length
 from ...state.state import State
 from ...topology.framework_unknowns import masked
 from ...topology.midside_nodes import condensed, following
@@ -35,7 +36,7 @@ from .coupling_functions import CouplingFunctions
 from .interaction_functions import transposed
 from .joint_functions import JointFunctions
 from .layout import FLAGS
-from .local_problem import INTERNAL, Fields, by_secants, far_fields, unbatched
+from .local_problem import INTERNAL, Fields, far_fields, unbatched
 from .node_kinds import ElementKind, NodeKind
 from .pair_functions import PairFunctions
 from .tendon_functions import TendonFunctions
@@ -83,7 +84,8 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         apart.
         """
         problem, x = self.of_node(fields, kind)
-        problem = by_secants(problem, fields)
+        if "told" in fields:
+            problem = problem.after({"bodies": fields["told"]})
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
         kinematics, inertia, load = problem.node_balance(x)
         matrix, w = problem.node_tangent(kinematics, inertia)[1], self.model.space.unknowns
@@ -99,6 +101,9 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
                 near = problem.body_near(kinematics)
                 for name, flag in (("passed", passed), ("near", near)):
                     terms[name] = balance.new_zeros(()) if flag is None else flag.to(balance)
+        if "told" in fields:
+            now = problem.conditions
+            terms["told"] = loads.telling(problem.model, problem.nodes(kinematics), now)["bodies"]
         return {"balance": balance, "D": D if matrix is None else D + matrix.diagonal[0], **terms}
 
     def update(self, kind: NodeKind, move: Tensor, **fields: Tensor) -> Fields:
@@ -229,7 +234,8 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         `passed`, see `StepProblem.passed`.
         """
         problem, kinematics = self._between(fields, kind)
-        problem = by_secants(problem, fields)
+        if "told" in fields:
+            problem = problem.after({"elements": fields["told"]})
         parts = problem.element_loads(kinematics)
         D, U, L, *far = problem.element_load_matrix(kinematics).tensors
         wrench, p = problem.model.topology.scatter(parts), self.model.space.dims.position
@@ -241,6 +247,10 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         }
         found |= {"far_U": far[0][0], "far_L": far[1][0]} if far else {}
         passed = problem.passed(kinematics)
+        if "told" in fields:
+            now = problem.conditions
+            nodes = problem.nodes(kinematics)
+            found["told"] = element_loads.telling(problem.model, nodes, now)["elements"]
         return found | {
             "U": U if far else U[0],
             "L": L if far else L[0],
@@ -565,22 +575,25 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         over: Tensor,
         merit: Tensor,
         share: Tensor,
+        waited: Tensor,
         near: Tensor,
-        last_near: Tensor,
+        best_near: Tensor,
         **judged: Tensor,
     ) -> Fields:
         """What becomes of the last step, see `Length`; `forth`: which samples do not take it back,
-        `still`: which make no other one; `last_near`: whether anything is near enough to touch
-        where the next begins. judged: what `_converged` takes.
+        `still`: which make no other one, `stays`: which do not go to the best; `best_near`: whether
+        anything is near enough to touch at the best. judged: what `_converged` takes.
         """
         free = (over == 0) & (iterations > 0) & ~self._converged(longest=longest, **judged)[1]
-        free = free & ((near != 0) | (last_near != 0))
+        free = free & ((near != 0) | (best_near != 0))
+        waited = torch.where(iterations > 0, waited, 0.0)
         now = square_force * longest.square() + square_moment
-        length = step_length(now, merit, share, free)
+        length = step_length(now, merit, share, waited, free)
         outputs = {name: value.to(over) for name, value in length._asdict().items()}
         still, forth = torch.maximum(over, outputs["back"]), 1 - outputs["back"]
-        near = torch.where(length.back, last_near, near)
-        return outputs | {"still": still, "forth": forth, "last_near": near}
+        outputs["stays"] = (length.ratio > 0).to(over)
+        near = torch.where(length.worse, best_near, near)
+        return outputs | {"still": still, "forth": forth, "best_near": near}
 
     def _converged(
         self,
@@ -625,15 +638,13 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         done: Tensor,
         status: Tensor,
         iterations: Tensor,
-        secant: Tensor | None = None,
         back: Tensor | None = None,
-        short: Tensor | None = None,
+        ratio: Tensor | None = None,
         **judged: Tensor,
     ) -> Fields:
         """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
         are done or over, iterations, the status of those that are not done (that of the first
-        iteration, when `iterations` was 0), and whether the next takes secants. judged: what
-        `_converged` takes.
+        iteration, when `iterations` was 0). judged: what `_converged` takes.
         """
         size, ends = self._converged(before=before, **judged)
         finite = torch.isfinite(size)
@@ -642,18 +653,13 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         done = torch.where(going & ends, torch.ones_like(done), done)
         length = None
         if back is not None:
-            length = Length(back != 0, back, short != 0, back, back)
+            length = Length(back, back != 0, ratio, back, back, back)
         return {
-            "before": size if length is None else torch.where(length.back, before, size),
+            "before": size if length is None else length.before(before, size),
             "done": done,
             "over": ((done != 0) | ~finite).to(done),
             "status": torch.where(iterations == 0, first, status),
             "iterations": iterations + going.to(iterations),
-            **(
-                {}
-                if secant is None
-                else {"secant": next_secant(size, before, iterations, secant, length)}
-            ),
         }
 
     def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:

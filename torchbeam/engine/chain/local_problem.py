@@ -148,6 +148,16 @@ class LocalProblems:
             for row, load in zip(self.nodes.now.loads, self.common.now.loads, strict=True)
         )
 
+    def rubbing_points(self, kind: NodeKind) -> int:
+        """At which surfaces of a node may rub."""
+        acting = acting_loads(kind, self.nodes.now.loads, self.common.now.loads)
+        return sum(load.rubbing_points for load in acting)
+
+    def rubbing_points_between(self, kind: ElementKind) -> int:
+        """The same between the nodes of an element."""
+        acting = (self.common.now.loads[k] for k in kind.loads)
+        return sum(load.points for load in acting if load.rubs)
+
     NODE = NODE
     SAMPLE: ClassVar[tuple[str, ...]] = ()  # fields of a sample that the problem asks for
     UNKNOWNS = MidpointUnknowns
@@ -429,11 +439,6 @@ def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:
     """x (..., rows, n), in some rows a number."""
     rows = zip(x.unbind(-2), numbers, strict=True)
     return torch.stack([own if k is None else torch.full_like(own, k) for own, k in rows], -2)
-
-
-def by_secants(problem: StepProblem, fields: Fields) -> StepProblem:
-    """With the field `secant`, where it is given: see `Problem.by_secants`."""
-    return replace(problem, secant=fields["secant"]) if "secant" in fields else problem
 
 
 class OwnBatch(NotTraceable):

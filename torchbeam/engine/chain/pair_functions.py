@@ -15,7 +15,7 @@ from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction import PAIR_SIDES
 from .interaction_functions import pushed
-from .local_problem import Fields, LocalProblems, by_secants, far_fields
+from .local_problem import Fields, LocalProblems, far_fields
 from .node_kinds import PairKind
 
 
@@ -37,7 +37,8 @@ class PairFunctions(LocalProblems):
         `StepProblem.passed`.
         """
         problem, kinematics = self.of_pair(fields, kind)
-        problem = by_secants(problem, fields)
+        if "told" in fields:
+            problem = problem.after({"pairs": fields["told"]})
         touching, w = problem.model.touching, self.model.space.unknowns
         nodes = problem.TANGENT(problem.motion, kinematics)
         motion = problem.node_motion(kinematics, nodes)
@@ -46,6 +47,8 @@ class PairFunctions(LocalProblems):
         blocks = touching.by_moves(near, motion, touching.moves_of(motion))[0]
         passed, q = touching.passed(motion), self.coupled(kind)
         outputs = pushed(push[:, :q], PAIR_SIDES, blocks[..., :q, :q])
+        if "told" in fields:
+            outputs["told"] = touching.telling(motion)["pairs"]
         return {"passed": passed.to(push)} | outputs
 
     def coupled(self, kind: PairKind) -> int:

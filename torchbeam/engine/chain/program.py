@@ -17,7 +17,7 @@ from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk, structure
 from .driver import SQUARES, SUMS
-from .interaction import FINISHED, INTERACTIONS, TIE, Interaction
+from .interaction import FINISHED, INTERACTIONS, PAIR, Interaction
 from .layout import (
     ELEMENTS,
     FLAGS,
@@ -30,6 +30,7 @@ from .layout import (
     ONE,
     OWN,
     SUPPORTS,
+    TOLD,
     Layout,
     most,
 )
@@ -42,7 +43,7 @@ from .tracing import Shapes, Traced, Tracing
 T = TypeVar("T")
 SAMPLE = "moving", "cosine", "good", "found_status", "last_status", "work"
 # of a step's search for its length: what it takes and gives of a sample
-LENGTH = "merit", "share", "last_near"
+LENGTH = "merit", "share", "waited", "best_near"
 
 
 class NewtonProgram(NativeProgram):
@@ -72,7 +73,8 @@ class NewtonProgram(NativeProgram):
 
     def _of_node(self, traced: Tracing, local: LocalFunctions, kind: NodeKind) -> Function:
         """`node` of a kind."""
-        return traced(partial(local.node, kind), traced.node | dict.fromkeys(self.varying, ()))
+        given = traced.node | dict.fromkeys(self.varying, ())
+        return traced(partial(local.node, kind), given | self._told(local.rubbing_points(kind)))
 
     def _of_element(self, traced: Tracing, local: LocalFunctions, kind: ElementKind) -> Function:
         """`element` of a kind."""
@@ -83,14 +85,18 @@ class NewtonProgram(NativeProgram):
         self, traced: Tracing, local: LocalFunctions, one: Interaction, kind: Any
     ) -> Function:
         """What gives pushes and blocks, of a kind."""
-        varying = dict.fromkeys(self.varying, ()) | (stretches.TOLD if one is TIE else {})
-        given = getattr(traced, one.constants) | varying
+        given = getattr(traced, one.constants) | dict.fromkeys(self.varying, ())
+        given |= self._told(one is PAIR and kind.rubs)
         return traced(partial(getattr(local, one.name), kind), given)
+
+    def _told(self, points: int) -> Shapes:
+        """What the last iteration tells so many points where surfaces rub."""
+        return {}
 
     def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         w, functions = self.w, self._of_samples(traced, local) | self._of_nodes(traced, local)
         nodes = [functions[f"node {k}"] for k in range(len(self.kinds.nodes))]
-        own = Packing(OWN, nodes, nodes[0].outputs)
+        own = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
         elements = [self._of_element(traced, local, kind) for kind in self.kinds.elements]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
         names = midsides.to_nodes(shapes)
@@ -108,7 +114,7 @@ class NewtonProgram(NativeProgram):
             local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves}
         )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
-        shapes |= {f"own.{name}": out.shape for name, out in nodes[0].outputs.items()}
+        shapes |= {f"own.{name}": nodes[0].outputs[name].shape for name in own.fields}
         functions |= rows.of_rows(local, traced, own, between, shapes, self.held, self.kinds.runs)
         functions |= self._interactions(traced, local)
         if self.held:
@@ -132,7 +138,7 @@ class NewtonProgram(NativeProgram):
         self, local: LocalFunctions, traced: Tracing, judging: tuple[str, ...]
     ) -> dict[str, Function]:
         """Functions of what shortens steps."""
-        other = ("done", "status", "back", "short", "secant")
+        other = ("done", "status", "back", "ratio")
         given = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
         places = {name: self.shapes[name] for name in self.unknown}
         ends = places | {f"to_{name}": shape for name, shape in places.items()}
@@ -159,7 +165,7 @@ class NewtonProgram(NativeProgram):
         if kinds.multiplied:
             numbers = {"force": (w,), "move": (w,)}
             functions["multiplier update"] = traced(local.multiplier_update, numbers)
-        shapes = dict.fromkeys(self.varying, ()) | stretches.TOLD
+        shapes = dict.fromkeys(self.varying, ()) | {"told": (2,)}
         functions |= stretches.of_tensions(local, traced, kinds.stretches, shapes)
         return functions
 
@@ -172,8 +178,12 @@ class NewtonProgram(NativeProgram):
         given = traced.element | dict.fromkeys(self.varying, ())
         for name, far in self._of_kinds(traced, local.far, self.loaded, given).items():
             functions[name] = far if local.searches else far.only(["far"])
-        loads = self._of_kinds(traced, local.element_load, self.loaded, given)
-        return [load.with_zeros(shapes) for load in loads.values()]
+        each = []
+        for kind in filter(None, self.loaded):
+            told = self._told(local.rubbing_points_between(kind))
+            load = traced(partial(local.element_load, kind), given | told)
+            each.append(load.with_zeros(shapes))
+        return each
 
     def _iterated(
         self,
@@ -189,7 +199,7 @@ class NewtonProgram(NativeProgram):
             nodes, elements, self.unknown, (*traced.constants["common"], *self.varying)
         )
         for k, one in enumerate(nodes):
-            _split(functions, f"node {k}", one, (*self.unknown, *self.varying))
+            _split(functions, f"node {k}", one, (*self.unknown, "told", *self.varying))
         changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
         for k, one in enumerate(elements):
             _split(functions, f"element {k}", one, (*changing, "stress", *self.varying))
@@ -221,7 +231,7 @@ class NewtonProgram(NativeProgram):
         layout.record("move", MOVES, [("move", w)])
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w))])
         layout.record("change", ONE, most(self.functions).items())
-        layout.record("sample", ONE, [x for x in outputs("judge") if x[0] not in self.varying])
+        layout.record("sample", ONE, outputs("judge"))
         layout.record("sums", ONE, [(name, 1) for name in SUMS])
         if "search" in self.functions:
             layout.record("sums", ONE, [(name, 1) for name in SQUARES])
@@ -247,9 +257,13 @@ class NewtonProgram(NativeProgram):
         if self.kinds.multiplied:
             interactions.record_multipliers(layout, w)
         if self.kinds.stretches:
-            stretches.record(layout, self.functions)
+            stretches.record(layout)
         if "part multiplier" in self.functions:
             _beside(layout, "multiplier", MULTIPLIERS)
+        for name, sort in TOLD.items():
+            if told := self.largest(name, "told"):
+                for word in ("told", "next", "best told"):
+                    layout.record(f"{word} {sort}", sort, told)
         return layout
 
 
@@ -261,10 +275,7 @@ class StepProgram(NewtonProgram):
 
     def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
         if local.searches:
-            self.judging = (*self.judging, "back", "short")
-        if local.model.rubs:
-            self.varying = ("secant",)
-            self.judging = (*self.judging, "secant")
+            self.judging = (*self.judging, "back", "ratio")
         super().__init__(local, *args, **named)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
@@ -277,6 +288,9 @@ class StepProgram(NewtonProgram):
         if self.kinds.stretches:
             functions[stretches.WORK] = stretches.of_work(local, traced)
         return functions
+
+    def _told(self, points: int) -> Shapes:
+        return {"told": (int(points), 6)} if points else {}
 
     def _of_samples(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
         functions = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
@@ -315,11 +329,9 @@ class StepProgram(NewtonProgram):
 
 
 def _beside(layout: Layout, name: str, rows: str) -> None:
-    """Records like that of an unknown: what it was before the last step, and is part of the way
-    back.
-    """
+    """Records like that of an unknown: the best so far, and what is part of the way back to it."""
     fields = [(field, size) for field, (_, size) in layout.fields(name).items()]
-    layout.record(f"last_{name}", rows, fields)
+    layout.record(f"best_{name}", rows, fields)
     layout.record(f"{name}_back", ONE, fields)
 
 

@@ -15,7 +15,6 @@ from .tracing import Tracing
 WORK = "tendon work"
 READINGS = 3  # numbers of a tendon in a state
 PULL = {"tension": 1, "slope": 1, "ratio": 1, "by_q": 3, "turned": 3}
-TOLD = {"told": (2,)}  # from iteration to iteration
 AT_STRETCH = {**dict.fromkeys(SUMMED, 1), "direction": 3}
 
 
@@ -64,25 +63,19 @@ def of_work(local: LocalFunctions, traced: Tracing) -> Function:
     return traced(local.tendon_work, {"tension": (), "change": ()} | start)
 
 
-def record(layout: Layout, functions: dict[str, Function]) -> None:
-    """Records of an iteration, and of a step where there is `tendon work`."""
-    _record(layout)
-    if any("told" in function.outputs for function in functions.values()):
-        layout.record("told", STRETCHES, [("told", 2)])
+def record(layout: Layout) -> None:
+    """Records of an iteration, and of the adjoint."""
+    layout.record("at_stretch", STRETCHES, AT_STRETCH.items())
+    layout.record("beyond", STRETCHES, dict.fromkeys(SUMMED, 1).items())
+    layout.record("pull", STRETCHES, PULL.items())
+    layout.record("tendon_state", TENDONS, [("tendons", READINGS)])
 
 
 def record_adjoint(layout: Layout) -> None:
     """Records of the adjoint, but for those of constants."""
-    _record(layout)
+    record(layout)
     cotangents(layout, "tendon_state", TENDONS, [("tendons", READINGS)])
     layout.record("at_stretch_bar", STRETCHES, AT_STRETCH.items())
     layout.record("beyond_bar", STRETCHES, dict.fromkeys(SUMMED, 1).items())
     layout.record("pull_bar", STRETCHES, [("tension", 1)])
     layout.record("sums_bar", ONE, dict.fromkeys(SUMMED, 1).items())
-
-
-def _record(layout: Layout) -> None:
-    layout.record("at_stretch", STRETCHES, AT_STRETCH.items())
-    layout.record("beyond", STRETCHES, dict.fromkeys(SUMMED, 1).items())
-    layout.record("pull", STRETCHES, PULL.items())
-    layout.record("tendon_state", TENDONS, [("tendons", READINGS)])

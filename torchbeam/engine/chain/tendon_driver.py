@@ -64,7 +64,7 @@ class TendonCode(InteractionCode):
         return self._first_of((*TIE.state, TIE.constants, "tie blocks"), field, s)
 
     def _of_pull(self, name: str, s: str) -> Place:
-        named = (x for x in ("pull", "told") if name in self.layout.fields(x))
+        named = (x for x in ("pull", "next stretches") if name in self.layout.fields(x))
         return next(named, "at_stretch"), s, name
 
     def _stretch_node(self, s: str, side: str) -> str:
@@ -79,11 +79,6 @@ class TendonCode(InteractionCode):
         self._call(name, lambda f: self._of_stretch(f, s), ("change", 0))
         if "energy" in self.layout.records:
             self._add(("energy", 0, "rise"), ("change", 0, "rise"))
-
-    def _start_tendons(self) -> None:
-        """Nothing is told to the first iteration."""
-        if "told" in self.layout.records:
-            self._stretches(lambda s, _: self._fill(("told", s)))
 
     def _tensions(self) -> None:
         """Of all stretches, by the unknowns."""

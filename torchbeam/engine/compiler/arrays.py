@@ -1,15 +1,16 @@
 """Operations of torch on whole arrays of nodes: what moves elements about, products, inverses.
 
 `STRUCTURAL` ones torch itself does to nodes, as it does them to numbers; node 0 is the number 0,
-which they fill up with. `OTHER` are written here.
+which they fill up with. `OTHER` are written here. Arrays are of NumPy.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import product
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -35,27 +36,35 @@ STRUCTURAL: dict[str, tuple[int, ...]] = {
 # fmt: on
 
 
-def accumulated(g: Graph, x: Tensor, places: list[Tensor | None], values: Tensor) -> Tensor:
+def accumulated(
+    g: Graph, x: np.ndarray, places: list[Tensor | None], values: np.ndarray
+) -> np.ndarray:
     """x with values added at places, of which one may come several times: `index_put` that
     accumulates.
     """
-    at = torch.arange(x.numel()).reshape(x.shape)[
+    at = torch.arange(x.size).reshape(x.shape)[
         tuple(slice(None) if p is None else p for p in places)
     ]
-    sums = x.flatten().tolist()
-    for place, value in zip(
-        at.flatten().tolist(), values.expand(at.shape).flatten().tolist(), strict=True
-    ):
+    sums = x.ravel().tolist()
+    values = np.broadcast_to(values, at.shape)
+    for place, value in zip(at.flatten().tolist(), values.ravel().tolist(), strict=True):
         sums[place] = g.make("add", sums[place], value)
     return array(sums, x.shape)
 
 
-def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
+def _matrices(x: np.ndarray, lead: Sequence[int]) -> list[list[list[int]]]:
+    """(*lead, m, n) of what broadcasts to that, one matrix after the other."""
+    m, n = x.shape[-2:]
+    x = x if x.shape[:-2] == tuple(lead) else np.broadcast_to(x, (*lead, m, n))
+    return x.reshape(-1, m, n).tolist()
+
+
+def _matrix_product(g: Graph, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(..., m, k), (..., k, n) -> (..., m, n)"""
     lead = broadcast_shapes(a.shape[:-2], b.shape[:-2])
-    m, n, k = a.shape[-2], b.shape[-1], a.shape[-1]
-    rows = a.expand(*lead, m, k).reshape(-1, m, k).tolist()
-    columns = b.mT.expand(*lead, n, k).reshape(-1, n, k).tolist()
+    m, n = a.shape[-2], b.shape[-1]
+    rows = _matrices(a, lead)
+    columns = _matrices(b.swapaxes(-1, -2), lead)
     products = [
         g.dot(row, column)
         for one, other in zip(rows, columns, strict=True)
@@ -64,7 +73,9 @@ def _matrix_product(g: Graph, a: Tensor, b: Tensor) -> Tensor:
     return array(products, (*lead, m, n))
 
 
-def _plus(g: Graph, x: Tensor, term: Tensor, beta: float = 1, alpha: float = 1) -> Tensor:
+def _plus(
+    g: Graph, x: np.ndarray, term: np.ndarray, beta: float = 1, alpha: float = 1
+) -> np.ndarray:
     return elementwise(
         g,
         lambda g, a, b: g.make(
@@ -75,19 +86,19 @@ def _plus(g: Graph, x: Tensor, term: Tensor, beta: float = 1, alpha: float = 1) 
     )
 
 
-def _cross(g: Graph, a: Tensor, b: Tensor, dim: int = -1) -> Tensor:
-    (a0, a1, a2), (b0, b1, b2) = (x.movedim(dim, 0) for x in torch.broadcast_tensors(a, b))
+def _cross(g: Graph, a: np.ndarray, b: np.ndarray, dim: int = -1) -> np.ndarray:
+    (a0, a1, a2), (b0, b1, b2) = (np.moveaxis(x, dim, 0) for x in np.broadcast_arrays(a, b))
 
     def minor(g: Graph, a: int, b: int, c: int, d: int) -> int:
         return g.make("sub", g.make("mul", a, d), g.make("mul", c, b))
 
     parts = (a1, b1, a2, b2), (a2, b2, a0, b0), (a0, b0, a1, b1)
-    return torch.stack([elementwise(g, minor, *xs) for xs in parts]).movedim(0, dim)
+    return np.stack([elementwise(g, minor, *xs) for xs in parts], dim)
 
 
 def _vector_norm(
-    g: Graph, x: Tensor, ord: float = 2, dim: object = None, keepdim: bool = False, **_: object
-) -> Tensor:
+    g: Graph, x: np.ndarray, ord: float = 2, dim: object = None, keepdim: bool = False, **_: object
+) -> np.ndarray:
     rules = {
         1: lambda g, xs: g.total(g.make("abs", x) for x in xs),
         2: lambda g, xs: g.make("norm", g.dot(xs, xs)),
@@ -143,38 +154,39 @@ FACTORS_OF_TRANSPOSE = _factors_of_transpose()
 
 
 def _solve(
-    g: Graph, A: Tensor, B: Tensor, *, left: bool = True, transposed: bool = False, **_: object
-) -> tuple[Tensor, ...]:
+    g: Graph,
+    A: np.ndarray,
+    B: np.ndarray,
+    *,
+    left: bool = True,
+    transposed: bool = False,
+    **_: object,
+) -> tuple[np.ndarray, ...]:
     if not left or A.ndim == 0:
         raise NotImplementedError("a solve from the right")
     vector = B.ndim == A.ndim - 1 and B.shape == A.shape[:-1]
     columns = B[..., None] if vector else B
-    lead, n, m = broadcast_shapes(A.shape[:-2], columns.shape[:-2]), A.shape[-1], columns.shape[-1]
-    pairs = zip(
-        A.expand(*lead, n, n).reshape(-1, n, n).tolist(),
-        columns.expand(*lead, n, m).reshape(-1, n, m).tolist(),
-        strict=True,
-    )
-    solutions = torch.tensor([_solved(g, a, b) for a, b in pairs], dtype=torch.long).reshape(
-        *lead, n, m
-    )
-    factors = elementwise(g, _factor, A.mT if transposed else A)
-    return solutions[..., 0] if vector else solutions, factors, *[torch.full((), UNKNOWN)] * 2
+    lead = broadcast_shapes(A.shape[:-2], columns.shape[:-2])
+    pairs = zip(_matrices(A, lead), _matrices(columns, lead), strict=True)
+    solutions = array([_solved(g, a, b) for a, b in pairs], (*lead, *columns.shape[-2:]))
+    factors = elementwise(g, _factor, A.swapaxes(-1, -2) if transposed else A)
+    return solutions[..., 0] if vector else solutions, factors, *[array([UNKNOWN], ())] * 2
 
 
 def _solve_again(
-    g: Graph, factors: Tensor, B: Tensor, *, left: bool = True, adjoint: bool = False
-) -> Tensor:
+    g: Graph, factors: np.ndarray, B: np.ndarray, *, left: bool = True, adjoint: bool = False
+) -> np.ndarray:
     """By the factors of a matrix, which stand for it. B (..., n, m)."""
-    if not all(g.ops[x] == "factor" for x in factors.flatten().tolist()):
+    if not all(g.ops[x] == "factor" for x in factors.ravel().tolist()):
         raise NotImplementedError("factors that no solve has left")
     A = elementwise(g, lambda g, x: g.args[x][0], factors)
     if left:
-        return _solve(g, A.mT if adjoint else A, B)[0]
-    return _solve(g, A if adjoint else A.mT, B.mT)[0].mT
+        return _solve(g, A.swapaxes(-1, -2) if adjoint else A, B)[0]
+    A = A if adjoint else A.swapaxes(-1, -2)
+    return _solve(g, A, B.swapaxes(-1, -2))[0].swapaxes(-1, -2)
 
 
-def _log_determinant(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
+def _log_determinant(g: Graph, A: np.ndarray, **_: object) -> tuple[np.ndarray, ...]:
     """Of a small matrix, with its sign."""
     n = A.shape[-1]
     if n > 5:
@@ -189,15 +201,13 @@ def _log_determinant(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
         ]
         return g.total(g.make("neg", x) if k % 2 else x for k, x in enumerate(terms))
 
-    values = torch.tensor([of(a) for a in A.reshape(-1, n, n).tolist()], dtype=torch.long).reshape(
-        A.shape[:-2]
-    )
+    values = array([of(a) for a in A.reshape(-1, n, n).tolist()], A.shape[:-2])
     size = elementwise(g, lambda g, x: g.make("log", g.make("abs", x)), values)
     return (
         elementwise(g, ELEMENTWISE["sign"], values),
         size,
         elementwise(g, _factor, A),
-        torch.full((), UNKNOWN),
+        array([UNKNOWN], ()),
     )
 
 
@@ -206,8 +216,8 @@ def _factor(g: Graph, a: int) -> int:
 
 
 def _largest(
-    g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False
-) -> Tensor | tuple[Tensor, ...]:
+    g: Graph, x: np.ndarray, dim: int | None = None, keepdim: bool = False
+) -> np.ndarray | tuple[np.ndarray, ...]:
     """And where it is, along an axis."""
     largest = reduction(g, REDUCTIONS["amax"], x, dim, keepdim)
     return (
@@ -216,28 +226,24 @@ def _largest(
 
 
 def _smallest(
-    g: Graph, x: Tensor, dim: int | None = None, keepdim: bool = False
-) -> Tensor | tuple[Tensor, ...]:
+    g: Graph, x: np.ndarray, dim: int | None = None, keepdim: bool = False
+) -> np.ndarray | tuple[np.ndarray, ...]:
     smallest = reduction(g, REDUCTIONS["amin"], x, dim, keepdim)
     return (
         smallest if dim is None else (smallest, reduction(g, REDUCTIONS["argmin"], x, dim, keepdim))
     )
 
 
-def _inverse(g: Graph, A: Tensor, **_: object) -> tuple[Tensor, ...]:
-    eye = torch.tensor(
-        [[g.one if i == j else g.zero for j in range(A.shape[-1])] for i in range(A.shape[-1])]
-    )
-    return _solve(g, A, eye.expand(A.shape))[0], torch.full((), UNKNOWN)
+def _inverse(g: Graph, A: np.ndarray, **_: object) -> tuple[np.ndarray, ...]:
+    eye = np.where(np.eye(A.shape[-1], dtype=bool), g.one, g.zero)
+    return _solve(g, A, np.broadcast_to(eye, A.shape))[0], array([UNKNOWN], ())
 
 
-def _gathered(g: Graph, x: Tensor, dim: int, at: Tensor, **_: object) -> Tensor:
+def _gathered(g: Graph, x: np.ndarray, dim: int, at: np.ndarray, **_: object) -> np.ndarray:
     """By places that depend on inputs: a choice among all."""
-    rows = x.movedim(dim, -1)
-    lead = at.movedim(dim, -1)
-    rows = rows[tuple(slice(n) for n in lead.shape[:-1])][..., None, :].expand(
-        *lead.shape, rows.shape[-1]
-    )
+    rows, lead = (np.moveaxis(y, dim, -1) if y.ndim else y[None] for y in (x, at))
+    rows = rows[tuple(slice(n) for n in lead.shape[:-1])][..., None, :]
+    rows = np.broadcast_to(rows, (*lead.shape, rows.shape[-1]))
 
     def choice(g: Graph, place: int, *xs: int) -> int:
         chosen = xs[-1]
@@ -245,21 +251,22 @@ def _gathered(g: Graph, x: Tensor, dim: int, at: Tensor, **_: object) -> Tensor:
             chosen = g.make("select", g.make("eq", place, g.const(float(k))), xs[k], chosen)
         return chosen
 
-    return elementwise(g, choice, lead, *rows.unbind(-1)).movedim(-1, dim)
+    chosen = elementwise(g, choice, lead, *np.moveaxis(rows, -1, 0))
+    return np.moveaxis(chosen, -1, dim) if at.ndim else chosen[0]
 
 
-def _padded(g: Graph, x: Tensor, pads: list[int], value: float = 0) -> Tensor:
-    return torch.constant_pad_nd(x, pads, g.const(float(value)))
+def _padded(g: Graph, x: np.ndarray, pads: list[int], value: float = 0) -> np.ndarray:
+    return torch.constant_pad_nd(torch.from_numpy(x), pads, g.const(float(value))).numpy()
 
 
-def _cumulative(g: Graph, x: Tensor, dim: int, **_: object) -> Tensor:
-    rows = list(x.unbind(dim))
+def _cumulative(g: Graph, x: np.ndarray, dim: int, **_: object) -> np.ndarray:
+    rows = list(np.moveaxis(x, dim, 0)) if x.ndim else [x]
     for k in range(1, len(rows)):
         rows[k] = elementwise(g, ELEMENTWISE["add"], rows[k - 1], rows[k])
-    return torch.stack(rows, dim)
+    return np.stack(rows, dim) if x.ndim else x
 
 
-OTHER: dict[str, Callable[..., Tensor | tuple[Tensor, ...]]] = {
+OTHER: dict[str, Callable[..., np.ndarray | tuple[np.ndarray, ...]]] = {
     "mm": _matrix_product,
     "bmm": _matrix_product,
     "mv": lambda g, a, x: _matrix_product(g, a, x[:, None])[:, 0],
@@ -277,7 +284,7 @@ OTHER: dict[str, Callable[..., Tensor | tuple[Tensor, ...]]] = {
     "gather": _gathered,
     "constant_pad_nd": _padded,
     "cumsum": _cumulative,
-    "zero": lambda g, x: torch.full(x.shape, g.zero),
-    "fill": lambda g, x, value: value.expand(x.shape),
-    "copy": lambda g, x, other, **_: other.expand(x.shape),
+    "zero": lambda g, x: np.full(x.shape, g.zero),
+    "fill": lambda g, x, value: np.broadcast_to(value, x.shape),
+    "copy": lambda g, x, other, **_: np.broadcast_to(other, x.shape),
 }

@@ -98,6 +98,8 @@ class Readings(TorchFunctionMode):
         one.
         """
         listed = places if isinstance(places, tuple) else (places,)
+        if not any(isinstance(p, Tensor) for p in listed):
+            return x[places]
         single = [
             isinstance(p, Tensor)
             and p.ndim == 0
@@ -129,7 +131,15 @@ def memory(x: Tensor) -> int:
     return id(x) if x._is_zerotensor() else x.untyped_storage()._cdata
 
 
-class Ungraded(TorchDispatchMode):
+class Mode(TorchDispatchMode):
+    """A mode that torch's compiler is not asked about: its import takes longer than tracing."""
+
+    @classmethod
+    def _should_skip_dynamo(cls) -> bool:
+        return False
+
+
+class Ungraded(Mode):
     """Notices what code outside of this package computes where gradients are off."""
 
     ungraded = False

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch._decomp import decomposition_table
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from ...core.functions_of_time import beside_hooks
 from .arrays import FACTORS_OF_TRANSPOSE, OTHER, STRUCTURAL, UNKNOWN, accumulated
@@ -17,7 +17,7 @@ from .decompositions import DECOMPOSED, INSTEAD
 from .elementwise import ELEMENTWISE, REDUCTIONS, array, elementwise, reduction
 from .function import Function, Output
 from .graph import Graph
-from .readings import NotTraceable, Readings, line, memory, of_user
+from .readings import Mode, NotTraceable, Readings, line, memory, of_user
 
 # of a traced tensor they read the shape alone
 FRESH = {
@@ -75,7 +75,7 @@ def trace(
     }
     for name, value in given.items():
         nodes = [tracer.graph.input(name, k) for k in range(value.numel())]
-        tracer.hold(value, torch.tensor(nodes, dtype=torch.long).reshape(value.shape))
+        tracer.hold(value, array(nodes, value.shape))
 
     def run() -> Any:
         with torch.no_grad(), Readings(tracer.traced, stand), tracer:
@@ -105,7 +105,7 @@ def trace(
             raise NotTraceable(
                 f"the output {name!r} cannot be traced: it is an index, or a factorisation"
             )
-        outputs[name] = Output(tuple(value.shape), tuple(nodes.flatten().tolist()))
+        outputs[name] = Output(tuple(value.shape), tuple(nodes.ravel().tolist()))
     traced = Function(
         tracer.graph, {name: tuple(value.shape) for name, value in given.items()}, outputs
     )
@@ -130,7 +130,7 @@ def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name or "out", value
 
 
-class _Tracer(TorchDispatchMode):
+class _Tracer(Mode):
     """Runs operations on tensors and, beside them, on the nodes of their elements. Nodes lie beside
     memory, not tensors: for each storage one array, so that views, and writes through them, find
     what they show.
@@ -140,43 +140,41 @@ class _Tracer(TorchDispatchMode):
         """captured: memory in whose place inputs stand."""
         super().__init__()
         self.captured, self.graph = captured, Graph()
-        # storage -> a tensor on it, which keeps it alive; its nodes
-        self.beside: dict[int, tuple[Tensor, Tensor]] = {}
+        # storage -> a tensor on it, which keeps it alive; its nodes, one behind the other
+        self.beside: dict[int, tuple[Tensor, np.ndarray]] = {}
         self.fresh: set[int] = set()  # memory of constants that the function made
         self.stopped: set[int] = set()  # of what it detached, which shows the same numbers
         # likewise, of constants made of what carries gradient
         self.differentiable: dict[int, Tensor] = {}
 
-    @classmethod
-    def _should_skip_dynamo(cls) -> bool:
-        return False  # importing torch's compiler takes longer than tracing
-
     def traced(self, value: Any) -> bool:
         return isinstance(value, Tensor) and memory(value) in self.beside
 
-    def hold(self, value: Tensor, nodes: Tensor) -> None:
+    def hold(self, value: Tensor, nodes: np.ndarray) -> None:
         """Write nodes beside a tensor's memory."""
         storage = value.untyped_storage()
         if storage._cdata not in self.beside:
-            self.beside[storage._cdata] = (
-                value,
-                torch.full((storage.nbytes() // value.element_size(),), UNKNOWN),
-            )
-        self._shown(value).copy_(nodes)
+            none = np.full(storage.nbytes() // value.element_size(), UNKNOWN)
+            self.beside[storage._cdata] = value, none
+        self._shown(value)[...] = nodes
 
-    def _shown(self, value: Tensor) -> Tensor:
+    def _shown(self, value: Tensor) -> np.ndarray:
         first, nodes = self.beside[value.untyped_storage()._cdata]
-        if first.element_size() != value.element_size():
+        size = value.element_size()
+        if first.dtype != value.dtype and first.element_size() != size:
             raise NotTraceable(
                 f"memory of {first.dtype} was read as {value.dtype} at {line()}; one dtype is "
                 "wanted"
             )
-        return nodes.as_strided(value.shape, value.stride(), value.storage_offset())
+        if not value.numel():
+            return np.empty(value.shape, np.int64)
+        strides = [8 * step for step in value.stride()]
+        return np.ndarray(value.shape, np.int64, nodes, 8 * value.storage_offset(), strides)
 
     def _carries_gradient(self, value: Tensor) -> bool:
         return value.requires_grad or value.untyped_storage()._cdata in self.differentiable
 
-    def nodes(self, value: Tensor | float | bool) -> Tensor:
+    def nodes(self, value: Tensor | float | bool) -> np.ndarray:
         """int64 of the same shape; what is not traced is constant."""
         if isinstance(value, Tensor) and value._is_zerotensor():
             value = torch.zeros(value.shape)
@@ -185,9 +183,7 @@ class _Tracer(TorchDispatchMode):
                 f"the number {value} met a traced tensor at {line()}; real numbers are wanted"
             )
         if not isinstance(value, Tensor):
-            return torch.tensor(
-                self.graph.const(value if isinstance(value, bool) else float(value))
-            )
+            return array([self.graph.const(value if isinstance(value, bool) else float(value))], ())
         if self.traced(value):
             return self._shown(value)
         if self._carries_gradient(value):
@@ -269,7 +265,7 @@ class _Tracer(TorchDispatchMode):
         outs = out if isinstance(out, (tuple, list)) else (out,)
         founds = result if isinstance(result, tuple) else (result,)
         for k, one in enumerate(outs):
-            self.hold(one, founds[k] if k < len(founds) else torch.full((), UNKNOWN))
+            self.hold(one, founds[k] if k < len(founds) else array([UNKNOWN], ()))
         return out
 
     def _stop(self, x: Tensor) -> Tensor:
@@ -277,7 +273,7 @@ class _Tracer(TorchDispatchMode):
         stopped = torch.empty_strided(x.shape, x.stride(), dtype=x.dtype, device=x.device).copy_(x)
         self.stopped.add(memory(stopped))
         nodes = self.nodes(x)
-        stop = [y if y == UNKNOWN else self.graph.make("stop", y) for y in nodes.flatten().tolist()]
+        stop = [y if y == UNKNOWN else self.graph.make("stop", y) for y in nodes.ravel().tolist()]
         self.hold(stopped, array(stop, x.shape))
         return stopped
 
@@ -345,11 +341,9 @@ class _Tracer(TorchDispatchMode):
                 if name == "index_put" and any(args[3:4]):
                     return accumulated(graph, *moved[:3])
                 if _operation(func).name.endswith("_"):
-                    moved[0] = moved[0].clone()
-                return func(
-                    *moved,
-                    **({"memory_format": torch.preserve_format} if name == "clone" else settings),
-                )
+                    moved[0] = moved[0].copy()
+                settings = {"memory_format": torch.preserve_format} if name == "clone" else settings
+                return func(*map(_as_tensors, moved), **settings).numpy()
             if name == "_to_copy":
                 dtype = settings.get("dtype", args[0].dtype)
                 if dtype not in CASTS:
@@ -422,6 +416,13 @@ def _operation(func: Any) -> _Operation:
         ),
         tuple((a.name, a.default_value) for a in schema.arguments if not a.kwarg_only),
     )
+
+
+def _as_tensors(value: Any) -> Any:
+    """An array, or those of a list, as torch has it."""
+    if isinstance(value, list):
+        return [_as_tensors(x) for x in value]
+    return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
 
 
 def _tensors(value: Any) -> list[Tensor]:

@@ -13,7 +13,7 @@ from ...core.leaves import leaf
 from ...core.validation import Value, concrete, refusal, shown
 from ..parts import part_of
 from ..stations import Table
-from .contact_law import damped, pressure, rubbing
+from .contact_law import damped, pressure, rubbing, telling
 from .contact_path import leads_through
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant, cross
@@ -236,9 +236,13 @@ class Contact(ContactTerms):
         if self.friction is None:
             return Touch(d - y, normal, p, None, None)
         slip = self.slip(point, normal)
-        secant = None if point.secant is None else each(point.secant)
-        rub = -each(self.friction) * p * rubbing(slip, each(self.slip_speed), secant)
+        rub = -each(self.friction) * p * rubbing(slip, each(self.slip_speed), point.told)
         return Touch(d - y, normal, p, slip, rub)
+
+    def telling(self, point: LoadPoint) -> Tensor:
+        """(..., points, 6) what friction tells the next iteration, see `contact_law.telling`."""
+        slip = self.slip(point, self.obstacle.gradient(point.position))
+        return telling(slip, each(self.slip_speed), point.told)
 
     def idle(self, x: Tensor, reach: Tensor) -> Tensor:
         """(..., n) bool: whether nothing presses in balls about x (..., n, 3) m, of radii whose
@@ -329,6 +333,14 @@ class BodyContact(Contact):
             turned = cross(self._arms(point), force)
             moment = turned if moment is None else moment + turned
         return force.sum(-2), None if moment is None else moment.sum(-2)
+
+    @property
+    def rubbing_points(self) -> int:
+        count = 1 if self.corners is None else self.corners.shape[-2]
+        return count if self.rubs else 0
+
+    def telling(self, point: LoadPoint) -> Tensor:
+        return super().telling(self.of_body(point))
 
     def of_body(self, point: LoadPoint) -> LoadPoint:
         """The one node of a body, or its corners, as several points."""

@@ -51,18 +51,52 @@ def damped(approach: Tensor) -> Tensor:
     )
 
 
-def rubbing(slip: Tensor, slip_speed: Tensor, secant: Tensor | None = None) -> Tensor:
-    """Direction and share (..., 3) of what friction takes of its most, from the velocity slip
-    (..., 3): slip/|slip| beyond the slip speed v, and below it (2 - |slip|/v) slip/v, which is the
-    derivative of a potential by the slip, with one continuous derivative itself.
+def rubbing(slip: Tensor, slip_speed: Tensor, told: Tensor | None = None) -> Tensor:
+    """Sense of friction (..., 3): direction and share of what it takes of its most, from the
+    velocity slip (..., 3): slip/|slip| beyond the slip speed v, and below it (2 - |slip|/v) slip/v,
+    which is the derivative of a potential by the slip, with one continuous derivative itself.
 
-    secant  1 where its derivative by the slip is to be the secant, share of the most over slip, as
-            if that ratio stayed; see `newton`
+    A tangent of it goes from slip to slip the other way and back where surfaces stick. With the
+    sense z an unknown of its own in z = ratio(|slip|) slip, Newton's method has the slope ratio I +
+    ratio' (y/ratio) (slip/|slip|)^T instead, y what the last iteration's slope has `foretold` of
+    z, no longer than 1 (Chan, Golub and Mulet 1999); at the solution y = z, and the slope is that
+    of the tangent.
+
+    told  (..., 6), see `telling`; None = the derivative is the tangent
     """
-    speed = norm(slip)
+    ratio = _ratio(norm(slip), slip_speed)
+    if told is None:
+        return ratio * slip
+    still = ratio.detach()
+    y = foretold(slip.detach(), slip_speed, told)
+    return still * slip + (ratio - still) * (y / still)
+
+
+def foretold(slip: Tensor, slip_speed: Tensor, told: Tensor | None) -> Tensor:
+    """The sense (..., 3) that the last iteration's slope gives this slip, see `rubbing`; where it
+    has told nothing, the slip's own.
+    """
+    own = _ratio(norm(slip), slip_speed) * slip
+    if told is None:
+        return own
+    y, last = told.split(3, -1)
+    speed = norm(last)
+    known = speed > 0
+    change = ((slip - last) * last).sum(-1, keepdim=True) / torch.where(known, speed, 1.0)
+    new = _ratio(speed, slip_speed) * slip
+    new = new - y * (change / torch.maximum(speed, 2 * slip_speed - speed))
+    return torch.where(known, new / norm(new).clamp(min=1), own)
+
+
+def telling(slip: Tensor, slip_speed: Tensor, told: Tensor | None) -> Tensor:
+    """What this iteration tells the next one (..., 6): the sense that was foretold, and the slip;
+    zeros tell nothing.
+    """
+    return torch.cat((foretold(slip, slip_speed, told), slip), -1)
+
+
+def _ratio(speed: Tensor, slip_speed: Tensor) -> Tensor:
+    """Of the sense to the slip."""
     slow = speed < slip_speed
     fast = 1 / torch.where(slow, torch.ones_like(speed), speed)
-    ratio = torch.where(slow, (2 - speed / slip_speed) / slip_speed, fast)
-    if secant is not None:
-        ratio = ratio.detach() + (1 - secant) * (ratio - ratio.detach())
-    return ratio * slip
+    return torch.where(slow, (2 - speed / slip_speed) / slip_speed, fast)

@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 import torch
 from torch import Tensor
 
+from ...core.derivatives import vjp
 from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
 from ...core.leaves import Tree, own_leaves, with_values
 from ...math.quaternions import skew
@@ -55,7 +56,8 @@ class LoadPoint:
         elements: of the beam; only along it
         frame: velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
             None = it has none, for effects that want them (`wants_frame`)
-        secant: (...) 1 where friction's derivative is to be its secant, 0 or None = it is its own
+        told: (..., sites, 6) what the last iteration tells friction of each point where surfaces
+            rub, see `contact_law.telling`; None = its derivative is the tangent
         own: (..., u) own unknowns of an `Interaction`
 
     Examples:
@@ -78,7 +80,7 @@ class LoadPoint:
     angular_acceleration: Tensor | None = None
     elements: int | None = None
     frame: tuple[Tensor | None, Tensor | None] = (None, None)
-    secant: Tensor | None = None
+    told: Tensor | None = None
     own: Tensor | None = None
 
     def rotate(self, v: Tensor) -> Tensor:
@@ -150,6 +152,7 @@ class LoadEffect(Effect):
     points = 2  # of an element, where it does
     touches = False  # whether it pushes what is near alone, and far more the nearer that is
     rubs = False  # whether it holds what stands still, by friction
+    rubbing_points = 0  # at which surfaces of its node may do so
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     offset = None  # (..., 3) m from its node to where it acts, section axes
     depends: ClassVar[frozenset[str]] = frozenset()
@@ -254,10 +257,10 @@ def jacobians(function: Callable[..., Tensor], *xs: Tensor) -> tuple[Tensor, ...
         if within_dual_numbers():
             raise ValueError(HOOKED)
         return _by_forward_mode(function, tuple(x.contiguous() for x in xs))
-    out, pull = torch.func.vjp(function, *xs)
+    out, pull = vjp(function, *xs)
     lead, m = out.shape[:-1], out.shape[-1]
     if any(x.shape[:-1] != lead for x in xs):
-        out, pull = torch.func.vjp(function, *(x.expand(*lead, x.shape[-1]) for x in xs))
+        out, pull = vjp(function, *(x.expand(*lead, x.shape[-1]) for x in xs))
     one_hot = torch.eye(m, dtype=out.dtype, device=out.device)
     one_hot = one_hot.reshape(m, *(1,) * len(lead), m).expand(m, *lead, m)
     return tuple(g.movedim(0, -2) for g in torch.func.vmap(pull)(one_hot))

@@ -164,13 +164,9 @@ def search_of(scene, rtol, **change):
     the fields of a trial.
     """
     trials = TrialRuns(
-        lambda setting: tb.remesh(scene, **setting.mesh),
-        Reader(tb.sensors.TipPosition(), scene),
-        T,
-        None,
-        1.0,
-        {},
-    )
+        lambda setting: tb.remesh(scene, **setting.mesh), Reader(tb.sensors.TipPosition(), scene),
+        T, None, 1.0, {},
+    )  # fmt: skip
     run = trials._run
 
     def counted(setting):

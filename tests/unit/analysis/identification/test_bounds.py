@@ -100,11 +100,8 @@ def test_a_profile_goes_to_the_bound():
         data = 1.0 + 0.1 * torch.randn(6, generator=draw, dtype=torch.float64)
         slope = tb.Parameter(times.new_tensor(0.3), bounds=(0.0, torch.inf), scale=0.3)
         fit = tb.identify(
-            lambda p: 1.0 + p["b"][:, None] * times,
-            data,
-            {"b": slope},
-            sigma=0.1,
+            lambda p: 1.0 + p["b"][:, None] * times, data, {"b": slope}, sigma=0.1,
             derivatives="forward",
-        )
+        )  # fmt: skip
         missed += fit.interval_without_warning(0.95, "profile")[0, 0].item() > 0.0
     assert missed <= 14

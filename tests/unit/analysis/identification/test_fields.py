@@ -37,12 +37,9 @@ def test_normal_equations(order):
     start = torch.full((P,), 0.5)
     at = L @ start if order == 0 else 0 * L[:, 0]
     found = tb.identify_fields(
-        blurred,
-        tb.Measurement(data, sigma),
-        {"x": start},
-        {"x": tb.Smoothness(order)},
+        blurred, tb.Measurement(data, sigma), {"x": start}, {"x": tb.Smoothness(order)},
         weight={"x": w},
-    )
+    )  # fmt: skip
     assert_close(
         found["x"], inverse @ (BLUR.T @ data / sigma**2 + w * L.T @ at), rtol=1e-5, atol=1e-6
     )
@@ -92,12 +89,9 @@ def test_weights_from_the_data(criterion, known):
     """
     data = noisy(0.02)
     found = tb.identify_fields(
-        blurred,
-        tb.Measurement(data, 0.02 if known else None),
-        {"x": torch.zeros(P)},
-        {"x": tb.Smoothness(2)},
-        criterion=criterion,
-    )
+        blurred, tb.Measurement(data, 0.02 if known else None), {"x": torch.zeros(P)},
+        {"x": tb.Smoothness(2)}, criterion=criterion,
+    )  # fmt: skip
     L = tb.Smoothness(2).rows(PLACES)
     errors = [
         (torch.linalg.solve(BLUR.T @ BLUR + w * L.T @ L, BLUR.T @ data) - TRUE).norm()
@@ -120,12 +114,9 @@ def test_noise_beside_a_weight():
         and 0.7 * 0.02 < found.sigma < 1.3 * 0.02
     )
     known = tb.identify_fields(
-        blurred,
-        tb.Measurement(data, found.sigma),
-        {"x": torch.zeros(P)},
-        smooth,
+        blurred, tb.Measurement(data, found.sigma), {"x": torch.zeros(P)}, smooth,
         weight={"x": 0.01},
-    )
+    )  # fmt: skip
     assert_close(found["x"], known["x"], rtol=1e-5, atol=1e-6)
 
 
@@ -143,12 +134,9 @@ def test_single_precision():
     blur = BLUR.float()
     for options in ({"weight": {"x": 0.01}}, {}):
         found = tb.identify_fields(
-            lambda theta: theta["x"].float() @ blur.T,
-            noisy(0.02).float(),
-            {"x": [0.0] * P},
-            {"x": tb.Smoothness(2)},
-            **options,
-        )
+            lambda theta: theta["x"].float() @ blur.T, noisy(0.02).float(), {"x": [0.0] * P},
+            {"x": tb.Smoothness(2)}, **options,
+        )  # fmt: skip
         assert found["x"].dtype == torch.float64 and (found["x"] - TRUE).abs().max() < 0.3
 
 
@@ -176,14 +164,9 @@ def test_evidence_is_the_integral():
     alone = Linearised(zero[:P], -data / 0.1, BLUR / 0.1, (L,), (zero[:P],), zero[:P], zero[:P])
     level = torch.nn.functional.one_hot(torch.tensor(P), P + 1) / deviation**2
     both = Linearised(
-        zero,
-        -data / 0.1,
-        torch.cat((BLUR, torch.ones(N, 1)), 1) / 0.1,
-        (torch.nn.functional.pad(L, (0, 1)),),
-        (zero[:P],),
-        -mean * level,
-        level,
-    )
+        zero, -data / 0.1, torch.cat((BLUR, torch.ones(N, 1)), 1) / 0.1,
+        (torch.nn.functional.pad(L, (0, 1)),), (zero[:P],), -mean * level, level,
+    )  # fmt: skip
     for linear, at, known in ((alone, 0.0, 0.0), (both, mean, deviation)):
         found = weigh(linear, "evidence", True)
         densities = torch.stack(

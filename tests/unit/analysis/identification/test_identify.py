@@ -120,13 +120,9 @@ def test_a_beam():
 
     data = nodes(torch.tensor([[2.0, 1.0]]))[0]
     fit = tb.identify(
-        nodes,
-        data + 1e-4 * torch.tensor([1.0, -1, 1, -1]),
-        (1.0, 1.5),
-        log=True,
-        sigma=1e-4,
+        nodes, data + 1e-4 * torch.tensor([1.0, -1, 1, -1]), (1.0, 1.5), log=True, sigma=1e-4,
         names=("EI", "P"),
-    )
+    )  # fmt: skip
     assert_close(fit.theta[1] / fit.theta[0], torch.tensor(0.5), rtol=1e-3, atol=0)
     assert fit.correlation[0, 1] > 0.99
     assert fit.status == 3 and "EI +71 %, P +71 %" in fit.unidentifiable[0]

@@ -41,12 +41,9 @@ MARKERS = [
     )
 ]
 TRUE = {
-    "EI": torch.tensor([1.3]),
-    "s": torch.tensor([0.63]),
-    "p": torch.tensor([[0.0, 0.02, 0.03]]),
-    "tilt": torch.tensor([[0.05, -0.04, 0.1]]),
-    "origin": torch.tensor([[0.1, 0.2, 0.3]]),
-}
+    "EI": torch.tensor([1.3]), "s": torch.tensor([0.63]), "p": torch.tensor([[0.0, 0.02, 0.03]]),
+    "tilt": torch.tensor([[0.05, -0.04, 0.1]]), "origin": torch.tensor([[0.1, 0.2, 0.3]]),
+}  # fmt: skip
 START = {
     "EI": 1.0,
     "s": tb.Parameter(0.5, bounds=(0, 1)),
@@ -86,16 +83,9 @@ def swing(theta):
 def test_an_instrument_reads_in_a_prediction_what_it_read_in_the_fit():
     t = torch.linspace(0.02, 0.2, 10)
     laser = tb.Measurement(
-        torch.zeros(10, 3),
-        1e-3,
-        times=t,
-        sensor=tb.sensors.Position(0.8, BEAM),
-        frame=tb.SensorFrame(tilt="tilt"),
-        delay="delay",
-        offset=True,
-        drift=True,
-        name="laser",
-    )
+        torch.zeros(10, 3), 1e-3, times=t, sensor=tb.sensors.Position(0.8, BEAM),
+        frame=tb.SensorFrame(tilt="tilt"), delay="delay", offset=True, drift=True, name="laser",
+    )  # fmt: skip
     true = {k: TRUE[k] for k in ("EI", "tilt")} | {"delay": torch.tensor([0.01])}
     y = laser.read(swing(true), true)[0]
     line = torch.tensor([0.1, 0.2, 0.3]) + torch.tensor([1.0, 0.0, -1.0]) * t[:, None]

@@ -59,13 +59,9 @@ def test_weights_and_noise_are_integrated_over(known):
     )
     exact, covariance = mixture(log_density, mean, inverse)
     found = samples(
-        linear(sigma, data, known),
-        torch.tensor([1.0]),
-        1.0 if known else sigma,
-        [False],
-        True,
+        linear(sigma, data, known), torch.tensor([1.0]), 1.0 if known else sigma, [False], True,
         known,
-    )
+    )  # fmt: skip
     deviation = covariance.diagonal().sqrt()
     assert found.shape == (CHAINS * KEPT, P)
     assert ((found.mean(0) - exact).abs() < 0.1 * deviation).all()

@@ -36,12 +36,9 @@ def test_bands_of_a_straight_line(known, derivatives):
     """
     y = data(0.1)
     fit = tb.identify(
-        line(A),
-        y,
-        torch.tensor([0.0, 1.0]),
-        derivatives=derivatives,
+        line(A), y, torch.tensor([0.0, 1.0]), derivatives=derivatives,
         **({"sigma": 0.1} if known else {}),
-    )
+    )  # fmt: skip
     sigma = 0.1 if known else fit.scale
     inverse = torch.linalg.inv(A.mT @ A)
     deviation = sigma * ((ELSEWHERE @ inverse) * ELSEWHERE).sum(-1).sqrt()
@@ -104,12 +101,9 @@ def test_motions_are_read_by_any_sensor_at_any_time():
         )
 
     fit = tb.identify(
-        sag,
-        torch.tensor([-0.033]),
-        {"EI": tb.Parameter(0.8, "log")},
-        sigma=0.002,
+        sag, torch.tensor([-0.033]), {"EI": tb.Parameter(0.8, "log")}, sigma=0.002,
         derivatives="difference",
-    )
+    )  # fmt: skip
     middle, times = tb.sensors.NodePosition(1)["z"], torch.tensor([0.03, 0.05, 0.09])
     found = fit.predict(kick, middle, times)
 
@@ -136,12 +130,9 @@ def test_what_is_not_determined_or_held_or_another_experiments():
         return p["a"][:, None] + p["b"][:, None] * T
 
     blind = tb.identify(
-        lambda p: p["a"][:, None] + 0 * T,
-        data(0.1) - 2 * T,
-        two,
-        sigma=0.1,
+        lambda p: p["a"][:, None] + 0 * T, data(0.1) - 2 * T, two, sigma=0.1,
         derivatives="difference",
-    )
+    )  # fmt: skip
     found = blind.predict(lambda p: torch.stack((p["a"], p["a"] + p["b"]), -1))
     assert found.deviation[0] < 0.1 and found.low[1] == -math.inf and found.high[1] == math.inf
     held = tb.identify(straight, 0.3 + 3 * T, two, sigma=1.0, derivatives="difference")

@@ -53,11 +53,8 @@ def test_offset_and_drift_are_parameters_of_the_instrument():
     record = tb.Measurement(data, 0.01, T, offset=True, drift=True, name="laser")
     fit = tb.identify(model, record, {"a": 1.0, "b": 1.0})
     assert fit.names[2:] == (
-        "offset of laser 0",
-        "offset of laser 1",
-        "drift of laser 0",
-        "drift of laser 1",
-    )
+        "offset of laser 0", "offset of laser 1", "drift of laser 0", "drift of laser 1",
+    )  # fmt: skip
     assert_close(fit.theta, torch.tensor([2.0, 0.7, 0.3, -1.0, 0.0, 0.2]), rtol=1e-6, atol=1e-6)
     assert max(asked) == 2 * 2 + 1
     X = torch.zeros(40, 2, 6)

@@ -11,19 +11,18 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from tests.cases.compiled_step_cases import SCENES, everything, inputs_of, moving, straight
+from tests.cases.compiled_step_cases import everything, inputs_of, moving, section, straight
 
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "t")
 GRADIENT = torch.tensor(0.3, requires_grad=True)
 SCENES = {
     "everything": everything,
-    "everything in a plane": lambda: everything(plane="xz"),
-    "everything small": lambda: everything(small=True),
-    **{name: SCENES[name] for name in ("curved, all loads", "hinges", "inextensible")},
+    "everything in a plane": lambda: everything("xz"),
+    "inextensible": lambda: tb.Scene(
+        straight(of=section(EA=torch.inf, GA=torch.inf)), [tb.TipLoad(force=(0, 1.0, 0))]
+    ),
 }
-# test_adjoint: "small", test_compiled_scenes: the others
-LONG = "everything small", "curved, all loads", "hinges"
 
 
 def same(found, wanted, tolerance=1e-12):
@@ -41,9 +40,7 @@ def same(found, wanted, tolerance=1e-12):
     assert_close(found.status, wanted.status)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in SCENES]
-)
+@pytest.mark.parametrize("name", SCENES)
 @torch.no_grad()
 def test_a_rollout_is_the_eager_one(name):
     """Seven steps of nine samples that move differently, as many iterations: to 1e-12 of each
@@ -222,24 +219,6 @@ def test_what_a_load_closes_over_is_taken_when_the_stepper_is_made():
         same(stepper(start), tb.Stepper(scene, 0.01)(start))
         found.append(stepper(start).work)
     assert found[0] != found[1]
-
-
-@pytest.mark.long  # test_compiled_scenes "line loads" has it too
-@torch.no_grad()
-def test_a_moving_load_along_the_beam_by_place_and_time():
-    scene = tb.Scene(
-        straight(2),
-        [
-            tb.LineLoad(
-                force=tb.Along(lambda s, t: torch.stack((s * t, torch.cos(s), 0 * s), -1)),
-                follower=True,
-            )
-        ],
-    )
-    found, wanted = (
-        tb.Stepper(scene, 0.01, engine=engine)(moving(scene)) for engine in ("compiled", "eager")
-    )
-    same(found, wanted)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@ properties/test_parity.py.
 import random
 
 from torchbeam.engine.chain.interaction import INTERACTIONS, Edge
-from torchbeam.engine.chain.order import Connectivity, Constraint, Elimination, order_of
+from torchbeam.engine.chain.order import Connectivity, order_of
 from torchbeam.topology.cut import cut
 from torchbeam.topology.framework import Framework
+from torchbeam.topology.order import Constraint, Elimination
 
 
 def test_order_of_elimination():

@@ -1,0 +1,161 @@
+"""The soft arm that torques drive: splines, drag and compliance against closed forms, the target's
+motion and the rewards as published, and what the arm without action returns.
+"""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torchbeam_envs import ReachBehindVectorEnv, ReachPoseVectorEnv, TrackTargetVectorEnv
+from torchbeam_envs.torque_arm import Viscous, moving, spline
+
+import torchbeam as tb
+from torchbeam import extend
+
+MADE = dict(autoreset_mode="Disabled", output="torch")
+
+
+@pytest.mark.parametrize("points", [(0.4, 0.9), tuple(k / 7 for k in range(1, 7))])
+def test_splines_are_those_that_interpolate(points):
+    """At the points an identity, 0 at both ends; cubic polynomials that are 0 there are themselves,
+    to rounding.
+    """
+    places = np.linspace(0, 1, 33)
+    np.testing.assert_allclose(spline(points, np.array(points)), np.eye(len(points)), atol=1e-12)
+    shares = spline(points, places)
+    np.testing.assert_allclose(shares[:, [0, -1]], 0, atol=1e-12)
+    for cubic in (lambda x: x * (1 - x), lambda x: x * (1 - x) * (2 - x)):
+        np.testing.assert_allclose(cubic(np.array(points)) @ shares, cubic(places), atol=1e-12)
+
+
+def test_the_medium_resists_by_the_published_numbers():
+    law = Viscous(torch.tensor(30.0).double())
+    v, w = torch.tensor([[[1.0, 2, 3]], [[-1.0, 0, 2]]]).double()
+    point = extend.LoadPoint(torch.eye(3).double(), velocity=v, spin=w)
+    force, couple = law.wrench(point, 0.0, {})
+    torch.testing.assert_close((force, couple), (-30 * v, -30 * w))
+
+
+def test_couples_twist_the_arm_as_they_add_up():
+    """About the tangent, at rest: the tip's turn is the sum of the couples 75 S(k / 20) N m times
+    how far out they act, over GJ = 65.4 N m^2. Couples at nodes are half of an element's at each
+    end: their mean place is the element's middle, 0.025 m in from its end.
+    """
+    env = ReachPoseVectorEnv(1, **MADE)
+    env.reset(seed=0)
+    values = 0.01 * torch.arange(1.0, 7).double()
+    action = torch.zeros(1, 18).double()
+    action[0, 12:] = values
+    turn = tb.equilibrium(env.scene, inputs=env.task.inputs(action)).tip.rotation
+    turned = torch.atan2(turn[0, 0, 1], turn[0, 2, 1])  # of d1 from z, about y
+    ends = np.arange(1, 21) / 20
+    couples = 75 * values.numpy() @ spline(env.config.points, ends)
+    GJ = 10e6 / 1.5 * math.pi / 2 * 0.05**4
+    assert GJ == pytest.approx(65.4, rel=1e-3)
+    assert abs(turned.item()) == pytest.approx((couples * (ends - 0.025)).sum() / GJ, rel=1e-6)
+
+
+def test_the_jacobian_is_that_of_equilibria():
+    """Of all twelve actions about the straight arm, against central differences, to 1e-6 m."""
+    env = TrackTargetVectorEnv(1, **MADE)
+    env.reset(seed=0)
+    way = 1e-5 * torch.eye(12).double()
+
+    def tips(share):
+        return tb.equilibrium(env.scene, inputs=env.task.inputs(share)).tip.position
+
+    slopes = (tips(way) - tips(-way)) / 2e-5
+    moved, _ = env.task.tip_jacobian(env.state)
+    torch.testing.assert_close(moved[0], slopes.mT, rtol=0, atol=1e-6)
+
+
+def test_what_acts_follows_the_action_by_the_rate():
+    """1,000 1/s: of an interval of 1.4 ms in two, from 0 to 1 the means are those of a ramp that
+    ends after 1 ms; from -1 to 1 it gets to 0.4.
+    """
+    env = ReachBehindVectorEnv(1, elements=10, substeps=2, **MADE)
+    env.reset(seed=0)
+    gain = env.task.drives[0].gain
+
+    def means(action):
+        return [(given["torque"] / gain[0])[0, 1::3][0].item() for given in
+                env.task.inputs(action, env.state)]  # fmt: skip
+
+    one = torch.tensor([[1.0, 0.0]]).double()
+    assert means(one) == pytest.approx([0.35, (1.4 - 0.5 - 0.7 * 0.35) / 0.7])
+    now = extend.with_values(env.state, memory=-one)
+    ends = env.task.next_memory(now, one)
+    torch.testing.assert_close(ends, torch.tensor([[0.4, 0.0]]).double())
+
+
+def test_targets_turn_round_before_walls():
+    """0.5 m/s, 0.05 m before a wall; a new direction after 500 intervals; a coordinate that starts
+    nearer to a wall stays there, as published.
+    """
+    env = TrackTargetVectorEnv(2, elements=2, **MADE)
+    goal = [[0.5485, 0.5, 0.0, 0.5, 0.0, 0.0], [0.57, 0.5, 0.0, 0.5, 0.0, 0.0]]
+    env.reset(seed=0, options={"goal": goal})
+    now, still = env.state, torch.zeros(2, 12).double()
+    places = []
+    for k in range(600):
+        memory = env.task.next_memory(now, still)
+        now = extend.with_values(now, memory=memory, steps=now.steps + 1)
+        places.append(env.task.moving(now)[0])
+        velocity = env.task.moving(now)[1]
+        if k == 498:
+            assert velocity[0].tolist() == [-0.5, 0.0, 0.0]
+    x = torch.stack(places)
+    assert 0.55 < x[:, 0, 0].max() < 0.551 and x[498, 0, 0] < 0.25
+    assert x[:499, 1, 0].min() > 0.569 and x[:499, 1, 0].max() < 0.571
+    assert velocity[0, 1].abs() > 0 and velocity.norm(dim=-1) == pytest.approx([0.5, 0.5])
+    torch.testing.assert_close(moving(velocity)[:, 0], torch.full((2,), 0.5).double())
+    assert moving(0 * velocity).abs().max() == 0
+
+
+def test_rewards_are_as_published():
+    """By distance and misalignment, each case of the specification."""
+    env = ReachPoseVectorEnv(1, elements=2, **MADE)
+    env.reset(seed=0)
+
+    def reward(d, o):
+        measures = {
+            "distance": torch.tensor([d]).double(),
+            "misaligned": torch.tensor([o]).double(),
+        }
+        return -env.task.cost(extend.with_values(env.state, measures=measures)).item()
+
+    for d, o, bonus in (
+        (0.2, 0.0, 0.0), (0.08, 0.5, 0.5 + 0.5 * 0.5), (0.08, 0.06, 1 + 0.5 * 0.94),
+        (0.02, 0.5, 0.75 + 1.5 + 1.5 * 0.5), (0.02, 0.06, 1.47 + 1.5 + 1.5 * 0.94),
+        (0.0, 0.0, 6.0),
+    ):  # fmt: skip
+        assert reward(d, o) == pytest.approx(bonus - d**2 - 0.5 * o**2)
+
+
+@pytest.mark.parametrize("nest, still", [(False, -4866), (True, -3794)])
+def test_an_arm_that_stays_returns_what_is_published(nest, still):
+    """What an interval costs at the start, times 3571."""
+    env = ReachBehindVectorEnv(1, nest=nest, **MADE)
+    env.reset(seed=0)
+    assert -3571 * env.task.cost(env.state).item() == pytest.approx(still, abs=1)
+
+
+def test_sizes_are_as_published():
+    for kind, own, observations, actions in (
+        (TrackTargetVectorEnv, {}, 44, 12), (ReachPoseVectorEnv, {}, 52, 18),
+        (ReachBehindVectorEnv, {}, 160, 2), (ReachBehindVectorEnv, dict(nest=True), 220, 4),
+    ):  # fmt: skip
+        env = kind(1, **own)
+        assert env.single_observation_space.shape == (observations,)
+        assert env.single_action_space.shape == (actions,)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [(dict(rate=0.0), "rate = 0"), (dict(points=(0.5,)), "points"), (dict(planar=True), "planar"),
+     (dict(viscous=-1.0), "viscous"), (dict(points=(0.9, 0.4)), "grow")],
+)  # fmt: skip
+def test_bad_arguments_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        TrackTargetVectorEnv(1, **arguments)
