@@ -128,9 +128,9 @@ class Estimated(Controller):
         env, now = self.env, self.env.state
         if fresh is None or self.known:
             self._make(env)
-        first = self.filter.start(
-            (len(self.candidates), env.num_envs), state=now.start, covariance=self.covariance
-        )
+        start = self.whole.state_at(self.whole.departure(now.start))  # held as the model's is
+        shape = len(self.candidates), env.num_envs
+        first = self.filter.start(shape, state=start, covariance=self.covariance)
         acting = now.acting.expand(len(self.candidates), -1, -1)
         if fresh is None or fresh.all():
             self.z, self.acting = first, acting
@@ -181,8 +181,8 @@ class Estimated(Controller):
         rest = simulation.rest[0][0]
         if task.HOLDS:  # else a hub that turns
             rest = tb.equilibrium(usual, inputs=still)
-        model = tb.linearize(usual, rest, inputs=still)
-        model = model.reduced(min(self.modes, model.A.shape[-1] // 2))
+        self.whole = tb.linearize(usual, rest, inputs=still)
+        model = self.whole.reduced(min(self.modes, self.whole.A.shape[-1] // 2))
         bias = drawn["bias"][1] / 3**0.5 if "bias" in drawn else 0.0
         self.filter = self.estimator(
             scene,
