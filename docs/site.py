@@ -44,7 +44,7 @@ REFERENCE = {
         "identify", "Parameter", "Measurement", "SensorFrame", "pose_from_points", "Pose", "Fit",
         "identify_fields", "Smoothness", "FieldFit", "observe")),
     "estimation": ("Estimation", "State and parameters while a structure moves.", (
-        "KalmanFilter", "Filtered")),
+        "KalmanFilter", "MovingHorizon", "Filtered")),
     "uncertainty": ("Uncertainty", "Scatter, sensitivities, rare events.", (
         "monte_carlo", "Samples", "Estimate", "monte_carlo_stream", "Stream", "sobol_indices",
         "SobolIndices", "tornado", "Tornado", "moment_derivatives", "MomentDerivatives",
@@ -81,6 +81,7 @@ MEMBERS = {
     "Smoothness": (),
     "Fit": ("interval", "predict", "profile", "bootstrap", "refined", "summary", "save", "load"),
     "KalmanFilter": ("start", "run", "smooth"),
+    "MovingHorizon": ("smooth",),
     "Filtered": ("unknown", "interval", "reading", "covariance", "unseen", "doubt"),
     "Path": (),
     "Linear": ("departure", "state_at", "discrete", "reduced", "response"),

@@ -1,6 +1,7 @@
-"""How often the Kalman filter's regions hold the truth: random plants that move, read with noise.
+"""How often the regions of a filter hold the truth: random plants that move, read with noise.
 
     python -m studies estimation --out docs/results/estimation
+    python -m studies estimation --horizon --plants 64 --readings 100
 
 Each plant has stiffness, mass, offset and forces of its own, drawn from what the filter takes for
 granted. Shares are of the second half of the readings.
@@ -122,7 +123,7 @@ CASES = {
         {"payload": near_one(0.2)},
         {"process": {"motor": 0.02}, "bias": (0.0, 1e-5), "shaking": 3e-4},
         lambda k: [0.1 * math.sin(6.0 * k * DT)],
-        modes=4,
+        modes=6,  # those that the motor's white torque shakes
     ),
 }  # fmt: skip
 
@@ -213,12 +214,13 @@ def markdown(shares: Sequence[Share], cases: Sequence[Whole]) -> list[str]:
 
 
 def study(options: Namespace) -> Report:
-    plants, readings = (16, 20) if options.quick else (400, 200)
+    plants, readings = (16, 20) if options.quick else (options.plants, options.readings)
+    estimator = tb.MovingHorizon if options.horizon else tb.KalmanFilter
     shares: list[Share] = []
     cases: list[Whole] = []
     for name in CASES:
         progress(name)
-        more, whole = measure(name, plants, readings)
+        more, whole = measure(name, plants, readings, estimator=estimator)
         shares += more
         cases.append(whole)
     return Report(markdown(shares, cases), shares, {"cases": [c._asdict() for c in cases]})
@@ -230,5 +232,10 @@ main = Study(
     __doc__.partition("\n")[0],
     study,
     quick="16 plants, 20 readings",
+    options={
+        "--horizon": dict(action="store_true", help="of tb.MovingHorizon"),
+        "--plants": dict(type=int, default=400, metavar="N", help="a case (default: %(default)s)"),
+        "--readings": dict(type=int, default=200, metavar="K", help="default: %(default)s"),
+    },
     double=True,
 )

@@ -169,7 +169,7 @@ SobolIndices Solution State Stats Stream Tornado Filtered"""
 # or without arguments; a view serves a page, see tests/unit/plot/test_view.py; of a filter, see
 # tests/unit/analysis/estimation
 ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}
-ELSEWHERE |= {"view", "View", "KalmanFilter"}
+ELSEWHERE |= {"view", "View", "KalmanFilter", "MovingHorizon"}
 
 
 def test_every_public_call_is_in_the_table():
