@@ -127,14 +127,20 @@ CASES = {
 }  # fmt: skip
 
 
-def measure(name: str, plants: int, readings: int, seed: int = 0) -> tuple[list[Share], Whole]:
+def measure(
+    name: str,
+    plants: int,
+    readings: int,
+    seed: int = 0,
+    estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
+) -> tuple[list[Share], Whole]:
     """Shares of z and of each unknown, and the whole."""
     case = CASES[name]
     means = {key: one.start for key, one in case.parameters.items()}
     scene = case.scene(means)
     still = {key: torch.zeros(size) for key, size in scene.inputs.items()}
     model = tb.linearize(scene, inputs=still)
-    f = tb.KalmanFilter(
+    f = estimator(
         case.scene,
         case.sensors,
         dt=DT,
@@ -161,7 +167,9 @@ def measure(name: str, plants: int, readings: int, seed: int = 0) -> tuple[list[
         inputs = inputs + own.white * drawn(plants, len(own.white))
         parts = inputs.split(tuple(sizes.values()), -1)
         given = dict(zip(sizes, parts, strict=True))
-        before, state = state, plant(state, inputs=given)
+        shaken = (drawn(plants, 1, len(f.shaken)) @ f.shaken)[:, 0, :n]
+        before = f.interval.changed(state, shaken)
+        state = plant(before, inputs=given)
         y = f.interval.instruments.after(plant_scene, before, state, given, plant.dt)
         y = own.with_offsets(y, beside) + f.interval.instruments.noise * drawn(plants, f.read)
         beside = beside * own.stays + own.added * drawn(*beside.shape)

@@ -25,6 +25,7 @@ from .analysis.convergence.remesh import remesh
 from .analysis.describe import Description, describe
 from .analysis.estimation.filtered import Filtered
 from .analysis.estimation.kalman_filter import KalmanFilter
+from .analysis.estimation.moving_horizon import MovingHorizon
 from .analysis.export import export
 from .analysis.identification.bootstrap import Bootstrap
 from .analysis.identification.fields import FieldFit, identify_fields
@@ -119,7 +120,8 @@ __all__ = [
     "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
     "MassDamping", "Measurement", "MixedState",
-    "Modes", "MomentDerivatives", "PairedModes", "Parameter", "Path", "PerElement", "PerInterval",
+    "Modes", "MomentDerivatives", "MovingHorizon", "PairedModes", "Parameter", "Path", "PerElement",
+    "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose",
     "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SelfContact",
     "SensorFrame", "Slider", "SlowPathWarning", "SmoothHistory", "SmoothRotation", "Smoothness",

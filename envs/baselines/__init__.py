@@ -11,6 +11,7 @@ exactly, at its usual parameters.
     env.step(controller(observation))
 """
 
+from .estimated import AdaptiveMPC, Estimated
 from .grasp import Grasp
 from .holding import PD, Controller, Static, Zero, search
 from .insert import Insert
@@ -25,7 +26,9 @@ __all__ = [
     "LQR",
     "MPC",
     "PD",
+    "AdaptiveMPC",
     "Controller",
+    "Estimated",
     "Grasp",
     "Insert",
     "JointLQG",

@@ -22,7 +22,7 @@ DOUBT = 5.0  # deviations of their sum of squares, from which on the model is do
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """The estimate of a `KalmanFilter` at one instant.
+    """The estimate of a `KalmanFilter` or a `MovingHorizon` at one instant.
 
     Attributes:
         state: of the structure
@@ -53,6 +53,7 @@ class Filtered:
     lately: Tensor  # (..., 3): of the readings' errors, sum of squares, its mean, its variance
     # of the last interval: readings and x' by x, and what the readings said
     learnt: tuple[Tensor, Conditioned] | None = None
+    window: Any = None  # of a `MovingHorizon`
 
     def __repr__(self) -> str:
         names = ", ".join(self.filter.unknowns.names) or "none"

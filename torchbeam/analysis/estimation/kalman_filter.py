@@ -18,7 +18,7 @@ from ...dynamics.stepper import Stepper
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
 from ...math.shapes import broadcast_shapes
-from ...math.square_root import Later, conditioned, root_of
+from ...math.square_root import Conditioned, Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered
@@ -179,41 +179,22 @@ class KalmanFilter:
             u: the inputs held over it, (..., inputs) side by side in the scene's order, or by name;
                 those that are not given are 0
         """
-        own, k = self.unknowns, self.moves + len(self.unknowns.names)
-        beside = instance("before", before, Filtered).x[..., self.moves : k]
-        acting = own.acting(beside, self._inputs(u))
-        after = self.interval.move(before.state, own, beside[..., : own.of_model], acting)
-        lead = after.readings.shape[:-1]
-        underway = before.x[..., k:].expand(*lead, -1)
-        expected = after.readings
-        if self.delay:
-            expected = underway[..., -self.read :]
-            underway = torch.cat((after.readings, underway[..., : -self.read]), -1)
-        expected = own.with_offsets(expected, beside)
-        y = (torch.nan,) * self.read if y is None else y
-        y = axis_last("y", as_tensor(y, expected.dtype, expected.device), self.read)
-        error = (y - expected).expand(*lead, self.read)
-        seen, columns = ~torch.isnan(error), self._columns(after)
-        columns = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], columns, 0.0)
-        by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
-        roots = torch.cat(
-            (before.factor, self.shaken.expand(*before.factor.shape[:-2], -1, -1)), -2
-        )
-        noise = torch.diag_embed(torch.where(seen, self.interval.instruments.noise, 1.0))
-        rows = torch.cat((roots @ by_x, by_fresh, pad(noise, (0, self.size))), -2)
-        found, read = conditioned(rows, torch.nan_to_num(error, nan=0.0)), seen.sum(-1).to(error)
-        z = self.interval.model.departure(after.state)
+        instance("before", before, Filtered)
+        state, expected, x, columns = self._moved(before.state, before.x, self._inputs(u))
+        error = self._readings(y, expected) - expected
+        by_x, learnt = self._conditioned(before.factor, columns, error)
+        read = (~torch.isnan(error)).sum(-1).to(error)
         now = replace(
             before,
-            state=after.state,
-            x=torch.cat((z, (beside * own.stays).expand(*lead, -1), underway), -1),
-            factor=found.root[..., : self.size, :],
-            nis=(found.unit**2).sum(-1),
+            state=state,
+            x=x,
+            factor=learnt.root[..., : self.size, :],
+            nis=(learnt.unit**2).sum(-1),
             readings=read,
-            log_likelihood=before.log_likelihood + found.log_density(read),
-            learnt=(by_x, found),
+            log_likelihood=before.log_likelihood + learnt.log_density(read),
+            learnt=(by_x, learnt),
         )
-        return self._changed(now.judged(), found.change)
+        return self._changed(now.judged(), learnt.change)
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
@@ -243,6 +224,44 @@ class KalmanFilter:
         """With x (..., size) changed so, and the state with z."""
         state = self.interval.changed(found.state, change[..., : self.moves])
         return replace(found, x=found.x + change, state=state)
+
+    def _moved(self, state: State, x: Tensor, u: Tensor) -> tuple[State, Tensor, Tensor, Tensor]:
+        """An interval later, of what is as x (..., size) and under inputs u (..., inputs) says: the
+        state, what is read of it (..., m), x, and `_columns` of both.
+        """
+        own, k = self.unknowns, self.moves + len(self.unknowns.names)
+        beside, underway = x[..., self.moves : k], x[..., k:]
+        coordinates = beside[..., : own.of_model]
+        after = self.interval.move(state, own, coordinates, own.acting(beside, u))
+        lead, read = after.readings.shape[:-1], after.readings
+        if self.delay:
+            read = underway[..., -self.read :]
+            underway = torch.cat((after.readings, underway[..., : -self.read]), -1)
+        z = self.interval.model.departure(after.state)
+        parts = [part.expand(*lead, -1) for part in (z, beside * own.stays, underway)]
+        read = own.with_offsets(read, beside).expand(*lead, -1)
+        return after.state, read, torch.cat(parts, -1), self._columns(after)
+
+    def _readings(self, y: Any, like: Tensor) -> Tensor:
+        """y (..., m), NaN where one is missing; None = all."""
+        y = (torch.nan,) * self.read if y is None else y
+        return axis_last("y", as_tensor(y, like.dtype, like.device), self.read)
+
+    def _conditioned(
+        self, factor: Tensor, columns: Tensor, error: Tensor, weight: Tensor | float = 1.0
+    ) -> tuple[Tensor, Conditioned]:
+        """Readings and x' by x, and what readings with errors (..., m) from those expected (NaN =
+        missing) and weights say of x', where x has this factor.
+        """
+        seen = ~torch.isnan(error)
+        columns = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], columns, 0.0)
+        by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
+        roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
+        noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
+        rows = (roots @ by_x, by_fresh, pad(torch.diag_embed(noise), (0, self.size)))
+        lead = broadcast_shapes(*(part.shape[:-2] for part in rows))
+        whole = torch.cat([part.expand(*lead, -1, -1) for part in rows], -2)
+        return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
 
     def _columns(self, after: Moved) -> Tensor:
         """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their

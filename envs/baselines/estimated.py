@@ -1,0 +1,256 @@
+"""Estimated, AdaptiveMPC: controllers of the whole state and plant, on what a filter makes of the
+readings.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.distributions import LogNormal
+
+import torchbeam as tb
+
+from .. import imperfections
+from ..core import BeamVectorEnv
+from ..plant import Plant
+from ..task import Task
+from .holding import Controller, vector_env
+from .lqg import SENSOR, sensed
+from .mpc import MPC
+
+LAST = 0.2  # s, for which a disturbance of the actions lasts
+NARROW = 20.0  # factor over which a parameter that may be zero is thought to lie below its largest
+STARTS = 64  # draws of the task's, where its episodes start differently
+LATENCIES = 5  # candidates, evenly over their range
+
+
+class Estimated(Controller):
+    """Another controller, in episodes as they are estimated: it reads `env.state` as it always
+    does, but its beam, its plant and what acts are those of a `torchbeam.KalmanFilter`, which sees
+    the env's sensors in the observation and the actions that were given. Parameters of the beam
+    that the env draws are estimated, beside the sensors' bias and a disturbance of the actions;
+    of the latency candidates run side by side, and the most likely one counts. What is known
+    beforehand are the ranges of these, and the targets. Episodes start at the start that all know.
+
+    Args:
+        controller: of the whole state (`LQR`), or of the whole plant (`MPC(informed=True)`)
+        known: whether the plant, its latency, lag and gain are told: the state alone is estimated.
+            What that returns says what there is to be had through the sensors
+        modes: whose amplitudes are estimated
+        disturbance: deviation of that of the actions
+        estimator: `tb.KalmanFilter`, or `tb.MovingHorizon` where all episodes start together
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, noise=0.005)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.Estimated(baselines.LQR(env))
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        *,
+        known: bool = False,
+        modes: int = 4,
+        disturbance: float = 0.1,
+        estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
+    ) -> None:
+        self.controller, self.known, self.modes = controller, known, modes
+        self.disturbance, self.estimator = disturbance, estimator
+
+    def begin(self, env: Any) -> None:
+        super().begin(env)
+        self.controller.begin(env)
+        self.z: tb.Filtered | None = None
+
+    def restart(self, fresh: Tensor) -> None:
+        self.controller.restart(fresh)
+        self.fresh = fresh
+
+    def act(self, observation: Tensor) -> Tensor:
+        env, now = self.env, self.env.state
+        if self.z is None:
+            self._begin()
+        else:
+            y = sensed(env, observation) * self.scale
+            self.z = self.filter(self.z, y, self.inputs)
+            over = now.done if self.z.window is None else torch.zeros_like(now.done)
+            if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
+                self._begin(fresh)
+        env.set_state(self.believed())
+        try:
+            action = self.controller.act(observation).clamp(-1, 1)
+        finally:
+            env.set_state(now)
+        acting = []
+        for params, acts in zip(self.candidates, self.acting, strict=True):
+            plant = Plant(params, now.plant.stepper)
+            acting.append(env.simulation.acting(replace(now, plant=plant, acting=acts), action)[0])
+        self.acting = torch.stack(acting)
+        gain = self.candidates[0]["gain"].reshape(-1, 1)
+        self.inputs = env.task.inputs(gain * self.acting)
+        return action
+
+    def believed(self) -> Any:
+        """The episodes (n,), by the most likely candidates."""
+        now, likely = self.env.state, self.z.log_likelihood.argmax(0)
+        at = likely, torch.arange(len(likely), device=likely.device)
+        plant = now.plant
+        if not self.known:
+            own = self.filter.unknowns
+            x = self.z.x[at][:, self.filter.moves :]
+            params = own.given(x[:, : own.of_model]) if own.of_model else {}
+            latency = torch.stack([c["latency"] for c in self.candidates])
+            params |= {"latency": latency[at] if latency.ndim > 1 else latency[0]}
+            scene = self.scene(params) if own.of_model else self.filter.interval.scene
+            step = self.filter.interval.stepper
+            plant = Plant(self.candidates[0] | params, tb.Stepper(scene, step.dt, self.method))
+        return replace(now, plant=plant, beam=self.z.state[at], acting=self.acting[at])
+
+    def scene(self, params: dict[str, Tensor]) -> tb.Scene:
+        """Of parameters by name; the others as usual."""
+        env = self.env
+        row, usual = env.simulation.members[:1], env.simulation.usual
+        return env.task.scene(usual | params, row, env.simulation.varying).to(env.dtype)
+
+    def _begin(self, fresh: Tensor | None = None) -> None:
+        """The filter, and what is known at the start of the episodes in the mask (n,), None = all;
+        the others go on.
+        """
+        env, now = self.env, self.env.state
+        if fresh is None or self.known:
+            self._make(env)
+        start = self.whole.state_at(self.whole.departure(now.start))  # held as the model's is
+        shape = len(self.candidates), env.num_envs
+        first = self.filter.start(shape, state=start, covariance=self.covariance)
+        acting = now.acting.expand(len(self.candidates), -1, -1)
+        if fresh is None or fresh.all():
+            self.z, self.acting = first, acting
+            return
+        if self.z.window is not None:
+            raise ValueError(
+                "episodes that begin one by one were given to Estimated with tb.MovingHorizon; "
+                "tb.KalmanFilter, or autoreset_mode='Disabled', is wanted"
+            )
+        rows = {
+            name: torch.where(fresh.reshape(-1, *axes * [1]), a, b)
+            for name, axes in (("x", 1), ("factor", 2), ("log_likelihood", 0), ("lately", 1))
+            for a, b in [(getattr(first, name), getattr(self.z, name))]
+        }
+        self.z = replace(self.z, state=first.state.where(fresh, self.z.state), **rows)
+        self.acting = torch.where(fresh[:, None], acting, self.acting)
+
+    def _make(self, env: BeamVectorEnv) -> None:
+        simulation, config, task = env.simulation, env.config, env.task
+        drawn = simulation.ranges
+        if task.settles and not task.STARTS_ALIKE and not self.known:
+            raise ValueError(
+                f"{type(task).__name__} was given, each of whose plants starts in an equilibrium "
+                "of its own; known=True, or no gravity, is wanted"
+            )
+        own = {n: r for n, r in drawn.items() if n not in imperfections.PARAMETERS}
+        self.scale, self.method = env.scale, config.method
+        between = {name: simulation.usual[name] for name in imperfections.PARAMETERS}
+        if self.known:
+            self.candidates = [env.state.plant.params]
+            scene, parameters = env.state.plant.scene, {}
+        else:
+            for name in ("lag", "gain"):
+                if name in drawn:
+                    between[name] = env.high.new_full((env.num_envs,), sum(drawn[name]) / 2)
+            late = drawn.get("latency")
+            self.candidates = [simulation.usual | between]
+            if late is not None:
+                self.candidates = [
+                    self.candidates[0] | {"latency": env.high.new_full((env.num_envs,), one)}
+                    for one in np.linspace(*late, LATENCIES)
+                ]
+            parameters = {name: _prior(*bounds) for name, bounds in own.items()}
+            scene = self.scene if own else env.plant.scene
+        means = {name: torch.as_tensor(_prior(*bounds).start) for name, bounds in own.items()}
+        usual = self.scene({name: x.to(env.dtype) for name, x in means.items()})
+        still = {name: env.high.new_zeros(size) for name, size in usual.inputs.items()}
+        rest = simulation.rest[0][0]
+        if task.HOLDS:  # else a hub that turns
+            rest = tb.equilibrium(usual, inputs=still)
+        self.whole = tb.linearize(usual, rest, inputs=still)
+        model = self.whole.reduced(min(self.modes, self.whole.A.shape[-1] // 2))
+        bias = drawn["bias"][1] / 3**0.5 if "bias" in drawn else 0.0
+        self.filter = self.estimator(
+            scene,
+            env.sensors,
+            dt=config.control_interval,
+            noise=self.scale * max(config.noise, SENSOR),
+            bias=self.scale * bias,
+            parameters=parameters or None,
+            process={
+                drive.input: (self.disturbance * drive.gain.abs().sum(0), LAST)
+                for drive in task.drives
+            },
+            steps=config.substeps,
+            model=model,
+            method=config.method,
+        )
+        self.covariance = None
+        if type(task).initial_state is not Task.initial_state:
+            streams = [np.random.default_rng(k) for k in range(STARTS)]
+            goals = task.sample_goal(streams, torch.arange(STARTS))
+            z = model.departure(task.initial_state(rest.broadcast((STARTS,)), goals))
+            self.covariance = z.mT @ z / STARTS
+
+
+def _prior(low: float, high: float) -> tb.Parameter:
+    """Of a number that is drawn between these."""
+    low = max(low, high / NARROW)
+    law = LogNormal(
+        torch.tensor(math.log(low * high) / 2, dtype=torch.float64),
+        torch.tensor(max(math.log(high / low), 1e-3) / 12**0.5, dtype=torch.float64),
+    )
+    return tb.Parameter(math.sqrt(low * high), transform="log", prior=law)
+
+
+class AdaptiveMPC(Estimated):
+    """`MPC` by the plant that is estimated while it is controlled: see `Estimated`.
+
+    Args:
+        horizon: intervals
+        known, modes, disturbance, estimator: as in `Estimated`
+        terminal, iterations, damping: as in `MPC`
+
+    Examples:
+        >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, noise=0.005)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.AdaptiveMPC(env, horizon=5)
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 1)
+    """
+
+    def __init__(
+        self,
+        env: BeamVectorEnv,
+        horizon: int = 25,
+        *,
+        iterations: int = 1,
+        terminal: float = 5.0,
+        damping: float = 1e-6,
+        known: bool = False,
+        modes: int = 4,
+        disturbance: float = 0.1,
+        estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
+    ) -> None:
+        inner = MPC(
+            vector_env(env), horizon, iterations=iterations, terminal=terminal, damping=damping,
+            informed=True,
+        )  # fmt: skip
+        super().__init__(
+            inner, known=known, modes=modes, disturbance=disturbance, estimator=estimator
+        )

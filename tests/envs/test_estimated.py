@@ -1,0 +1,75 @@
+"""Controllers that estimate: what they read, and what they reach."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torchbeam_envs import TipReachVectorEnv
+from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Estimated
+from torchbeam_envs.uncertain import UNCERTAIN
+
+import torchbeam as tb
+from tests.cases.episodes import play
+
+torch.set_num_threads(1)
+SMALL = dict(elements=2, substeps=1, output="torch", autoreset_mode="Disabled", planar=True)
+
+
+def make(n, **arguments):
+    return TipReachVectorEnv(n, **{**SMALL, **UNCERTAIN["TipReach"], **arguments})
+
+
+def test_what_is_estimated_brings_the_tip_nearer():
+    """Uncertain plants, read with noise and bias: nearer than by the usual plant, which sees the
+    true state; and what knows the plant is nearer still, or as near.
+    """
+    env = make(4, max_episode_steps=40)
+    usual, adaptive, bound = (
+        play(env, controller)[0]
+        for controller in (
+            MPC(env, horizon=10),
+            AdaptiveMPC(env, horizon=10),
+            AdaptiveMPC(env, horizon=10, known=True),
+        )
+    )
+    assert adaptive > usual and bound > adaptive - 0.1 * abs(adaptive)
+
+
+@pytest.mark.parametrize("estimator", [tb.KalmanFilter, tb.MovingHorizon])
+def test_nothing_but_readings_is_read(estimator):
+    """The true beam and plant may be anything: what is done after a step is the same."""
+    env = make(2)
+    actions = []
+    for lie in (False, True):
+        observation, _ = env.reset(seed=0)
+        controller = Estimated(LQR(env, effort=0.1), estimator=estimator)
+        controller.begin(env)
+        controller(observation)
+        observation, *_ = env.step(torch.full((2, 1), 0.3))
+        if lie:
+            now = env.state
+            beam = replace(now.beam, position=now.beam.position + 0.1)
+            plant = replace(now.plant, params={k: 3 * v for k, v in now.plant.params.items()})
+            env.set_state(replace(now, beam=beam, plant=plant))
+        actions.append(controller(observation))
+        assert env.state.beam is not controller.believed().beam
+    assert torch.equal(*actions) and actions[0].abs().max() > 0
+
+
+def test_episodes_that_begin_later():
+    """Reset by hand, one of two: it starts anew, the other goes on; a window cannot."""
+    env = make(2)
+    for estimator in (tb.KalmanFilter, tb.MovingHorizon):
+        observation, _ = env.reset(seed=0)
+        controller = Estimated(LQR(env, effort=0.1), estimator=estimator)
+        controller.begin(env)
+        for _ in range(2):
+            observation, *_ = env.step(controller(observation))
+        observation, _ = env.reset(options={"reset_mask": torch.tensor([True, False])})
+        if estimator is tb.MovingHorizon:
+            with pytest.raises(ValueError, match="begin one by one"):
+                controller(observation)
+        else:
+            assert controller(observation).isfinite().all()
+            latest = controller.z.log_likelihood
+            assert (latest[:, 0] == 0).all() and (latest[:, 1] != 0).all()
