@@ -225,6 +225,11 @@ class BalanceProblem(Tree):
         """See `Problem`."""
         return None
 
+    @property
+    def patient(self) -> bool:
+        """See `Problem`: with friction of contacts, whose sense is an unknown."""
+        return self.model.rubs
+
     def near(self, x: Any) -> Tensor:
         """See `Problem`."""
         raise NotImplementedError

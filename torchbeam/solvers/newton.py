@@ -58,10 +58,11 @@ def newton(
     What an iteration tells the next one (`Problem.telling`) is told again where that goes back.
 
     Where a contact begins, or what sticks begins to slip, tangents tell little of what is beyond:
-    of a problem with a merit, some whole steps may raise it, as those that go deep into an obstacle
-    come back by themselves; where none of them leads below the best, the step from there is
-    shortened until it does, see `step_length`. Each time counts as an iteration. Steps are whole
-    where nothing is near enough to touch, and the last one is, which is foreseen to converge.
+    of a problem with a merit, a step that raises it is shortened until it does not, see
+    `step_length`; with patience not before some whole steps, none of which leads below the best, as
+    those that go deep into an obstacle come back by themselves. Each time counts as an iteration.
+    Steps are whole where nothing is near enough to touch, and the last one is, which is foreseen to
+    converge.
 
     trust_start  whether r may be the residual of x; not where that is the size of a step to come,
                  whatever the balance lacks
@@ -201,14 +202,21 @@ class Length(NamedTuple):
         return torch.where(self.back, torch.where(self.ratio > 0, before, 0.0), size)
 
 
-def step_length(merit: Tensor, best: Tensor, share: Tensor, waited: Tensor, free: Tensor) -> Length:
+def first_wait(patient: bool) -> int:
+    """`Length.waited` of the best: without patience a step that leads above it is shortened."""
+    return 0 if patient else WAIT + 2
+
+
+def step_length(
+    merit: Tensor, best: Tensor, share: Tensor, waited: Tensor, free: Tensor, patient: bool
+) -> Length:
     """What becomes of the step that has led to a merit (...), a sum of squares, where the best is
     `best`, a share of it having been taken; free (...): samples in which it may be shortened.
 
-    Steps stay whole until so many have not led below the best (the watchdog of Chamberlain, Powell,
-    Lemarechal and Pedersen 1982); then that is gone back to, and the step from there shortened. The
-    ratio is where a parabola that falls at first as Newton's step promises has its least value
-    (Dennis and Schnabel 1983, 6.3.2), within bounds.
+    With patience steps stay whole until so many have not led below the best (the watchdog of
+    Chamberlain, Powell, Lemarechal and Pedersen 1982); then that is gone back to, and the step from
+    there shortened. The ratio is where a parabola that falls at first as Newton's step promises has
+    its least value (Dennis and Schnabel 1983, 6.3.2), within bounds.
     """
     again = waited == WAIT + 1
     worse = free & ~again & (merit > best) & (share > LEAST)
@@ -216,7 +224,7 @@ def step_length(merit: Tensor, best: Tensor, share: Tensor, waited: Tensor, free
     returns = worse & (waited == WAIT)
     ratio = (best / (best + merit)).clamp(*SHORTER)
     one = torch.ones_like(ratio)
-    searched = torch.where(worse, waited, 0.0)
+    searched = torch.where(worse, waited, first_wait(patient))
     return Length(
         worse,
         back,
@@ -252,10 +260,10 @@ def _searched(
         return None, None
     if search is None:
         one = torch.ones_like(merit)
-        search = Search(x, {}, torch.inf * one, one, 0 * one)
+        search = Search(x, {}, torch.inf * one, one, first_wait(problem.patient) * one)
     if concrete(free & (merit > search.merit)).any():
         free = free & (problem.near(x) | problem.near(search.best))
-    length = step_length(merit, *search[2:], free)
+    length = step_length(merit, *search[2:], free, problem.patient)
     return length, Search(*search[:2], length.merit, length.share, length.waited)
 
 

@@ -77,6 +77,11 @@ class Problem(Protocol):
         """
         ...
 
+    @property
+    def patient(self) -> bool:
+        """Whether some whole steps may raise it, of a problem that has a merit."""
+        ...
+
     def near(self, x: Any) -> Tensor:
         """(...) bool: whether anything is near enough to touch, of a problem that has a merit."""
         ...

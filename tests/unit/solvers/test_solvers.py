@@ -19,7 +19,7 @@ from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.equations.steady import Configuration, SteadyProblem
 from torchbeam.nodal.discretise import discretise
 from torchbeam.solvers.implicit_gradient import differentiated, implicit_gradient
-from torchbeam.solvers.newton import newton
+from torchbeam.solvers.newton import first_wait, newton, step_length
 
 SOFT = dict(EA=4e3, GA=2e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
 
@@ -69,7 +69,7 @@ class SquareRoot(Tree):
     def merit(self, residual):
         return None
 
-    told = None
+    told, patient = None, False
 
     def telling(self, *about):
         return {}
@@ -156,6 +156,22 @@ def test_steps_are_shortened_where_they_raise_the_merit():
     alone = newton(Searched(0 * start[-1]), Root(start[-1, None, None]))
     assert_close(alone.x.x, searched.x.x[-1], rtol=0, atol=0)
     assert alone.iterations == searched.iterations[-1] <= 25
+
+
+@pytest.mark.parametrize("patient", (True, False))
+def test_how_long_whole_steps_may_lead_above_the_best(patient):
+    """With patience five do; then it is gone back to the best, and the step from there shortened,
+    as the first one is without.
+    """
+    one = torch.ones(())
+    share, waited, free = one, first_wait(patient) * one, torch.ones((), dtype=torch.bool)
+    best, ratios = one, []
+    for merit in (1.0, *[4.0] * 6, 1.0, 4.0):
+        length = step_length(merit * one, best, share, waited, free, patient)
+        best, share, waited = length.merit, length.share, length.waited
+        ratios.append(float(length.ratio))
+    want = [*[1] * 6, 0, 1, 0.2] if patient else [1, *[0.2] * 3, *[1] * 4, 0.2]
+    assert ratios == pytest.approx(want)
 
 
 def test_steps_are_whole_where_nothing_is_near_enough_to_touch():

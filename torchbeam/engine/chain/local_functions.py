@@ -27,7 +27,7 @@ from ...math.block_tridiagonal import eliminated
 from ...nodal import element_loads, loads
 from ...nodal.balance import dstress, mixed, most_beyond, pushed_by, restrained_forces, scaled
 from ...nodal.multipliers import measured
-from ...solvers.newton import Length, converged, step_length
+from ...solvers.newton import Length, converged, first_wait, step_length
 from ...state.state import State
 from ...topology.framework_unknowns import masked
 from ...topology.midside_nodes import condensed, following
@@ -586,9 +586,10 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         """
         free = (over == 0) & (iterations > 0) & ~self._converged(longest=longest, **judged)[1]
         free = free & ((near != 0) | (best_near != 0))
-        waited = torch.where(iterations > 0, waited, 0.0)
+        patient = self.model.rubs
+        waited = torch.where(iterations > 0, waited, first_wait(patient))
         now = square_force * longest.square() + square_moment
-        length = step_length(now, merit, share, waited, free)
+        length = step_length(now, merit, share, waited, free, patient)
         outputs = {name: value.to(over) for name, value in length._asdict().items()}
         still, forth = torch.maximum(over, outputs["back"]), 1 - outputs["back"]
         outputs["stays"] = (length.ratio > 0).to(over)
