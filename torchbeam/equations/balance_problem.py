@@ -227,8 +227,8 @@ class BalanceProblem(Tree):
 
     @property
     def patient(self) -> bool:
-        """See `Problem`: with friction of contacts, whose sense is an unknown."""
-        return self.model.rubs
+        """See `Problem`."""
+        return self.model.patient
 
     def near(self, x: Any) -> Tensor:
         """See `Problem`."""

@@ -119,6 +119,14 @@ class Model(Rows):
         return any(one.rubs for one in (*self.scene.loads, *self.scene.pairs))
 
     @property
+    def patient(self) -> bool:
+        """Whether steps of Newton's method may raise the merit for a while: with friction of beams
+        on obstacles, which come back from deep inside by themselves. What is held by several parts
+        that move does not: a hand that closes on a ball has no solution found so.
+        """
+        return self.rubs and not (self.touching.present or self.bodies_touch)
+
+    @property
     def internal_states(self) -> int:
         """How many numbers the loads remember."""
         return sum(self.scene.internal_states)

@@ -586,7 +586,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         """
         free = (over == 0) & (iterations > 0) & ~self._converged(longest=longest, **judged)[1]
         free = free & ((near != 0) | (best_near != 0))
-        patient = self.model.rubs
+        patient = self.model.patient
         waited = torch.where(iterations > 0, waited, first_wait(patient))
         now = square_force * longest.square() + square_moment
         length = step_length(now, merit, share, waited, free, patient)
