@@ -184,8 +184,9 @@ def rate_along(
         raise ValueError(HOOKED)
     value, _ = vjp(function, *at)
     several = isinstance(value, tuple)
-    zero = tuple(map(torch.zeros_like, value)) if several else torch.zeros_like(value)
-    return value, vjp(lambda v: vjp(function, *at)[1](v), zero)[1](rates)[0]
+    zeros = tuple(map(torch.zeros_like, value if several else (value,)))
+    slopes = vjp(lambda *v: vjp(function, *at)[1](v if several else v[0]), *zeros)[1](rates)
+    return value, slopes if several else slopes[0]
 
 
 def within_dual_numbers() -> bool:

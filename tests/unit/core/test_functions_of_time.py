@@ -12,7 +12,7 @@ from torch.autograd.graph import saved_tensors_hooks
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.core.functions_of_time import at_time
+from torchbeam.core.functions_of_time import at_time, rate_along
 from torchbeam.dynamics.explicit import ExplicitStepper
 from torchbeam.math import quaternions as quat
 
@@ -665,3 +665,14 @@ def test_only_the_failed_sample_counts():
     ):
         sol = tb.simulate(made, [0, 0.03], step=0.03, halvings=1)
     assert sol.status[1] == 1
+
+
+def test_rates_of_several_values_within_dual_numbers():
+    """Their tangents are the second derivatives, by reverse mode twice."""
+    with forward_ad.dual_level():
+        t = forward_ad.make_dual(torch.tensor(0.3), torch.tensor(1.0))
+        _, rates = rate_along(lambda t: (t.sin(), t**3), (t,), (torch.ones(()),))
+        (cosine, slope), (square, linear) = map(forward_ad.unpack_dual, rates)
+    found = torch.stack((cosine, slope, square, linear))
+    want = torch.tensor([math.cos(0.3), -math.sin(0.3), 3 * 0.3**2, 6 * 0.3])
+    assert_close(found, want, rtol=1e-14, atol=0)
