@@ -314,11 +314,12 @@ class Stepper:
         values, alone = self.scene.tensors(u), copy(self)
         alone._last, alone.failures = None, Failures()
         state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene, "a state")))
+        lead = broadcast("a state and dt", state.status.shape, self._length(dt).shape)
         return step_jacobian(
             lambda before, inputs: alone.advance(before, inputs, dt=dt),
             self.model.space,
             model,
-            state,
+            state.broadcast(lead),
             {name: values[name] for name in sizes},
         )
 
