@@ -172,9 +172,6 @@ class TorqueArm(SoftArm):
         nodes = range(self.elements % step, self.elements + 1, step)
         return [self._seen(tb.sensors.NodePosition(node), 2.0) for node in nodes]
 
-    def target(self, now: Episodes, ahead: int = 0) -> Tensor:
-        return now.goal[:, None, :3].expand(-1, ahead + 1, -1)
-
     def target_high(self) -> np.ndarray:
         return np.array([FAST, 1, 1, 1, 1, 1, 1])
 

@@ -74,8 +74,8 @@ class FrameworkSystem:
             alone = line.alone
             pivots.append(in_unit(own if alone else own.flatten(-4, -3), unit))
             sound = sound & (well if alone else well.all(-1))
-        for matrix in self._free_interface(unit):
-            own, well = finite_pivots(*matrix)
+        if (system := self._interface()) is not None:
+            own, well = finite_pivots(*self._free(system, unit))
             pivots.append(own)
             sound = sound & well
         if self.midside is not None:
@@ -90,26 +90,23 @@ class FrameworkSystem:
         for line in self.cut.lines:
             own = positive_definite(*blocks(line, self.D, self.U, self.L))
             well.append(own if line.alone else own.all(-1))
-        system, held = self._interface(), 0 if self.held is None else int(self.held.sum())
-        definite = system.definite(held) if system is not None and system.large else None
-        if definite is not None and concrete(definite).all():
+        if (system := self._interface()) is not None:
+            held = 0 if self.held is None else int(self.held.sum())
+            definite = system.definite(held) if system.large else None
+            if definite is None or not concrete(definite).all():
+                definite = positive_definite(*self._free(system))
             well.append(definite)
-        else:
-            well += [positive_definite(*matrix) for matrix in self._free_interface()]
         if self.midside is not None:
             well.append(
                 (torch.linalg.cholesky_ex(self.midside.D + self.midside.D.mT).info == 0).all(-1)
             )
         return torch.stack(torch.broadcast_tensors(*well)).all(0)
 
-    def _free_interface(self, unit: Tensor | None = None) -> list[tuple[Tensor, Tensor, Tensor]]:
+    def _free(self, system: Interface, unit: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
         """The pivots of the interface's matrix Z^T K Z, of the moves Z, measured in `unit`, that
-        independent constraints leave, as those of a chain (D, L, U) without couplings; none where
-        there is no interface.
+        independent constraints leave, as those of a chain (D, L, U) without couplings.
         """
-        how, w, system = self.cut, self.D.shape[-1], self._interface()
-        if system is None:
-            return []
+        how, w = self.cut, self.D.shape[-1]
         dense, n = system.dense(), len(how.interface) * w
         # a run is singular: so is this
         dense = torch.where(torch.isfinite(dense).all(-1).all(-1)[..., None, None], dense, 0.0)
@@ -124,7 +121,7 @@ class FrameworkSystem:
         K = pad(K, (0, more, 0, more)) + torch.diag_embed(
             pad(K.new_zeros(K.shape[-1]), (0, more), value=1.0)
         )
-        return [_block_pivots(K, w)]
+        return _block_pivots(K, w)
 
     def _interface(self) -> Interface | None:
         """With no right-hand sides; None where there is none."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from functools import lru_cache
-from itertools import product
+from functools import cached_property, lru_cache
+from itertools import chain, combinations, product
 from typing import NamedTuple
 
 import torch
@@ -55,26 +55,23 @@ class Pattern(NamedTuple):
 def pattern_of(how: Cut, w: int, device: torch.device) -> Pattern:
     """Of an interface with blocks (w, w)."""
     n, units = len(how.interface), len(how.interface) + how.multipliers
-    near: dict[int, set[int]] = {unit: set() for unit in range(units)}
     ends = (zip(line.back, line.towards, strict=True) for line in how.lines if line.back)
-    for tie in (
-        *how.ties,
-        *(pair for _, *pair in how.direct),
-        *(x for pairs in ends for x in pairs),
-    ):
-        for unit in tie:
-            near[unit] = near[unit].union(tie).difference((unit,))
-    constraints = {unit: _constraint(near[unit], n) for unit in range(n, units)}
-    couplings = [(one, other) for one in near for other in near[one] if one < other]
-    place, level = {(unit, unit): unit for unit in near}, dict.fromkeys(near, 0)
+    together = *how.ties, *(pair for _, *pair in how.direct), *chain.from_iterable(ends)
+    couplings = {pair for tie in together for pair in combinations(sorted(tie), 2)}
+    held: dict[int, list[int]] = {unit: [] for unit in range(n, units)}
+    for node, unit in sorted(couplings):
+        if node < n <= unit:
+            held[unit].append(node)
+    constraints = {unit: _constraint(nodes) for unit, nodes in held.items()}
+    order = Elimination(n, units, constraints, couplings)
+    groups, _ = order.ordered(how.fixed)
+    place, level = {(unit, unit): unit for unit in range(units)}, [0] * units
     alike: dict[tuple[int, int, int], list[tuple[list[int], list[int]]]] = {}
-    for own in Elimination(n, units, constraints, couplings).ordered(how.fixed)[0]:
-        around = sorted(set().union(*(near[unit] for unit in own)).difference(own))
+    for own, around in zip(groups, order.around, strict=True):
         now = max(level[unit] for unit in own)
         for unit in around:
-            near[unit] = near[unit].union(around).difference((unit, *own))
             level[unit] = max(level[unit], now + 1)
-        alike.setdefault((now, len(own), len(around)), []).append((list(own), around))
+        alike.setdefault((now, len(own), len(around)), []).append((list(own), sorted(around)))
 
     def numbers(rows: list[int], columns: list[int]) -> Tensor:
         """Of a matrix (rows w, columns w)."""
@@ -96,10 +93,9 @@ def pattern_of(how: Cut, w: int, device: torch.device) -> Pattern:
     return Pattern(place, tuple(side_by_side(alike[key]) for key in sorted(alike)))
 
 
-def _constraint(near: set[int], nodes: int) -> Constraint:
+def _constraint(nodes: list[int]) -> Constraint:
     """Of a multiplier that couples to these."""
-    ends = sorted(unit for unit in near if unit < nodes)
-    return Constraint((*ends, None) if len(ends) == 1 else tuple(ends), 1)
+    return Constraint((*nodes, None) if len(nodes) == 1 else tuple(nodes), 1)
 
 
 class Interface:
@@ -173,7 +169,7 @@ class Interface:
         place = self._pattern.place
         return _sum(self.blocks, [place[pair] for pair in self.at], len(place), 2)
 
-    @property
+    @cached_property
     def _pattern(self) -> Pattern:
         return pattern_of(self.how, self.w, self.blocks[0].device)
 

@@ -27,6 +27,7 @@ class Elimination:
 
     near   of each unit, and of each run behind them, what it couples to
     behind of each that is eliminated, all that is together with it
+    around of each group, in order, what it couples to when it is eliminated
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Elimination:
             self.near[one].add(other)
             self.near[other].add(one)
         self._reach: dict[int, set[int]] = {}
+        self.around: list[set[int]] = []
 
     def ordered(
         self, fixed: frozenset[int], last: frozenset[int] = frozenset()
@@ -82,9 +84,12 @@ class Elimination:
             for unit in around:
                 self._couple(unit, around, self.behind[one])
             groups.append(self.behind[one])
+            self.around.append(around)
             left.remove(one)
-        loops = tuple(unit for unit in self.constraints if unit not in hanging)
-        return (*groups, *((loops,) if loops else ())), following
+        if loops := tuple(unit for unit in self.constraints if unit not in hanging):
+            groups.append(loops)
+            self.around.append(set())
+        return tuple(groups), following
 
     def _hang(self, fixed: frozenset[int], last: frozenset[int]) -> dict[int, set[int]]:
         """Constraints with the nodes that hang by them; and what each waits for."""

@@ -36,7 +36,7 @@ from .coupling_functions import CouplingFunctions
 from .interaction_functions import transposed
 from .joint_functions import JointFunctions
 from .layout import FLAGS
-from .local_problem import INTERNAL, Fields, far_fields, unbatched
+from .local_problem import INTERNAL, Fields, far_fields, told_to, unbatched
 from .node_kinds import ElementKind, NodeKind
 from .pair_functions import PairFunctions
 from .tendon_functions import TendonFunctions
@@ -84,8 +84,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         apart.
         """
         problem, x = self.of_node(fields, kind)
-        if "told" in fields:
-            problem = problem.after({"bodies": fields["told"]})
+        problem = told_to(problem, "bodies", fields)
         x = problem.apply_supports(x)  # they are; but so that derivatives know it
         kinematics, inertia, load = problem.node_balance(x)
         matrix, w = problem.node_tangent(kinematics, inertia)[1], self.model.space.unknowns
@@ -234,8 +233,7 @@ class LocalFunctions(JointFunctions, TendonFunctions, PairFunctions, CouplingFun
         `passed`, see `StepProblem.passed`.
         """
         problem, kinematics = self._between(fields, kind)
-        if "told" in fields:
-            problem = problem.after({"elements": fields["told"]})
+        problem = told_to(problem, "elements", fields)
         parts = problem.element_loads(kinematics)
         D, U, L, *far = problem.element_load_matrix(kinematics).tensors
         wrench, p = problem.model.topology.scatter(parts), self.model.space.dims.position

@@ -441,6 +441,11 @@ def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:
     return torch.stack([own if k is None else torch.full_like(own, k) for own, k in rows], -2)
 
 
+def told_to(problem: StepProblem, sort: str, fields: Fields) -> StepProblem:
+    """With what the last iteration has told points of a sort, where it is given: see `Told`."""
+    return problem.after({sort: fields["told"]}) if "told" in fields else problem
+
+
 class OwnBatch(NotTraceable):
     """A function that closes over a batch, of this shape."""
 

@@ -15,7 +15,7 @@ from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction import PAIR_SIDES
 from .interaction_functions import pushed
-from .local_problem import Fields, LocalProblems, far_fields
+from .local_problem import Fields, LocalProblems, far_fields, told_to
 from .node_kinds import PairKind
 
 
@@ -37,8 +37,7 @@ class PairFunctions(LocalProblems):
         `StepProblem.passed`.
         """
         problem, kinematics = self.of_pair(fields, kind)
-        if "told" in fields:
-            problem = problem.after({"pairs": fields["told"]})
+        problem = told_to(problem, "pairs", fields)
         touching, w = problem.model.touching, self.model.space.unknowns
         nodes = problem.TANGENT(problem.motion, kinematics)
         motion = problem.node_motion(kinematics, nodes)
