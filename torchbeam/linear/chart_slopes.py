@@ -9,9 +9,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math.dense import inverse_unchecked
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import broadcast_shapes, stacked
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.joints import stacked
 from ..nodal.moves import moved
 from ..state.state import State
 from .chart import Chart

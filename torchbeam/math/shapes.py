@@ -28,6 +28,12 @@ def broadcast_shapes(*shapes: Sequence[int]) -> torch.Size:
     return torch.Size(sizes)
 
 
+def stacked(*parts: Tensor, axis: int = -2) -> Tensor:
+    """One after the other, of batch axes, before this one, that broadcast."""
+    shape = broadcast_shapes(*(x.shape[:axis] for x in parts))
+    return torch.cat([x.expand(*shape, *x.shape[axis:]) for x in parts], axis)
+
+
 def largest(x: Tensor) -> int:
     """The largest of whole numbers that are not negative; 0 of none."""
     return int(x.max()) if x.numel() else 0

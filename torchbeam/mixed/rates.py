@@ -22,7 +22,7 @@ from ..core.functions_of_time import rate_along
 from ..math import wiener_milenkovic as rot
 from ..math.dense import solve_unchecked
 from ..math.quaternions import skew
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import broadcast_shapes, stacked
 from .algebra import backward, cross, halves, mtv, mv, six
 from .kinematics import Motion, motion, node_rates, nodes, strain_rates
 from .model import MixedModel, Places
@@ -201,15 +201,14 @@ def block_system(model: MixedModel, x: Fields, s: Terms) -> tuple[Tensor, Tensor
     """
     n = 3 * (8 * model.count + 4)
     blocks = block_rows(model, x, s)
-    batch = broadcast_shapes(*(b.shape[:-3] for *_, b in blocks))
-    values = torch.cat([b.expand(*batch, *b.shape[-3:]) for *_, b in blocks], -3)
+    values = stacked(*(b for *_, b in blocks), axis=-3)
     at = torch.tensor(
         [3 * r * n + 3 * c for rows, cols, _ in blocks for r, c in zip(rows, cols, strict=True)]
     )
     inside = torch.tensor([[i * n + j for j in range(3)] for i in range(3)])
     index = (at[:, None, None] + inside).flatten().to(values.device)
     A = (
-        values.new_zeros(*batch, n * n)
+        values.new_zeros(*values.shape[:-3], n * n)
         .index_copy(-1, index, values.flatten(-3))
         .unflatten(-1, (n, n))
     )

@@ -32,9 +32,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree, leaf
+from ..core.leaves import leaf
 from ..math.quaternions import skew
-from .joint_laws import CoordinateStep, limit_slope
+from .joint_laws import CoordinateStep, Losses, limit_slope
 from .rotation_vector import Turn, arc, arc_slope, axial, changes
 
 
@@ -52,7 +52,7 @@ class BallStep(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BallLaws(Tree):
+class BallLaws(Losses):
     """Of balls (..., B, *), zero where one has none, None where none has one: see `Ball`."""
 
     stiffness: Tensor | None = leaf(3)
@@ -62,20 +62,6 @@ class BallLaws(Tree):
     axis: Tensor | None = leaf(2)
     limit: Tensor | None = leaf(1)
     limit_stiffness: Tensor | None = leaf(1)
-
-    @property
-    def dissipative(self) -> bool:
-        return self.damping is not None or self.friction is not None
-
-    @property
-    def damper(self) -> Tensor:
-        """(..., B) of moment over spin, next to rest."""
-        total = 0.0 if self.damping is None else self.damping
-        return total if self.friction is None else total + self.friction / self._slip
-
-    @property
-    def _slip(self) -> Tensor:
-        return torch.where(self.slip_speed > 0, self.slip_speed, 1.0)
 
     def conjugate(self, step: BallStep, by: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
         """C (..., B, 3, 3), and its change by those of D after the step, by (..., B, n, 3, 3); at

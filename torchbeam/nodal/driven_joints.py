@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import leaf
+from ..math.shapes import stacked
 from ..scene.effects.values import Inputs, scalar_at, value_at
 from .ball_laws import BallLaws, BallStep
 from .balls import Balls
@@ -30,7 +31,6 @@ from .between_nodes import NodeMotion, Placed, Rates
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
 from .joints import Joints
-from .multipliers import stacked
 from .rotation_vector import Turn
 
 
@@ -123,12 +123,9 @@ class DrivenJoints(Joints):
         nodes = self._load(placed.acting, driven.acting, self._forces(stress, driven), nodes)
         if self.acting_balls is not None:
             M = self._ball_moment(placed)
-            none = torch.zeros_like(M)
-            nodes = self.framework.from_joints(
-                torch.stack((torch.cat((none, -M), -1), torch.cat((none, M), -1)), -2)
-                @ self.moves.mT,
-                nodes,
-            )
+            first, second = (torch.cat((torch.zeros_like(M), x), -1) for x in (-M, M))
+            both = torch.stack((first, second), -2) @ self.moves.mT
+            nodes = self.framework.from_joints(both, nodes)
         return nodes, stacked(gap, self.held * (product - driven.offset))
 
     def efforts(self, now: Any) -> Tensor | None:
@@ -146,8 +143,8 @@ class DrivenJoints(Joints):
         p = self.space.dims.position
         return torch.cat((force.expand(*force.shape[:-1], p), moment), -1)
 
-    def blocks_of(self, motion: NodeMotion, force: Tensor) -> Tensor:
-        half, rate, placed = motion.half_turns(), motion.rate, motion.placed(self.pose)
+    def blocks(self, motion: NodeMotion, force: Tensor) -> Tensor:
+        rate, placed = motion.rate, motion.placed(self.pose)
         driven = self.driven(placed)
         force = self.held * force - driven.effort
         by_end = self.coordinate_by(placed.end, driven.step.after)  # (..., J, m, 12)
@@ -157,17 +154,12 @@ class DrivenJoints(Joints):
             act.
             """
             middle = self._middle(driven.step) + torch.pi / 2 * self.angles
-            turning = self.angles[..., None] * self._gradient(
-                v, self.turned(middle).at(placed.acting)
-            )
-            return (
-                force[..., None] * turning - rate * driven.effort_by[..., None] * push
-            ).mT @ by_end
+            across = self._gradient(v, self.turned(middle).at(placed.acting))
+            turning = force[..., None] * (self.angles[..., None] * across)
+            return (turning - rate * driven.effort_by[..., None] * push).mT @ by_end
 
         added = None if self.acting_balls is None else self._ball_stiffness(placed, rate)
-        return self._blocks(
-            placed.acting, placed.end, driven.acting, driven.closing, force, half, rate, more, added
-        )
+        return self._blocks(motion, driven.acting, driven.closing, force, more, added)
 
     def _ball_step(self, motion: Placed) -> BallStep:
         of, balls = motion.of, self.balls

@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math.quadratic import X, gauss_points, values_at
+from ..math.shapes import stacked
 from ..scene.effects import Contact, LoadPoint
 from ..scene.stations import Table
 from ..topology.protocols import Blocks, Matrix
@@ -25,7 +26,6 @@ from .acting import ActingLoad
 from .between_nodes import Told
 from .conditions import Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
-from .multipliers import stacked
 from .rows import Rows
 from .sample_check import check_samples, tried
 

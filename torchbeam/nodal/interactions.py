@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from ..core.leaves import leaf
 from ..math.quaternions import matrix as axes_of
+from ..math.shapes import stacked
 from ..scene.effects.load_point import OWN, POSITION, ROTATION, LoadPoint
 from ..topology.places import added
 from .acting import ActingLoad
@@ -19,7 +20,7 @@ from .between_nodes import BetweenNodes, NodeMotion, Rates
 from .conditions import Conditions
 from .coordinates.spatial import Spatial
 from .loads import MotionJacobian, Nodes, chained, changes, load_point, wrench, wrench_by
-from .multipliers import Multipliers, stacked
+from .multipliers import Multipliers
 from .sample_check import check_samples, tried
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from ..core.leaves import with_values
+from ..core.leaves import AXES, with_values
 from ..core.remembered import remembered
 from ..math import quaternions as quat
 from ..scene.ball import Ball
@@ -114,15 +114,10 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
         own * like.new_tensor([[joint.law(k).prescribed is not None] for joint in scene.joints])
         for k, own in enumerate(rows)
     )
-    laws = JointLaws(
-        **{
-            field.name: _given(scene.joints, field.name, rows)
-            for field in dataclasses.fields(JointLaws)
-        }
-    )
-    return DrivenJoints(
-        **fields | dict(held=fields["held"] + prescribed), laws=laws, prescribed=prescribed
-    )
+    names = (field.name for field in dataclasses.fields(JointLaws))
+    laws = JointLaws(**{name: _given(scene.joints, name, rows) for name in names})
+    held = fields["held"] + prescribed
+    return DrivenJoints(**fields | dict(held=held), laws=laws, prescribed=prescribed)
 
 
 def _without_laws(joint: Joint) -> Joint:
@@ -178,14 +173,21 @@ def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> T
     """
     total = None
     for k, own in enumerate(rows):
-        values = [getattr(joint.law(k), name) for joint in joints]
-        if all(value is None for value in values):
-            continue
-        none = own.new_zeros(())
-        given = torch.broadcast_tensors(*(none if value is None else value for value in values))
-        part = torch.stack(given, -1)[..., None] * own
-        total = part if total is None else total + part
+        values = _side_by_side([getattr(joint.law(k), name) for joint in joints], own.new_zeros(()))
+        if values is not None:
+            part = values[..., None] * own
+            total = part if total is None else total + part
     return total
+
+
+def _side_by_side(values: list[Tensor | None], none: Tensor) -> Tensor | None:
+    """Values of all joints (..., J, *), `none` (*) in the place of those that are not there; None
+    where no joint has one.
+    """
+    if all(value is None for value in values):
+        return None
+    each = torch.broadcast_tensors(*(none if value is None else value for value in values))
+    return torch.stack(each, -1 - none.ndim)
 
 
 class Constraint(NamedTuple):
@@ -230,8 +232,12 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
     turns = ABOUT_X if joint.rotation == "yz" else TURNS
     for k in about:
         i, j, sign = turns[k]
-        if k in "xy" and joint.rotation == "z":
-            rows.append(_of_universal(k, names, a, b, none))
+        if k in "xy" and joint.rotation == "z":  # see `Universal`: x is fixed in a, y in b
+            v, w, across = (b, "y"), (a, "z"), (a, "y")
+            if k == "y":
+                v, w, across = (a, "x"), (b, "z"), (b, "x")
+            v, w, across = (end.direction(names[axis]) for end, axis in (v, w, across))
+            rows.append(Constraint(v, w, none, False, across.times(-1.0), "angle", k == "y"))
             continue
         free = k == "x" and joint.rotation == "yz"
         rows.append(
@@ -253,30 +259,6 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
     return rows
 
 
-def _of_universal(k: str, axes: dict[str, Tensor], a: End, b: End, none: Tensor) -> Constraint:
-    """The turn about x, which is fixed in a, by F_b,y . F_a,z, or about y, fixed in b, by F_a,x .
-    F_b,z.
-    """
-    if k == "x":
-        return Constraint(
-            b.direction(axes["y"]),
-            a.direction(axes["z"]),
-            none,
-            False,
-            a.direction(axes["y"]).times(-1.0),
-            "angle",
-        )
-    return Constraint(
-        a.direction(axes["x"]),
-        b.direction(axes["z"]),
-        none,
-        False,
-        b.direction(axes["x"]).times(-1.0),
-        "angle",
-        True,
-    )
-
-
 def _balls(scene: Scene) -> Balls | None:
     """The joints of a scene that leave all turns, of which something may be read and act."""
     joints, like = scene.joints, scene.beam.nodes
@@ -286,41 +268,21 @@ def _balls(scene: Scene) -> Balls | None:
     ground = [[[[float(end is None)]] for end in joint.ends] for joint in joints]
     eye = torch.eye(3, dtype=like.dtype, device=like.device)
     axes = quat.matrix(scene.beam.frames).mT
-    own = [
-        torch.stack(
-            torch.broadcast_tensors(
-                *(eye if end is None else axes[..., end, :, :] for end in joint.ends)
-            ),
-            -3,
-        )
-        for joint in joints
-    ]
-
-    def each(name: str, axes: int) -> Tensor | None:
-        given = [getattr(joint, name) if k in at else None for k, joint in enumerate(joints)]
-        if all(value is None for value in given):
-            return None
-        none = like.new_zeros((3,) * axes)
-        given = torch.broadcast_tensors(*(none if value is None else value for value in given))
-        return torch.stack(given, -1 - axes)
-
-    limits = each("limit", 0)
-    axis = None if limits is None else each("axis", 1)
-    if axis is not None:
-        size = torch.linalg.vector_norm(axis, dim=-1, keepdim=True)
-        axis = axis / torch.where(size > 0, size, 1.0)
-    laws = BallLaws(
-        each("stiffness", 2),
-        each("damping", 0),
-        each("friction", 0),
-        each("slip_speed", 0),
-        axis,
-        limits,
-        each("limit_stiffness", 0),
-    )
+    ends = ([eye if end is None else axes[..., end, :, :] for end in x.ends] for x in joints)
+    own = [torch.stack(torch.broadcast_tensors(*both), -3) for both in ends]
+    laws = {}
+    for field in dataclasses.fields(BallLaws):
+        given = [getattr(x, field.name) if k in at else None for k, x in enumerate(joints)]
+        none = like.new_zeros((3,) * (field.metadata[AXES] - 1))
+        laws[field.name] = _side_by_side(given, none)
+    if laws["limit"] is None:
+        laws["axis"] = None
+    else:
+        size = torch.linalg.vector_norm(laws["axis"], dim=-1, keepdim=True)
+        laws["axis"] = laws["axis"] / torch.where(size > 0, size, 1.0)
     own = torch.stack(torch.broadcast_tensors(*own), -4)
     torques = any(joints[k].torque is not None for k in at)
-    return Balls(at, like.new_tensor(ground), own, laws, torques)
+    return Balls(at, like.new_tensor(ground), own, BallLaws(**laws), torques)
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:

@@ -19,7 +19,7 @@ D is the differential, and there is neither damping nor friction.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -63,8 +63,30 @@ class CoordinateStep(NamedTuple):
         return ratio, by
 
 
+class Losses(Tree):
+    """What laws lose by: `damping` and `friction` with a `slip_speed`, None = there is none."""
+
+    damping: Any
+    friction: Any
+    slip_speed: Any
+
+    @property
+    def dissipative(self) -> bool:
+        return self.damping is not None or self.friction is not None
+
+    @property
+    def damper(self) -> Tensor | float:
+        """-d(effort)/d(rate), or of a moment by the spin, next to rest."""
+        total = 0.0 if self.damping is None else self.damping
+        return total if self.friction is None else total + self.friction / self._slip
+
+    @property
+    def _slip(self) -> Tensor:
+        return torch.where(self.slip_speed > 0, self.slip_speed, 1.0)
+
+
 @dataclass(frozen=True)
-class JointLaws(Tree):
+class JointLaws(Losses):
     """Of all joints (..., J, w), zero where a coordinate has none; None where no joint has one.
     Stiffness N/m or N m/rad, damping N s/m or N m s/rad, friction N or N m with the slip speed m/s
     or rad/s, limits m or rad and their stiffness.
@@ -77,18 +99,6 @@ class JointLaws(Tree):
     lowest: Tensor | None = leaf(2)
     highest: Tensor | None = leaf(2)
     limit_stiffness: Tensor | None = leaf(2)
-
-    @property
-    def dissipative(self) -> bool:
-        return self.damping is not None or self.friction is not None
-
-    @property
-    def damper(self) -> Tensor | float:
-        """(..., J, w) -d(effort)/d(rate) at rest."""
-        total = 0.0 if self.damping is None else self.damping
-        if self.friction is None:
-            return total
-        return total + self.friction / torch.where(self.slip_speed > 0, self.slip_speed, 1.0)
 
     def effort(self, step: CoordinateStep) -> tuple[Tensor, Tensor]:
         """Effort (..., J, w) N or N m along the coordinates, and its derivative by those after the
@@ -106,7 +116,7 @@ class JointLaws(Tree):
             total, by = total - self.damping * D / step.dt, by - self.damping * D_by / step.dt
         if self.friction is not None:
             rate = 2 * (step.after - step.before) / step.dt - step.rate
-            slip = torch.where(self.slip_speed > 0, self.slip_speed, 1.0)
+            slip = self._slip
             size = torch.sqrt(rate**2 + slip**2)
             total = total - self.friction * rate / size
             by = by - self.friction * slip**2 / size**3 * 2 / step.dt

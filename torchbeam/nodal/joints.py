@@ -32,13 +32,13 @@ from torch.nn.functional import pad
 
 from ..core.leaves import leaf
 from ..math.quaternions import skew
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import stacked
 from ..topology.framework import Framework
 from .balls import Balls
 from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
 from .joint_motion import Factor, Pose, Vector, end_moves
-from .multipliers import Multipliers, stacked
+from .multipliers import Multipliers
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,11 @@ class Joints(BetweenNodes):
         self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
     ) -> tuple[Tensor, Tensor]:
         acting, end, *_ = motion.placed(self.pose)
-        return self.load(acting, self.forces(stress), nodes), stacked(gap, self.gap(end))
+        force = self.held * self.forces(stress)
+        return self._load(acting, self.w, force, nodes), stacked(gap, self.gap(end))
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
-        return self.tied(matrix, self.blocks_of(motion, self.forces(stress)), self.held)
+        return self.tied(matrix, self.blocks(motion, self.forces(stress)), self.held)
 
     def tied(self, matrix: Any, blocks: Tensor, held: Tensor | None = None) -> Any:
         """A matrix with `blocks`, or with those of ends alone."""
@@ -138,9 +139,7 @@ class Joints(BetweenNodes):
             turn = self.balls.to_joints(self.balls.turn(pose), -2, self.count)
             spin = None if moving is None else self.spin(pose, *moving)
             spin = None if spin is None else self.balls.to_joints(spin, -2, self.count)
-        numbers = self._three(q, turn), self._three(rate, spin), wrench
-        shape = broadcast_shapes(*(x.shape[:-2] for x in numbers))
-        return torch.cat([x.expand(*shape, *x.shape[-2:]) for x in numbers], -1)
+        return stacked(self._three(q, turn), self._three(rate, spin), wrench, axis=-1)
 
     def _three(self, rows: Tensor, vectors: Tensor | None) -> Tensor:
         """(..., J, 3) of rows (..., J, w) of coordinates, and of what balls have."""
@@ -212,10 +211,8 @@ class Joints(BetweenNodes):
             torch.where(turns, product, 0.0), torch.where(turns, -(v * across).sum(-1), 1.0)
         )
         if near is not None:
-            angle = (
-                angle
-                + 2 * torch.pi * torch.round((near - angle) / (2 * torch.pi)).detach() * self.angles
-            )
+            turned = torch.round((near - angle) / (2 * torch.pi)).detach()
+            angle = angle + 2 * torch.pi * turned * self.angles
         return angle + self.travels * (product - self.c)
 
     def coordinate_by(self, pose: Pose, coordinate: Tensor) -> Tensor:
@@ -272,9 +269,8 @@ class Joints(BetweenNodes):
         others.
         """
         motion = self._moving(velocity, spin)
-        return (self.coordinate_by(pose, self.coordinate(pose)) @ motion.flatten(-2)[..., None])[
-            ..., 0
-        ]
+        by = self.coordinate_by(pose, self.coordinate(pose))
+        return (by @ motion.flatten(-2)[..., None])[..., 0]
 
     def spin(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., B, 3) rad/s of balls' second parts against the first, axes of these."""
@@ -295,47 +291,35 @@ class Joints(BetweenNodes):
         v, w = self.v.at(pose).value, self.w.at(pose).value
         return self.held * ((v * w).sum(-1) - self.c)
 
-    def load(self, pose: Pose, force: Tensor, total: Tensor) -> Tensor:
+    def _load(self, pose: Pose, w: Factor, force: Tensor, total: Tensor) -> Tensor:
         """total (..., N+1, w) with what the joints' forces (..., J, w) add to the nodes' balances:
         (dg/dq)^T lambda.
         """
-        return self._load(pose, self.w, self.held * force, total)
-
-    def _load(self, pose: Pose, w: Factor, force: Tensor, total: Tensor) -> Tensor:
         by = self._gradient(self.v.at(pose), w.at(pose))
         wrench = torch.einsum("...jmk,...jm->...jk", by, force).unflatten(-1, (2, 6))
         return self.framework.from_joints(wrench @ self.moves.mT, total)
 
-    def blocks_of(self, motion: NodeMotion, force: Tensor) -> Tensor:
-        """`blocks` of a motion."""
-        acting, end, *_ = motion.placed(self.pose)
-        return self.blocks(acting, end, force, motion.half_turns(), motion.rate)
-
-    def blocks(
-        self, acting: Pose, end: Pose, force: Tensor, half: Tensor | None, rate: float
-    ) -> Tensor:
+    def blocks(self, motion: NodeMotion, force: Tensor) -> Tensor:
         """(..., J, 3, 3, w, w) of the tangent: balances of both ends, and constraints, by moves of
-        these and the joints' forces. Moves are at `acting`, the mean of the start and `end`: of
-        which the end makes `rate` times the displacement, and turns by rate * half
-        (..., N+1, s, s) times the spin; None = I.
+        these and the joints' forces (..., J, w).
         """
-        return self._blocks(acting, end, self.w, self.w, self.held * force, half, rate)
+        return self._blocks(motion, self.w, self.w, self.held * force)
 
     def _blocks(
         self,
-        acting: Pose,
-        end: Pose,
+        motion: NodeMotion,
         w_acting: Factor,
         w_closing: Factor,
         force: Tensor,
-        half: Tensor | None,
-        rate: float,
         more: Callable[[Vector, Tensor], Tensor] | None = None,
         added: Tensor | None = None,
     ) -> Tensor:
         """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
-        `added` (..., J, 12, 12): what the forces' wrenches change by beside that.
+        `added` (..., J, 12, 12): what the forces' wrenches change by beside that. Moves are where
+        forces act, the mean of start and end: of which the end makes `rate` times the displacement,
+        and turns by rate * `half_turns` times the spin.
         """
+        half, rate, (acting, end, *_) = motion.half_turns(), motion.rate, motion.placed(self.pose)
         v, w, v_end = self.v.at(acting), w_acting.at(acting), self.v.at(end)
         w_end = w_acting.at(end)
         by_v, by_w = self.v.by_moves(v_end.turning), w_acting.by_moves(w_end.turning)

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..math import quaternions as quat
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import broadcast_shapes, stacked
 from ..scene.effects import Inputs, LoadPoint
 from ..scene.effects.load_point import (
     ACCELERATION,
@@ -28,7 +28,6 @@ from .acting import ActingLoad
 from .between_nodes import NOTHING, Told
 from .conditions import Conditions
 from .coordinates.spatial import Spatial
-from .multipliers import stacked
 from .rows import Rows
 from .sample_check import check_samples, tried
 
@@ -233,7 +232,8 @@ def internal(rows: Rows, nodes: Nodes, now: Conditions, shape: tuple[int, ...]) 
         _flat(acting, acting.load.advance(point, point.internal, now.t, now.inputs, point.dt))
         for acting, point in load_points(rows, nodes, now, _remembering(now))
     ]
-    return _joined([z.expand(*shape, z.shape[-1]) for z in states]) if states else None
+    states = [z.expand(*shape, z.shape[-1]) for z in states]
+    return stacked(*states, axis=-1) if states else None
 
 
 def advanced(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | None:
@@ -246,17 +246,16 @@ def advanced(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | None:
         )
         for acting, point in load_points(rows, nodes, now, _remembering(now))
     ]
-    return _joined(states) if states else None
+    return stacked(*states, axis=-1) if states else None
 
 
 def advanced_rates(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
     """Rates (..., z) of the internal states."""
-    return _joined(
-        [
-            _flat(acting, acting.load.rates(point, point.internal, now.t, now.inputs))
-            for acting, point in load_points(rows, nodes, now, _remembering(now))
-        ]
+    rates = (
+        _flat(acting, acting.load.rates(point, point.internal, now.t, now.inputs))
+        for acting, point in load_points(rows, nodes, now, _remembering(now))
     )
+    return stacked(*rates, axis=-1)
 
 
 class Lags(NamedTuple):
@@ -334,11 +333,6 @@ def lags(
         at += row[1].shape[-1]
     L, _, *H = zip(*parts, strict=True)
     return Lags(torch.cat(L, -1), torch.cat(G, -2), *(torch.cat(x, -2) for x in H))
-
-
-def _joined(parts: list[Tensor]) -> Tensor:
-    shape = broadcast_shapes(*(x.shape[:-1] for x in parts))
-    return torch.cat([x.expand(*shape, x.shape[-1]) for x in parts], -1)
 
 
 def _remembering(now: Conditions) -> tuple[ActingLoad, ...]:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import Tree, leaf
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import stacked
 
 ROUNDING = 1000.0  # eps: places that floating point does not tell apart
 # what a gap over the size of the whole is measured against: 1e-8 of it is 1e-14 of that size
@@ -90,9 +90,3 @@ def measured(size: Tensor, apart: Tensor) -> Tensor:
     """
     rounding = ROUNDING * torch.finfo(apart.dtype).eps
     return torch.maximum(size, (apart - rounding).clamp(min=0) / CLOSED)
-
-
-def stacked(*parts: Tensor, axis: int = -2) -> Tensor:
-    """One after the other, of batch axes, before this one, that broadcast."""
-    shape = broadcast_shapes(*(x.shape[:axis] for x in parts))
-    return torch.cat([x.expand(*shape, *x.shape[axis:]) for x in parts], axis)

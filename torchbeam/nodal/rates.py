@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..core.derivatives import cached
 from ..math.block_tridiagonal import broadcast_matrices
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import broadcast_shapes, stacked
 from ..scene.effects import INERTIAL, Inputs
 from ..scene.scene import Scene
 from ..scene.supports import Support
@@ -139,9 +139,7 @@ class Rates:
         """Nodes with unknowns (..., n, *), and clamps -> all."""
         if not self.clamps:
             return x
-        shape = broadcast_shapes(x.shape[:-2], clamped.shape[:-2])
-        both = torch.cat([part.expand(*shape, *part.shape[-2:]) for part in (x, clamped)], -2)
-        return both.index_select(-2, torch.cat(self.places).argsort())
+        return stacked(x, clamped).index_select(-2, torch.cat(self.places).argsort())
 
     @property
     def sizes(self) -> list[int]:

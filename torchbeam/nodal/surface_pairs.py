@@ -23,7 +23,7 @@ from torch import Tensor
 
 from ..core.leaves import AXES, leaf
 from ..math.quaternions import skew
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import stacked
 from ..scene.effects.contact_law import damped, potential, pressure
 from ..scene.effects.contact_path import leads_through
 from ..scene.effects.drag import norm
@@ -225,9 +225,7 @@ def count_of(shape: type[Obstacle]) -> int:
 def numbers_of(shape: Obstacle) -> Tensor:
     """(..., n) of a shape of a body, see `Obstacle.in_body`."""
     parts = [(getattr(shape, name), axes) for name, axes in _made_of(type(shape))]
-    parts = [x.reshape(*x.shape[: x.ndim - axes], 3**axes) for x, axes in parts]
-    lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
-    return torch.cat([x.expand(*lead, x.shape[-1]) for x in parts], -1)
+    return stacked(*(x.reshape(*x.shape[: x.ndim - n], 3**n) for x, n in parts), axis=-1)
 
 
 def with_numbers(shape: type[Obstacle], numbers: Tensor) -> Obstacle:

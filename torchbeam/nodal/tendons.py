@@ -15,7 +15,7 @@ from torch.nn.functional import pad
 
 from ..core.leaves import leaf
 from ..math.quaternions import skew
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import stacked
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
 from ..topology.places import added
@@ -128,8 +128,7 @@ class Tendons(BetweenNodes):
             own = self._blocks(by, force, lever, motion.end.lever[..., at, :])
             own = own if spin is None else own @ spin[..., None, at, :, :]
             blocks.append(own.flatten(-4, -3))
-        shape = broadcast_shapes(*(x.shape[:-3] for x in blocks))
-        return torch.cat([x.expand(*shape, *x.shape[-3:]) for x in blocks], -3)
+        return stacked(*blocks, axis=-3)
 
     def telling(self, motion: NodeMotion) -> Told:
         if motion.dt is None or not self.dissipative:

@@ -15,7 +15,7 @@ from torch.nn.functional import pad
 from ..core.leaves import leaf, wants_gradient
 from ..core.validation import concrete
 from ..math.concrete import mapped
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import stacked
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
 from ..topology.places import added
 from .between_nodes import BetweenNodes, NodeMotion, Rates, Told
@@ -151,8 +151,7 @@ class AnyTouching(BetweenNodes):
         tie, at = nodes.unique(return_inverse=True)
         at, n = at.view_as(nodes), len(tie)
         rows = tuple((at[:, :, None] * n + at[:, None, :]).flatten().tolist())
-        shape = broadcast_shapes(*(x.shape[:-5] for x in blocks))
-        every = torch.cat([x.expand(*shape, *x.shape[-5:]) for x in blocks], -5).flatten(-5, -3)
+        every = stacked(*blocks, axis=-5).flatten(-5, -3)
         return matrix.tied_too((tuple(tie.tolist()),), added(None, rows, every, n * n, 2))
 
     def work(self, motion: NodeMotion) -> Tensor | float:

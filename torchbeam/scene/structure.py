@@ -13,7 +13,7 @@ from ..core.leaves import bound, leaves, with_values
 from ..core.summary import kind, lines, point, span
 from ..core.validation import broadcast, common_dtype, refusal, shown
 from ..math import quaternions as quat
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import stacked
 from ..topology.framework import Framework
 from .beam import Beam
 from .body import Body
@@ -143,8 +143,7 @@ class Structure(Beam):
 
     def size_with(self, places: Tensor) -> Tensor:
         """`size`, with other places (..., n, 3) m beside the nodes."""
-        lead = broadcast_shapes(places.shape[:-2], self.nodes.shape[:-2])
-        points = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in (places, self.nodes)], -2)
+        points = stacked(places, self.nodes)
         return self.length.sum(-1) + torch.linalg.vector_norm(
             points.amax(-2) - points.amin(-2), dim=-1
         )

@@ -13,7 +13,7 @@ from torch import Tensor
 from ..core.arguments import is_integer, listed
 from ..core.declared import check_fields
 from ..core.validation import axis_last, shown
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import stacked
 from ..scene.parts import part_of
 
 XYZ = ("x", "y", "z")
@@ -207,11 +207,8 @@ class Stack(Sensor):
         return tuple(f"{s.name} {label}" for s in self.sensors for label in s.labels)
 
     def read(self, state: Any) -> Tensor:
-        readings = [s(state) if self.vectors else s.flat(state) for s in self.sensors]
-        if len({r.shape[:-1] for r in readings}) > 1:
-            shape = broadcast_shapes(*(r.shape[:-1] for r in readings))
-            readings = [r.expand(*shape, r.shape[-1]) for r in readings]
-        return torch.cat(readings, -1)
+        readings = (s(state) if self.vectors else s.flat(state) for s in self.sensors)
+        return stacked(*readings, axis=-1)
 
     def split(self, vector: Tensor) -> tuple[Tensor, ...]:
         """(..., size) -> each sensor's reading (..., *shape)."""

@@ -125,7 +125,7 @@ def test_tangent_is_the_derivative(kind, law, pair, still):
     step, n, force = Step(model, still), model.node_count, random(1, 6)
     none, gap = torch.zeros(n, 6), torch.zeros(0, 6)
     nodes_by, gap_by = jacrev(lambda move: step.own.balance(none, gap, force, step(move)))(none)
-    blocks = step.own.blocks_of(step(none), force)
+    blocks = step.own.blocks(step(none), force)
     matrix = step.own.tied(model.topology.diagonal(torch.zeros(n, 6, 6)), blocks, step.own.held)
     assert_close(matrix.dense().view(n, 6, n, 6), nodes_by, rtol=1e-11, atol=1e-11)
     held = step.own.held.flatten() > 0

@@ -7,6 +7,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.math import quaternions as quat
+from torchbeam.nodal.between_nodes import NodeMotion
 from torchbeam.nodal.discretise import discretise
 
 SECTION = tb.Section.from_stiffness(EA=30.0, GA=10.0, GJ=0.7, EI=1.0, mass=0.3, inertia=1e-3)
@@ -62,20 +63,25 @@ def test_tangent_is_the_derivative(kind, pair):
         half = quat.multiply(quat.conjugate(start[1]), turned)
         return start[0] + 2 * (u + move[:, :3]), quat.multiply(turned, half)
 
-    def acting(move):
-        return own.pose(*start).mean(own.pose(*end(move)))
+    def half():
+        R, R_n = (quat.matrix(q) for q in (quat.multiply(start[1], m), start[1]))
+        return (torch.eye(3) + R @ R_n.mT) / 2
+
+    def step(move):
+        return NodeMotion(None, None, None, end(move), start, mean=True, half=half)
+
+    def loaded(move):
+        return own.balance(none, torch.zeros(0, 6), force, step(move))[0]
 
     none = torch.zeros(n, 6)
-    load = jacrev(lambda move: own.load(acting(move), force, none))(none)
+    load = jacrev(loaded)(none)
     gap = jacrev(lambda move: own.gap(own.pose(*end(move))))(none)
-    R, R_n = (quat.matrix(q) for q in (quat.multiply(start[1], m), start[1]))
-    half = (torch.eye(3) + R @ R_n.mT) / 2
-    blocks = own.blocks(acting(none), own.pose(*end(none)), force, half, 2.0)
+    blocks = own.blocks(step(none), force)
     matrix = own.tied(model.topology.diagonal(torch.zeros(n, 6, 6)), blocks, own.held)
     assert_close(matrix.dense().view(n, 6, n, 6), load, rtol=0, atol=1e-12)
     held = own.held.flatten() > 0
     assert_close(matrix.constraints().view(-1, n, 6), gap[0][held], rtol=0, atol=1e-12)
-    steady = own.blocks(own.pose(*start), own.pose(*start), force, None, 1.0)
+    steady = own.blocks(NodeMotion(None, None, None, start), force)
     moved = jacrev(
         lambda move: own.gap(
             own.pose(start[0] + move[:, :3], quat.multiply(quat.exponential(move[:, 3:]), start[1]))
@@ -86,7 +92,7 @@ def test_tangent_is_the_derivative(kind, pair):
     after = end(none)
     turn = quat.multiply(after[1], quat.conjugate(start[1]))
     theta = 2 * turn[:, 1:] / turn[:, :1]
-    work = (own.load(acting(none), force, none) * torch.cat((after[0] - start[0], theta), -1)).sum()
+    work = (loaded(none) * torch.cat((after[0] - start[0], theta), -1)).sum()
     increment = own.gap(own.pose(*after)) - own.gap(own.pose(*start))
     assert_close(work, (force * increment).sum(), rtol=0, atol=1e-10)
 
@@ -97,9 +103,10 @@ def test_holds_as_many_as_it_says_where_it_is_drawn(kind):
     for pair in ("beam and body", "ground"):
         model = joints(kind, pair)
         own, beam = model.joints, model.scene.beam
-        pose = own.pose(beam.nodes, beam.frames)
+        drawn = beam.nodes, beam.frames
+        pose = own.pose(*drawn)
         assert_close(own.gap(pose), torch.zeros(1, 6), rtol=0, atol=1e-15)
-        blocks = own.blocks(pose, pose, torch.zeros(1, 6), None, 1.0)
+        blocks = own.blocks(NodeMotion(None, None, None, drawn), torch.zeros(1, 6))
         none = model.topology.diagonal(torch.zeros(model.node_count, 6, 6))
         G = own.tied(none, blocks, own.held).constraints()
         assert int(torch.linalg.matrix_rank(G)) == model.scene.joints[0].holds == len(G)

@@ -13,7 +13,7 @@ from ...core.arguments import listed, whole
 from ...core.declared import one_of
 from ...core.leaves import leaf, option
 from ...core.validation import Value, refusal
-from ...math.shapes import broadcast_shapes
+from ...math.shapes import stacked
 from .effect import Effect
 from .values import Along, Inputs, LoadValue, PerElement, line_value, value_at
 
@@ -86,8 +86,7 @@ class Actuation(Effect):
             like.new_zeros(1, 3) if v is None else self._value(v, t, inputs, like, count)
             for v in (self.strain, self.curvature)
         ]
-        lead = broadcast_shapes(*(p.shape[:-1] for p in parts))
-        both = torch.cat([p.expand(*lead, 3) for p in parts], -1)
+        both = stacked(*parts, axis=-1)
         if self.elements is None:
             return both
         part = isinstance(self.elements, slice)
