@@ -46,7 +46,7 @@ def declaration(
 
 
 def _signed(name: str, value: Value, size: tuple[int, ...], zero: bool, copied: bool) -> Any:
-    value = _sized(name, parameter(name, value, zero=zero), size)
+    value = sized(name, parameter(name, value, zero=zero), size)
     return own(value) if copied else value
 
 
@@ -55,7 +55,7 @@ def _finite(name: str, value: Value, size: tuple[int, ...], copied: bool) -> Any
     return own(value) if copied else value
 
 
-def _sized(name: str, value: Tensor | np.ndarray, size: tuple[int, ...]) -> Tensor | np.ndarray:
+def sized(name: str, value: Tensor | np.ndarray, size: tuple[int, ...]) -> Tensor | np.ndarray:
     """`value` if its last axes have this size; ValueError otherwise."""
     if size:
         axis_last(name, value, size[-1])
@@ -67,7 +67,7 @@ def _sized(name: str, value: Tensor | np.ndarray, size: tuple[int, ...]) -> Tens
 
 def real_numbers(name: str, value: Value, *size: int) -> Tensor | np.ndarray:
     """Finite numbers, in their last axes as many as `size`; ValueError otherwise."""
-    value = _sized(name, plain(value), size)
+    value = sized(name, plain(value), size)
     check_finite(name, torch.as_tensor(value))
     return value
 

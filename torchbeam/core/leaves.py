@@ -152,7 +152,7 @@ class Tree:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """ValueError for what another version has saved, whose class had other fields."""
-        own = [one.name for one in fields(self)] if is_dataclass(self) else []
+        own = [field.name for field in fields(self)] if is_dataclass(self) else []
         lacks = [name for name in own if name not in state and not hasattr(type(self), name)]
         if lacks:
             raise ValueError(

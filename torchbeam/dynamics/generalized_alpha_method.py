@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean
 from ..core.leaves import wants_gradient
-from ..core.validation import concrete, shown
+from ..core.validation import concrete, refusal, shown
 from ..equations.generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from ..nodal.model import Model
 from ..state.state import State
@@ -31,9 +31,7 @@ class GeneralizedAlphaMethod(Method):
             )
         rho = 0.8 if rho_inf is None else rho_inf
         if isinstance(rho, bool) or not isinstance(rho, (int, float)) or not 0 <= rho <= 1:
-            raise ValueError(
-                f"rho_inf = {shown(rho_inf)} was given; a number from 0 to 1 is wanted"
-            )
+            raise refusal(f"rho_inf = {shown(rho_inf)}", "a number from 0 to 1")
         return cls(rho_inf=rho)
 
     def check(self, model: Model) -> None:

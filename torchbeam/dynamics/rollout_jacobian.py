@@ -68,40 +68,21 @@ def rollout_jacobian(
         >>> tips.shape, slopes.shape
         (torch.Size([4, 3]), torch.Size([4, 3, 20, 3]))
     """
-    instance("a stepper", stepper, Stepper)
-    if torch.is_inference_mode_enabled():
-        raise ValueError(
-            "derivatives of a rollout within torch.inference_mode() were asked for, which records "
-            "none; torch.no_grad() is wanted in its place"
-        )
-    if not instance("by", by, Tensor).requires_grad:
-        raise ValueError("by was given without gradient; a tensor that requires it is wanted")
-    if count("steps", steps) % count("every", every):
-        raise ValueError(f"every = {every} was given for {steps} steps; a divisor is wanted")
+    _check(stepper, steps, by, every)
     with torch.enable_grad():
         plan = plan_of(stepper, state, steps, merge_inputs(inputs, {}))
         made = whole_of([part.states() for part in make_steps(stepper, state, plan)])
-        fields = {
-            leaf.name: leaf.value
-            for leaf in own_leaves(made)
-            if leaf.value is not None and leaf.value.requires_grad
-        }
+        held = {leaf.name: leaf.value for leaf in own_leaves(made) if leaf.value is not None}
+        fields = {name: x for name, x in held.items() if x.requires_grad}
         at = slice(every - 1, None, every)
         ends = {name: x.detach()[at].requires_grad_() for name, x in fields.items()}
         reached = with_values(made.map(lambda x: x.detach()[at]), **ends)
         values = _read(read, stepper.model.space.to_public(reached))
-    batch = reached.t.shape
-    if not isinstance(values, Tensor) or values.shape[:-1] != batch:
-        kind = tuple(values.shape) if isinstance(values, Tensor) else type(values).__name__
-        raise ValueError(
-            f"read gave {kind} of states {tuple(batch)}; a tensor with these axes and one more is "
-            "wanted"
-        )
     S, r = len(values), values.shape[-1]
     if not values.numel():
         return values.detach(), by.new_zeros(S, r, *by.shape)
     slopes, direct = _slopes(values, ends, by)
-    row = steps * batch[1:].numel()
+    row = steps * reached.t.shape[1:].numel()
     parts = min(PARTS, max(1, S * r * row // WORTH))
     size = max(1, min(ROOM // row, -(-S * r // parts)))
     sweeps = [
@@ -117,15 +98,37 @@ def rollout_jacobian(
     return values.detach(), whole.reshape(S, r, *by.shape)
 
 
+def _check(stepper: Stepper, steps: int, by: Tensor, every: int) -> None:
+    """ValueError where there is no such jacobian."""
+    instance("a stepper", stepper, Stepper)
+    if torch.is_inference_mode_enabled():
+        raise ValueError(
+            "derivatives of a rollout within torch.inference_mode() were asked for, which records "
+            "none; torch.no_grad() is wanted in its place"
+        )
+    if not instance("by", by, Tensor).requires_grad:
+        raise ValueError("by was given without gradient; a tensor that requires it is wanted")
+    if count("steps", steps) % count("every", every):
+        raise ValueError(f"every = {every} was given for {steps} steps; a divisor is wanted")
+
+
 def _read(read: Callable[[State], Tensor], states: State) -> Tensor:
     """read(states); what cannot be called so is refused in a sentence (which is looked for where
-    that fails: to look beforehand takes as long as twenty tensor operations).
+    that fails: to look beforehand takes as long as twenty tensor operations), as are other shapes.
     """
     try:
-        return read(states)
+        values = read(states)
     except TypeError:
         function("read", read, "states")
         raise
+    batch = states.t.shape
+    if not isinstance(values, Tensor) or values.shape[:-1] != batch:
+        kind = tuple(values.shape) if isinstance(values, Tensor) else type(values).__name__
+        raise ValueError(
+            f"read gave {kind} of states {tuple(batch)}; a tensor with these axes and one more is "
+            "wanted"
+        )
+    return values
 
 
 def _slopes(values: Tensor, ends: dict[str, Tensor], by: Tensor) -> tuple[dict[str, Tensor], bool]:

@@ -67,33 +67,14 @@ def implicit_run(
 ) -> Solution:
     if progress is not None:
         check_function("progress", progress, "done", "steps")
-    exact, t = t, t.to(scene.dtype)
-    instants = concrete(exact).tolist()
-    gaps, whole = [b - a for a, b in pairwise(instants)], instants[-1] - instants[0]
-    step = step_size("step", step) if step is not None else min(*gaps, whole / STEPS)
-    check_memory(
-        f"the plan of {whole / step:.3g} steps of {step:g} s",
-        PLAN * whole / step,
-        "a longer step is wanted",
-    )
-    latest = max(map(abs, instants))
-    check_digits(min(gaps), latest, digits)
-    check_digits(step, latest, scene.dtype)
-    # of an interval, in steps; less than one is told from none by what the instants tell
-    rounding = min(1e-6 + 2 * torch.finfo(digits).eps * latest / step, 0.5)
-    counts = [max(1, math.ceil(gap / step - rounding)) for gap in gaps]
+    step, counts, lengths, begins = _equal_steps(t, digits, step, scene.dtype)
     plan = [(k, i) for k, count in enumerate(counts) for i in range(count)]  # interval, step in it
-    lengths, begins = exact.diff(), exact[:-1]
-    if len(plan) > len(counts):
-        interval, part = (torch.tensor(x, device=t.device) for x in zip(*plan, strict=True))
-        lengths = (lengths / exact.new_tensor(counts))[interval]
-        begins = begins[interval] + part * lengths
+    t = t.to(scene.dtype)
     lengths, known = lengths.to(t), begins.to(t)
     stepper = prepared(scene, step, method, **options)
     changing(inputs, len(counts))
-    at = t[0]
-    first = inputs_at(inputs, at, t)
-    start = stepper._begin(_begin(stepper.model, initial, at), lengths[0], inputs=first)
+    first = inputs_at(inputs, t[0], t)
+    start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
     begun = stepper.remember(start, stepper.reduced(start), well=False)
     check_room(stepper, start, first, len(plan), len(t), checkpoint)
     names, reported = tuple(vars(start)), 0
@@ -153,6 +134,34 @@ def implicit_run(
     )
     states = ReducedStates(begun, parts, stepper.model.space)
     return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
+
+
+def _equal_steps(
+    t: Tensor, digits: torch.dtype, step: float | None, dtype: torch.dtype
+) -> tuple[float, list[int], Tensor, Tensor]:
+    """The step s, None = its default, how many of them are in each interval between instants t
+    (time,), and of all steps their lengths and begins (steps,) s. Raises MemoryError for more than
+    there is memory for, ValueError for what the digits of instants and states do not tell.
+    """
+    instants = concrete(t).tolist()
+    gaps, whole = [b - a for a, b in pairwise(instants)], instants[-1] - instants[0]
+    step = step_size("step", step) if step is not None else min(*gaps, whole / STEPS)
+    what = f"the plan of {whole / step:.3g} steps of {step:g} s"
+    check_memory(what, PLAN * whole / step, "a longer step is wanted")
+    latest = max(map(abs, instants))
+    check_digits(min(gaps), latest, digits)
+    check_digits(step, latest, dtype)
+    # of an interval, in steps; less than one is told from none by what the instants tell
+    rounding = min(1e-6 + 2 * torch.finfo(digits).eps * latest / step, 0.5)
+    counts = [max(1, math.ceil(gap / step - rounding)) for gap in gaps]
+    lengths, begins = t.diff(), t[:-1]
+    if sum(counts) > len(counts):
+        number = torch.tensor(counts, device=t.device)
+        interval = torch.arange(len(counts), device=t.device).repeat_interleave(number)
+        part = torch.cat([torch.arange(n, device=t.device) for n in counts])
+        lengths = (lengths / t.new_tensor(counts))[interval]
+        begins = begins[interval] + part * lengths
+    return step, counts, lengths, begins
 
 
 def adaptive_run(

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from ..core.validation import broadcast, shown
+from ..core.validation import broadcast, refusal, shown
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.moves import move_between, moved
 from ..scene.effects import Inputs
@@ -99,9 +99,7 @@ def step_jacobian(
     Constants: no derivatives go through them.
     """
     if not hasattr(coordinates, "reads"):
-        raise ValueError(
-            f"model = {shown(coordinates)} was given; what `linearize` returns is wanted"
-        )
+        raise refusal(f"model = {shown(coordinates)}", "what `linearize` returns")
     start = space.to_reduced(state.detach())
     lead = broadcast(
         "a state, a model and inputs",

@@ -15,7 +15,7 @@ from torch import Tensor
 from ..core.arguments import boolean, tolerance
 from ..core.arguments import options as check_options
 from ..core.status import FAILED, named
-from ..core.validation import broadcast, increasing
+from ..core.validation import broadcast, increasing, refusal
 from ..core.warning import warn
 
 # torchdiffeq's names; it is imported where it is first used: with it comes scipy, which takes
@@ -83,10 +83,7 @@ def integrate(
     increasing("t", t)
     boolean("adjoint", adjoint)
     if options is not None and not isinstance(options, dict):
-        raise ValueError(
-            f"options of type {type(options).__name__} was given; a dictionary of torchdiffeq's "
-            "is wanted"
-        )
+        raise refusal(f"options of type {type(options).__name__}", "a dictionary of torchdiffeq's")
     check_options(f"torchdiffeq's {method!r}", options or {}, known_options(method))
     for name, value in dict(rtol=rtol, atol=atol).items():
         broadcast(
@@ -104,6 +101,17 @@ def integrate(
     solve = _Solve(
         rhs, y0, method, dict(rtol=rtol, atol=atol), dict(options or {}), adjoint, parameters, after
     )
+    ys, status = _solved(solve, t)
+    if adjoint:
+        _check_reconstruction(solve, ys, t)
+    return ys, status.view(len(t), *y0.shape[:-1]), solve.evaluations
+
+
+def _solved(solve: _Solve, t: Tensor) -> tuple[Tensor, Tensor]:
+    """ys (T, ..., n) and status (T, samples), see `integrate`, run again without each sample that
+    failed.
+    """
+    y0, method = solve.y0, solve.method
     good: dict[int, Tensor] = {}  # failed sample -> its outputs, held from the failure on
     status = torch.zeros(len(t), y0.shape[:-1].numel(), dtype=torch.long, device=y0.device)
     while True:
@@ -126,12 +134,9 @@ def integrate(
         warn(sentence)
     if good:
         flat = ys.reshape(len(t), -1, y0.shape[-1])
-        ys = torch.stack([good.get(row, flat[:, row]) for row in range(flat.shape[1])], 1).view_as(
-            ys
-        )
-    if adjoint:
-        _check_reconstruction(solve, ys, t)
-    return ys, status.view(len(t), *y0.shape[:-1]), solve.evaluations
+        each = [good.get(row, flat[:, row]) for row in range(flat.shape[1])]
+        ys = torch.stack(each, 1).view_as(ys)
+    return ys, status
 
 
 def leaves(rhs: Rates, y: Tensor, t: Tensor, throughout: bool) -> tuple[Tensor, ...]:
@@ -181,13 +186,8 @@ class _Solve:
     def __init__(self, rhs, y0, method, tolerances, options, adjoint, parameters, after) -> None:
         from torchdiffeq import odeint, odeint_adjoint
 
-        self.rhs, self.y0, self.method, self.after, self.tolerances = (
-            rhs,
-            y0,
-            method,
-            after,
-            tolerances,
-        )
+        self.rhs, self.y0, self.method = rhs, y0, method
+        self.after, self.tolerances = after, tolerances
         self.adaptive = method in ADAPTIVE
         self.options = options
         if self.adaptive:

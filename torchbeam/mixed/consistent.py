@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import choice, instance, instant
-from ..core.validation import Value, as_tensor, finite
+from ..core.validation import Value, as_tensor, finite, refusal
 from ..math import wiener_milenkovic as rot
 from ..math.shapes import broadcast_shapes
 from ..scene.scene import Scene
@@ -151,9 +151,7 @@ def consistent_state(
             default if value is None else finite(name, as_tensor(value, scene.dtype, scene.device))
         )
         if value.shape[-2:] != (model.count, 3):
-            raise ValueError(
-                f"{name} of shape {tuple(value.shape)} was given; (..., {model.count}, 3) is wanted"
-            )
+            raise refusal(f"{name} of shape {tuple(value.shape)}", f"(..., {model.count}, 3)")
         given.append(value)
     return complete(model, t, torch.broadcast_tensors(*given, rest[0])[:4])
 

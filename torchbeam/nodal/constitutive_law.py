@@ -303,20 +303,23 @@ def _by_part(scene: Scene, retardations: list[Tensor], like: Tensor) -> Tensor:
     """Retardations of one beam each (..., N or 1, k or 1, *), in the form of S where one of them is
     a matrix: (..., N, *).
     """
-    if any(one.shape[-2] > 1 for one in retardations):
+    if any(retardation.shape[-2] > 1 for retardation in retardations):
         k = like.shape[-2]
         unit = (
             like.new_ones(k, 1)
             if like.shape[-1] == 1
             else torch.eye(k, dtype=like.dtype, device=like.device)
         )
-        retardations = [one * unit if one.shape[-2] == 1 else one for one in retardations]
+        retardations = [
+            retardation * unit if retardation.shape[-2] == 1 else retardation
+            for retardation in retardations
+        ]
     total = 0.0
-    for one, damping in zip(retardations, scene.dampings, strict=True):
+    for retardation, damping in zip(retardations, scene.dampings, strict=True):
         (span,) = scene.beam.spans(damping)
         here = torch.zeros(scene.beam.station_count, 1, 1, dtype=like.dtype, device=like.device)
         here[span.stations] = 1
-        total = total + here * one
+        total = total + here * retardation
     return total
 
 

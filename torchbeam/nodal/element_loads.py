@@ -19,6 +19,7 @@ from torch.nn.functional import pad
 from ..math.quadratic import X, gauss_points, values_at
 from ..math.shapes import stacked
 from ..scene.effects import Contact, LoadPoint
+from ..scene.effects.load_point import POSITION, SPIN, VELOCITY
 from ..scene.stations import Table
 from ..topology.protocols import Blocks, Matrix
 from . import interactions
@@ -26,6 +27,7 @@ from .acting import ActingLoad
 from .between_nodes import Told
 from .conditions import Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
+from .loads import load_point as place_of
 from .rows import Rows
 from .sample_check import check_samples, tried
 
@@ -191,22 +193,19 @@ def load_point(
     rows: Rows, acting: ActingLoad, nodes: Nodes, now: Conditions, told: Tensor | None = None
 ) -> LoadPoint:
     """The points (..., points, 3) of the elements along which a load acts, one after the other."""
-    space = rows.space
-    public = {
-        "position": space.public_position,
-        "velocity": space.public_vector,
-        "spin": space.public_spin,
+    read = {name: getattr(nodes, name) for name in (POSITION, VELOCITY, SPIN)}
+    at = {
+        name: _at_points(rows, acting, x)
+        for name, x in read.items()
+        if name in acting.reads and x is not None
     }
-    motion = {
-        name: to(_at_points(rows, acting, getattr(nodes, name)))
-        for name, to in public.items()
-        if name in acting.reads and getattr(nodes, name) is not None
-    }
-    position = motion["position"]
+    position = at[POSITION]
     axes = torch.eye(3, dtype=position.dtype, device=position.device)
-    return LoadPoint(
-        axes.expand(*position.shape, 3),
-        **motion,
+    return place_of(
+        rows.space,
+        acting.load,
+        acting.reads,
+        Nodes(**at, rotation=None, axes=axes.expand(*position.shape[:-1], 3, 3)),
         dt=nodes.dt if acting.load.wants_step else None,
         frame=now.velocities if acting.load.wants_frame else (None, None),
         told=told,

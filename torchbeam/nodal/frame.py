@@ -53,17 +53,9 @@ class FixedFrame(Tree):
         """Absolute rate of a vector (..., p) with this rate in frame a."""
         return rate
 
-    def rate_by(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
-        """The same of columns (..., p, n)."""
-        return rate
-
-    def spin_rate(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
-        """As `rate`, of spins and angular momenta (..., s)."""
-        return rate
-
-    def spin_rate_by(self, rate: Tensor, vector: Callable[[], Tensor]) -> Tensor:
-        """The same of columns (..., s, n)."""
-        return rate
+    rate_by = rate  # of columns (..., p, n)
+    spin_rate = rate  # of spins and angular momenta (..., s)
+    spin_rate_by = rate  # of columns (..., s, n)
 
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor | None:
         """Frame a -> inertial axes, dt (...) s after `start`; None where the frame does not

@@ -29,7 +29,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import Tree
-from ..core.validation import concrete
+from ..core.validation import concrete, refusal
 from ..core.warning import warn
 from ..math import quaternions as quat
 from ..math.quaternions import skew
@@ -158,28 +158,10 @@ def inertia_of(
     Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or
     that changes too much within an element of order 2 to be shared among its nodes.
     """
-    h = beam.length[..., None]
+    h, interpolation = beam.length[..., None], assembly.interpolation
     _check_mass(beam.mass.detach(), beam.offset)
     m = beam.mass[..., :1, 0]
-    part = h[..., None] * beam.mass
-    interpolation = assembly.interpolation
-    alike = interpolation.order + 1  # nodes of an element, which all see the same
-    parts = (part,) * alike
-    if beam.curved:  # the section's mass, seen from the axes of the element's nodes
-        parts = tuple(
-            _turned(part, quat.multiply(quat.conjugate(q), own))
-            for q, own in zip(
-                assembly.ends(beam.frames), interpolation.axes_at_nodes(beam.elements), strict=True
-            )
-        )
-    mass, tributary_length = assembly.shared(parts, 2), assembly.shared((h,) * alike)
-    if not interpolation.positive:
-        own = concrete(mass.diagonal(dim1=-2, dim2=-1))
-        if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
-            raise ValueError(
-                "a mass or inertia that changes more than threefold within an element of order "
-                f"{beam.order} was given; more elements are wanted"
-            )
+    mass, tributary_length = _shared_by_nodes(beam, assembly)
     rigid = None if lumped else rigid_elements(impossible, beam, space)
     if beam.linked_interpolation:
         density = m[..., 0]
@@ -231,6 +213,27 @@ def inertia_of(
     return inertia, mass / tributary_length[..., None], tributary_length
 
 
+def _shared_by_nodes(beam: Beam, assembly: Assembly) -> tuple[Tensor, Tensor]:
+    """Mass (..., N+1, 6, 6) about each node, and length (..., N+1, 1) of what elements share out to
+    their nodes, which all see the same of them.
+    """
+    h, interpolation = beam.length[..., None], assembly.interpolation
+    parts = (h[..., None] * beam.mass,) * (interpolation.order + 1)
+    if beam.curved:  # the section's mass, seen from the axes of the element's nodes
+        seen = assembly.ends(beam.frames), interpolation.axes_at_nodes(beam.elements)
+        turns = (quat.multiply(quat.conjugate(q), own) for q, own in zip(*seen, strict=True))
+        parts = tuple(_turned(parts[0], turn) for turn in turns)
+    mass = assembly.shared(parts, 2)
+    if not interpolation.positive:
+        own = concrete(mass.diagonal(dim1=-2, dim2=-1))
+        if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
+            raise ValueError(
+                "a mass or inertia that changes more than threefold within an element of order "
+                f"{beam.order} was given; more elements are wanted"
+            )
+    return mass, assembly.shared((h,) * (interpolation.order + 1))
+
+
 def _along(beam: Beam, rule: Callable[..., Tensor], *densities: Tensor | float) -> list[Tensor]:
     """What a rule of quadrature says of each beam by itself; densities (..., N or 1) per metre."""
     if not beam.parts:
@@ -279,9 +282,7 @@ def _check_mass(mass: Tensor, offset: bool) -> None:
     m = mass[..., :1, 0]
     eye = torch.eye(3, dtype=m.dtype, device=m.device)
     if concrete((mass[..., :3, :3] - m[..., None] * eye).abs() > 1e-6 * m[..., None]).any():
-        raise ValueError(
-            "a mass per length that depends on the direction was given; M11 = m I is wanted"
-        )
+        raise refusal("a mass per length that depends on the direction", "M11 = m I")
     M21 = mass[..., 3:, :3]
     size = (m * mass[..., 3:, 3:].diagonal(dim1=-2, dim2=-1)).abs().amax(-1)[..., None, None].sqrt()
     if offset and concrete((M21 + M21.mT).abs() > 1e-6 * size).any():

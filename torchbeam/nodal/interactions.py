@@ -247,7 +247,7 @@ def couplings_of(scene: Any, space: Spatial) -> BetweenNodes:
     if not scene.interactions:
         return BetweenNodes()
     w, like = space.unknowns, scene.beam.nodes
-    counts = [one.unknowns for one in scene.interactions if one.unknowns]
+    counts = [interaction.unknowns for interaction in scene.interactions if interaction.unknowns]
     if not counts:
         return Couplings(space)
     if max(counts) > w:

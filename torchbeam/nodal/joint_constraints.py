@@ -104,7 +104,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
         return BetweenNodes()
     bare = tuple(map(_without_laws, scene.joints))
     fields = remembered(_as_drawn, bare, unstressed(scene.beam), space, topology)
-    behind = sum(bool(one.unknowns) for one in scene.interactions)
+    behind = sum(bool(interaction.unknowns) for interaction in scene.interactions)
     fields = fields | dict(space=space, framework=topology, balls=_balls(scene), behind=behind)
     if not any(joint.acts for joint in scene.joints):
         return Joints(**fields)

@@ -111,12 +111,12 @@ class Model(Rows):
     @property
     def touches(self) -> bool:
         """Whether there are contacts."""
-        return any(one.touches for one in (*self.scene.loads, *self.scene.pairs))
+        return any(effect.touches for effect in (*self.scene.loads, *self.scene.pairs))
 
     @property
     def rubs(self) -> bool:
         """Whether there is friction of contacts."""
-        return any(one.rubs for one in (*self.scene.loads, *self.scene.pairs))
+        return any(effect.rubs for effect in (*self.scene.loads, *self.scene.pairs))
 
     @property
     def patient(self) -> bool:

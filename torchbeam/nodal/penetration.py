@@ -32,7 +32,7 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     nodes = Nodes(state.position, state.rotation, state.velocity, state.spin)
     loads = tuple(load for load in model.scene.loads if load.between_nodes and not load.push_out)
     now = conditions(model, t, {}, loads=loads).between if loads else ()
-    for acting in (at_points(model, one) for one in now):
+    for acting in (at_points(model, acting) for acting in now):
         point = load_point(model, acting, nodes, conditions(model, t, {}, loads=()))
         load = acting.load
 
@@ -61,11 +61,11 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     motion = PairMotion(
         model.space.public_position(nodes.position), axes=(model.space.axes(nodes.rotation),)
     )
-    for one in model.touching.each if model.touching.present else ():
-        law, near = one.contact, one.nearby(motion)
+    for part_contact in model.touching.each if model.touching.present else ():
+        law, near = part_contact.contact, part_contact.nearby(motion)
         if law.push_out or not len(near.point):
             continue
-        pairs = one.pairs(near)
+        pairs = part_contact.pairs(near)
         found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
         own, thick = pairs.radii_at(found.shares).sum(-1) / 2, law.thickness[..., None]
         _refuse(

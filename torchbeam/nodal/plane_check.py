@@ -34,29 +34,21 @@ def check_plane(model: Model) -> None:
         _refuse(space, called, load, space.embed(space.project(load)))
     for load in scene.loads:
         if load.between_nodes and constant(load):
-            pushed = load.directions(beam.nodes)
-            _refuse(
-                space, load.called, pushed, space.project_vector(pushed) @ space.basis[:, :2].mT
-            )
+            _refuse_vector(space, load.called, load.directions(beam.nodes))
         if load.offset is not None:
             _refuse_offset(space, load)
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
             if load.offset is not None:
                 to = to - (model.drawn_axes[..., load.node, :, :] @ load.offset[..., None])[..., 0]
-            _refuse(
-                space,
-                f"a {load.called} to a point",
-                to,
-                space.project_vector(to) @ space.basis[:, :2].mT,
-            )
+            _refuse_vector(space, f"a {load.called} to a point", to)
     for effect in scene.eigenstrains:
         if constant(effect):
             own = effect.eigenstrain(beam.nodes.new_zeros(()), {}, model.length, beam.element_count)
             _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
     for tendon in scene.tendons:
         points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
-        _refuse(space, "a Tendon", points, space.project_vector(points) @ space.basis[:, :2].mT)
+        _refuse_vector(space, "a Tendon", points)
     for body in scene.bodies:
         if body.offset is not None:
             _refuse_offset(space, body)
@@ -65,27 +57,17 @@ def check_plane(model: Model) -> None:
             # products of inertia with the normal
             across = J[..., 2:, :] * J.new_tensor((1.0, 1.0, 0.0))
             _refuse(space, "PointMass", J[..., 2:, :], J[..., 2:, :] - across)
-    motions = (
-        []
-        if scene.frame is None
-        else [
-            ("a frame with a velocity", scene.frame.velocity, False),
-            ("a frame that turns", scene.frame.angular_velocity, True),
-        ]
-    )
-    for support in scene.supports:
-        motions += [
-            ("a displacement of a support", support.displacement, False),
-            ("a turn of a support", support.turn, True),
-        ]
-    for what, x, turns in motions:
+    moves = [("a displacement of a support", support.displacement) for support in scene.supports]
+    turns = [("a turn of a support", support.turn) for support in scene.supports]
+    if scene.frame is not None:
+        moves.insert(0, ("a frame with a velocity", scene.frame.velocity))
+        turns.insert(0, ("a frame that turns", scene.frame.angular_velocity))
+    for what, x in moves:
         if isinstance(x, Tensor):
-            inside = (
-                space.project_spin(x) @ space.basis[:, 2:].mT
-                if turns
-                else space.project_vector(x) @ space.basis[:, :2].mT
-            )
-            _refuse(space, what, x, inside)
+            _refuse_vector(space, what, x)
+    for what, x in turns:
+        if isinstance(x, Tensor):
+            _refuse(space, what, x, space.project_spin(x) @ space.basis[:, 2:].mT)
 
 
 def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
@@ -132,6 +114,10 @@ def _inside(model: Model, load: Any) -> bool:
 def _refuse_offset(space: Planar, effect: Any) -> None:
     inside = space.project_offset(effect.offset) @ space.section[:, :2].mT
     _refuse(space, effect.called, effect.offset, inside)
+
+
+def _refuse_vector(space: Planar, what: str, x: Tensor) -> None:
+    _refuse(space, what, x, space.project_vector(x) @ space.basis[:, :2].mT)
 
 
 def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:

@@ -34,7 +34,11 @@ def forces_between_nodes(scene: Scene) -> str | None:
         return f"a {scene.joints[0].called}"
     if scene.tendons:
         return "a Tendon"
-    bound = [one.called for one in scene.interactions if one.unknowns or one.memory]
+    bound = [
+        interaction.called
+        for interaction in scene.interactions
+        if interaction.unknowns or interaction.memory
+    ]
     if bound:
         return f"a {bound[0]} with unknowns or a memory"
     return f"a {scene.pairs[0].called} of two parts" if scene.pairs else None

@@ -207,20 +207,20 @@ class Rows(Tree):
     def interactions(self) -> tuple[BetweenNodes, ...]:
         """All that acts between nodes."""
         every = self.joints, self.tendons, self.touching, self.couplings
-        return tuple(one for one in every if one.present)
+        return tuple(interaction for interaction in every if interaction.present)
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any = None, moving: Any = None
     ) -> dict[str, Any]:
         """See `BetweenNodes`, of all of these."""
-        for one in self.interactions:
-            fields = one.finished(fields, motion, before, moving)
+        for interaction in self.interactions:
+            fields = interaction.finished(fields, motion, before, moving)
         return fields
 
     @cached
     def multipliers(self) -> Multipliers:
         """Unknowns of these, one after the other."""
-        every = [own for one in self.interactions if (own := one.multipliers).count]
+        every = [own for interaction in self.interactions if (own := interaction.multipliers).count]
         if len(every) < 2:
             return every[0] if every else Multipliers()
         return Multipliers(torch.cat([own.held for own in every]), every[0].size)
@@ -236,7 +236,7 @@ class Rows(Tree):
         and limits of joints within a hundredth of their range: what is left is measured there, not
         foreseen.
         """
-        return all(one.smooth for one in self.interactions)
+        return all(interaction.smooth for interaction in self.interactions)
 
     def depends_on(self, load: Any) -> frozenset[str]:
         """What a load's wrench depends on."""

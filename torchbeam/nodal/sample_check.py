@@ -38,15 +38,17 @@ _TRIED: dict[int, Any] = {}  # functions and classes by id; no result depends on
 
 def written(load: Any) -> tuple[Any, ...]:
     """Functions of the motion that a user wrote and a load holds; its class, if a user wrote it."""
-    functions = [one.value for one in own_leaves(load) if one.axes is None and callable(one.value)]
+    functions = [
+        leaf.value for leaf in own_leaves(load) if leaf.axes is None and callable(leaf.value)
+    ]
     return (*functions, *(() if of_library(load) else (type(load),)))
 
 
 def tried(functions: tuple[Any, ...]) -> bool:
     """Whether all of these have been."""
-    for one in functions:
-        held = _TRIED.get(id(one))
-        if held is None or (held() if isinstance(held, ref) else held) is not one:
+    for function in functions:
+        held = _TRIED.get(id(function))
+        if held is None or (held() if isinstance(held, ref) else held) is not function:
             return False
     return True
 
@@ -79,8 +81,8 @@ def check_samples(
             "them changes with the others, or with their number; a function of each sample's own "
             "motion is wanted (no mean, sort, roll, shape of the leading axes)"
         )
-    for one in written(load):
-        _mark(one)
+    for function in written(load):
+        _mark(function)
 
 
 def _mark(one: Any) -> None:
@@ -94,7 +96,7 @@ def _mark(one: Any) -> None:
 def _called(load: Any) -> str:
     if not of_library(load):
         return f"an effect of the class {type(load).__name__}"
-    names = [getattr(one, "__name__", type(one).__name__) for one in written(load)]
+    names = [getattr(function, "__name__", type(function).__name__) for function in written(load)]
     return f"{load.called} with the function {' and '.join(map(repr, names))}"
 
 

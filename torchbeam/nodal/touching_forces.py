@@ -244,23 +244,23 @@ class AllTouching(AnyTouching):
 
     @property
     def dissipative(self) -> bool:
-        return any(one.lossy for one in self.each)
+        return any(part_contact.lossy for part_contact in self.each)
 
     @property
     def reads(self) -> frozenset[str]:
-        return frozenset().union(*(one.reads for one in self.each))
+        return frozenset().union(*(part_contact.reads for part_contact in self.each))
 
     @property
     def every(self) -> int:
-        return sum(one.every for one in self.each)
+        return sum(part_contact.every for part_contact in self.each)
 
     def near(self, motion: PairMotion) -> list[Near]:
         near, first = [], 0
-        for one in self.each:
-            if len((own := one.nearby(motion)).point):
-                rows = first + own.point * len(one.pieces) + own.piece
-                near.append(Near(one.pairs(own), own.nodes, rows))
-            first += one.every
+        for part_contact in self.each:
+            if len((own := part_contact.nearby(motion)).point):
+                rows = first + own.point * len(part_contact.pieces) + own.piece
+                near.append(Near(part_contact.pairs(own), own.nodes, rows))
+            first += part_contact.every
         return near
 
 

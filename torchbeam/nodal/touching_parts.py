@@ -23,7 +23,11 @@ def touching_of(scene: Scene, space: Spatial, s: Tensor) -> BetweenNodes:
     """Of a scene; s (..., N+1) m, arclength of its nodes."""
     if not scene.pairs:
         return BetweenNodes()
-    each = [one for k, pair in enumerate(scene.pairs) for one in _both(scene, pair, k, s)]
+    each = [
+        part_contact
+        for k, pair in enumerate(scene.pairs)
+        for part_contact in _both(scene, pair, k, s)
+    ]
     eye = torch.eye(space.unknowns, dtype=scene.dtype, device=scene.device)
     return AllTouching(space, space.embed(eye), tuple(each))
 

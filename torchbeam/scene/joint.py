@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.declared import own, real_numbers
 from ..core.leaves import Tree, leaf, option
-from ..core.validation import Value, concrete
+from ..core.validation import Value, concrete, refusal
 from .parts import check_node, node_and_point
 from .structure import Structure
 
@@ -105,15 +105,10 @@ class Joint(Tree):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.a.node is None and self.b.node is None:
-            raise ValueError(
-                f"a {self.called} of the ground with itself was given; a part is wanted"
-            )
+            raise refusal(f"a {self.called} of the ground with itself", "a part")
         points = any(end.point is not None for end in (self.a, self.b))
         if self.at is not None and not self.distance and points:
-            raise ValueError(
-                f"a {self.called} at a place and at a point of a body was given; one of them is "
-                "wanted"
-            )
+            raise refusal(f"a {self.called} at a place and at a point of a body", "one of them")
 
     def __str__(self) -> str:
         ends = ("the ground" if end.node is None else repr(end) for end in (self.a, self.b))

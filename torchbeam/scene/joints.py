@@ -8,7 +8,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from ..core.declared import together
+from ..core.declared import sized, together
 from ..core.leaves import leaf
 from ..core.validation import Value, concrete, shown
 from .axes import axes_along
@@ -16,6 +16,7 @@ from .effects.values import OfTime, scalar_value
 from .joint import MET, VECTOR, CoordinateLaw, Joint
 from .structure import Structure
 
+LAWS = ("stiffness", "damping", "friction", "slip_speed", "limits", "limit_stiffness")
 SQUARE = {torch.float64: 1e-6, torch.float32: 1e-5}  # cosine between axes that are at right angles
 
 
@@ -39,32 +40,51 @@ class Weld(Joint):
     meets = False
 
 
-@dataclass(frozen=True)
-class AxisJoint(Joint):
-    """Base of joints with an axis.
+def _second(joint: DrivenJoint) -> int:
+    """How many axes a law's number has: one where there are two coordinates."""
+    return len(joint.GIVEN) - 1
 
-    axis  (..., 3), frame a, as drawn; of any length
+
+@dataclass(frozen=True)
+class DrivenJoint(Joint):
+    """Base of joints with an axis, and with a coordinate q, an angle in rad, counted over turns, or
+    a travel in m; zero as drawn. What acts in the joint acts on b, and its opposite on a. Where
+    there are two coordinates, laws are in pairs (..., 2), limits (..., 2, 2); 0 of what is not
+    there.
+
+    axis             (..., 3), frame a, as drawn; of any length
+    stiffness        (...) k, N m/rad or N/m: the effort -k q
+    damping          (...) c, N m s/rad or N s/m: -c q'
+    friction         (...) mu, N m or N: -mu q'/sqrt(q'^2 + s^2), Coulomb's law regularised with
+    slip_speed       (...) s, rad/s or m/s: far slower, it creeps
+    limits           (..., 2) lowest and highest q, beyond which an effort rises to the
+    limit_stiffness  (...) N m/rad or N/m, smoothly over a hundredth of the range between them
+    GIVEN            names of the effort, and of the coordinate, that may be given, by coordinate
+
+    Raises ValueError for a negative number, friction without a slip speed, limits without a
+    stiffness or in the wrong order, and for what acts along a coordinate that is prescribed.
     """
 
     axis: Value = leaf(1, default=(1.0, 0.0, 0.0), size=3, copied=True, name=VECTOR)
+    _: KW_ONLY
+    stiffness: Value | None = leaf(_second, default=None, nonnegative=True, copied=True)
+    damping: Value | None = leaf(_second, default=None, nonnegative=True, copied=True)
+    friction: Value | None = leaf(_second, default=None, nonnegative=True, copied=True)
+    slip_speed: Value | None = leaf(_second, default=None, positive=True, copied=True)
+    limits: Value | None = leaf(lambda x: 1 + _second(x), default=None, size=2, copied=True)
+    limit_stiffness: Value | None = leaf(_second, default=None, nonnegative=True, copied=True)
+
+    GIVEN: ClassVar[tuple[tuple[str, str], ...]]
 
     def axes(self, structure: Structure) -> Tensor:
         return axes_along(self.axis, None)
 
-
-@dataclass(frozen=True)
-class ActingJoint(AxisJoint):
-    """Base of joints in whose coordinates something acts, each by a law of its own; of several,
-    numbers of laws have a last axis, but limits one before theirs.
-
-    GIVEN  names of the effort, and of the coordinate, that may be given, by coordinate
-    """
-
-    GIVEN: ClassVar[tuple[tuple[str, str], ...]]
-
     def __post_init__(self) -> None:
         limits = self.limits
         super().__post_init__()
+        for name in LAWS if _second(self) else ():
+            if (value := getattr(self, name)) is not None:
+                sized(f"{self.called}'s {name}", value, (2, 2) if name == "limits" else (2,))
         if limits is not None:
             low, high = self.limits[..., 0], self.limits[..., 1]
             if concrete(torch.as_tensor(high <= low)).any():
@@ -85,7 +105,7 @@ class ActingJoint(AxisJoint):
     def law(self, coordinate: int) -> CoordinateLaw:
         if coordinate not in self.coordinates:
             return CoordinateLaw()
-        several = len(self.GIVEN) > 1
+        several = _second(self) > 0
 
         def own(value: Tensor | None) -> Tensor | None:
             return value[..., coordinate] if several and value is not None else value
@@ -97,31 +117,6 @@ class ActingJoint(AxisJoint):
             own(self.limit_stiffness),
             *(getattr(self, name) for name in self.GIVEN[coordinate if several else 0]),
         )
-
-
-@dataclass(frozen=True)
-class DrivenJoint(ActingJoint):
-    """Base of joints with one coordinate q, an angle in rad, counted over turns, or a travel in m;
-    zero as drawn. What acts in the joint acts on b, and its opposite on a.
-
-    stiffness        (...) k, N m/rad or N/m: the effort -k q
-    damping          (...) c, N m s/rad or N s/m: -c q'
-    friction         (...) mu, N m or N: -mu q'/sqrt(q'^2 + s^2), Coulomb's law regularised with
-    slip_speed       (...) s, rad/s or m/s: far slower, it creeps
-    limits           (..., 2) lowest and highest q, beyond which an effort rises to the
-    limit_stiffness  (...) N m/rad or N/m, smoothly over a hundredth of the range between them
-
-    Raises ValueError for a negative number, friction without a slip speed, limits without a
-    stiffness or in the wrong order, and for what acts along a coordinate that is prescribed.
-    """
-
-    _: KW_ONLY
-    stiffness: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
-    damping: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
-    friction: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
-    slip_speed: Value | None = leaf(0, default=None, positive=True, copied=True)
-    limits: Value | None = leaf(1, default=None, size=2, copied=True)
-    limit_stiffness: Value | None = leaf(0, default=None, nonnegative=True, copied=True)
 
 
 @dataclass(frozen=True)
@@ -176,20 +171,7 @@ class Slider(DrivenJoint):
 
 
 @dataclass(frozen=True)
-class PairJoint(ActingJoint):
-    """Base of joints with two coordinates, whose laws are in pairs, 0 of what is not there."""
-
-    _: KW_ONLY
-    stiffness: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
-    damping: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
-    friction: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
-    slip_speed: Value | None = leaf(1, default=None, positive=True, size=2, copied=True)
-    limits: Value | None = leaf(2, default=None, size=(2, 2), copied=True)
-    limit_stiffness: Value | None = leaf(1, default=None, nonnegative=True, size=2, copied=True)
-
-
-@dataclass(frozen=True)
-class Cylindrical(PairJoint):
+class Cylindrical(DrivenJoint):
     """b slides along an axis of a, and turns about it. What acts on the turn and on the travel are
     those of a `Hinge` and of a `Slider`, in pairs (turn, travel); 0 of what is not there.
 
@@ -224,7 +206,7 @@ class Cylindrical(PairJoint):
 
 
 @dataclass(frozen=True)
-class Universal(PairJoint):
+class Universal(DrivenJoint):
     """b turns about two axes that stay at right angles: `axis`, which is fixed in a, and `second`,
     fixed in b. What acts on the two turns are those of a `Hinge`, in pairs (about axis, about
     second); 0 of what is not there.

@@ -238,7 +238,7 @@ class Scene(Tree):
     @cached
     def memory(self) -> tuple[int, int]:
         """How many interactions there are, and the most numbers that one of them remembers."""
-        sizes = [one.memory for one in self.interactions]
+        sizes = [interaction.memory for interaction in self.interactions]
         return len(sizes), max(sizes, default=0)
 
     @cached
@@ -246,7 +246,9 @@ class Scene(Tree):
         """How many rows a state's stress has: behind those of the beam own unknowns of
         interactions.
         """
-        return self.beam.stress_count + sum(bool(one.unknowns) for one in self.interactions)
+        return self.beam.stress_count + sum(
+            bool(interaction.unknowns) for interaction in self.interactions
+        )
 
     @cached
     def dampings(self) -> tuple[Damping, ...]:
@@ -274,11 +276,11 @@ class Scene(Tree):
 
     def _bound(self, given: Any) -> Any:
         """Effects, motions, supports with the scene's dtype and device."""
-        for one in given if isinstance(given, tuple) else (given,):
+        for part in given if isinstance(given, tuple) else (given,):
             try:
-                bound(one, self.dtype, self.device)
+                bound(part, self.dtype, self.device)
             except ValueError as error:
-                raise ValueError(f"{one.called} of {error}") from None
+                raise ValueError(f"{part.called} of {error}") from None
         return bound(given, self.dtype, self.device)
 
     @cached

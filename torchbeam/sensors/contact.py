@@ -92,14 +92,16 @@ class OfContact(OfScene):
     def _touching(self) -> list[Touching]:
         """Of two parts: the places of either that may touch the other."""
         number = next(k for k, pair in enumerate(self.scene.pairs) if pair is self._law)
-        return [one for one in self.model.touching.each if one.pair == number]
+        return [
+            part_contact for part_contact in self.model.touching.each if part_contact.pair == number
+        ]
 
     def _touches(self, state: State) -> list[tuple[Tensor, Touch]]:
         """What it does at its points, and the length (..., points, 1) m that each stands for, 1 of
         a body: on each part of a structure along which it acts. Raises ValueError for a state of
         another form.
         """
-        return [(one.measure, one.touch) for one in self._places(state)]
+        return [(place.measure, place.touch) for place in self._places(state)]
 
     def _places(self, state: State) -> list[TouchingPoints]:
         """The same, and where."""
@@ -110,7 +112,7 @@ class OfContact(OfScene):
         if law.between_nodes:
             at = [
                 (point_weights(model, acting), acting.load, load_point(model, acting, nodes, now))
-                for acting in (at_points(model, one) for one in now.between)
+                for acting in (at_points(model, acting) for acting in now.between)
             ]
         else:
             at = [
@@ -136,17 +138,17 @@ class OfContact(OfScene):
             space.public_spin(nodes.spin),
             axes=(space.axes(nodes.rotation),),
         )
-        for one in self._touching:
-            near = one.nearby(motion, torch.inf)
-            pairs = one.pairs(near)
+        for part_contact in self._touching:
+            near = part_contact.nearby(motion, torch.inf)
+            pairs = part_contact.pairs(near)
             found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
             gap = torch.where(found.measure > 0, found.gap, torch.inf)
-            sense = 1.0 if one.first else -1.0
+            sense = 1.0 if part_contact.first else -1.0
             rub = None if found.rub is None else sense * found.rub
             touch = Touch(gap, sense * found.u, found.pressure, found.slip, rub)
             own = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
             meets = own.sum(-2) - pairs.radii[..., :1] * found.u
-            count = one.places.shares.shape[-2]
+            count = part_contact.places.shares.shape[-2]
             touches.append(TouchingPoints(found.measure, touch, meets, near.point, count))
         return touches
 
@@ -164,7 +166,7 @@ class OfContact(OfScene):
 
     def _forces(self, state: State) -> Tensor:
         """(..., points, 3) N on the beam, frame a."""
-        return torch.cat([one.force for one in self._places(state)], -2)
+        return torch.cat([place.force for place in self._places(state)], -2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -341,10 +343,10 @@ class ContactPoints(OfContact):
     def shape(self) -> tuple[int, ...]:
         law = self._law
         if law.kind == "pair":
-            return (sum(one.places.shares.shape[-2] for one in self._touching), 7)
+            return (sum(part_contact.places.shares.shape[-2] for part_contact in self._touching), 7)
         if law.between_nodes:
             return (sum(self.scene.beam.element_counts(law)) * law.points, 7)
         return (1 if law.corners is None else law.corners.shape[-2], 7)
 
     def read(self, state: Any) -> Tensor:
-        return torch.cat([one.rows for one in self._places(state)], -2)
+        return torch.cat([place.rows for place in self._places(state)], -2)

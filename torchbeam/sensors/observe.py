@@ -66,15 +66,7 @@ def observe(
         raise ValueError(
             f"a solution of {len(t)} instants was given to observe; two or more are wanted"
         )
-    read = sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state")
-    values = read(solution.state)
-    if not isinstance(values, Tensor):
-        raise refusal(f"a sensor that gave {shown(values)}", "one of tensors")
-    if values.shape[:1] != t.shape:
-        raise refusal(
-            f"a sensor that gave {tuple(values.shape)} for {len(t)} instants",
-            "time as its first axis",
-        )
+    values = _values(sensor, solution, t)
     shape = values.shape[len(solution.state.t.shape) :]
     shape = sensor.shape if isinstance(sensor, Sensor) else shape
     batch = values.shape[1 : values.ndim - len(shape)]
@@ -98,6 +90,18 @@ def observe(
         x.reshape(len(x), *(1,) * (len(own) - x.ndim + 1), *x.shape[1:]) for x in (seen, times)
     )
     return _read(t, values, times - delay, seen, len(batch), rate)
+
+
+def _values(sensor: Any, solution: Any, t: Tensor) -> Tensor:
+    """Readings (time, ...) at the instants of a solution; ValueError for what is none."""
+    read = sensor if isinstance(sensor, Sensor) else check_function("sensor", sensor, "state")
+    values = read(solution.state)
+    if not isinstance(values, Tensor):
+        raise refusal(f"a sensor that gave {shown(values)}", "one of tensors")
+    if values.shape[:1] != t.shape:
+        given = f"a sensor that gave {tuple(values.shape)} for {len(t)} instants"
+        raise refusal(given, "time as its first axis")
+    return values
 
 
 def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: bool) -> Tensor:

@@ -70,7 +70,7 @@ class SensorFrame:
         if isinstance(sensor, Component):
             return Component(self.of(sensor.of), sensor.which)
         if isinstance(sensor, Stack):
-            return Stack([self.of(one) for one in sensor.sensors])
+            return Stack([self.of(part) for part in sensor.sensors])
         kind = getattr(sensor, "transforms_as", None)
         if kind is None:
             raise ValueError(

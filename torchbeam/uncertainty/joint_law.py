@@ -180,7 +180,7 @@ def _correlation(correlation: Correlation, laws: dict[str, Law]) -> Tensor:
             if (
                 not isinstance(pair, tuple)
                 or len(pair) != 2
-                or any(one not in names for one in pair)
+                or any(law not in names for law in pair)
                 or pair[0] == pair[1]
             ):
                 raise refusal(

@@ -106,28 +106,36 @@ def moment_derivatives(
     joint = JointLaw.of(laws(q), correlation)
     n, seed, chunk, _ = settings(function, n, seed, chunk, None, None, None)
     points = points_of(n, replicates, fewest=2, least=2)
-    plan, sums, lost, about = Sobol(joint.dimension, seed, points), [], [], None
+    plan = Sobol(joint.dimension, seed, points)
     u = plan.uniform(0, min(TRIED, points))
     _refuse_a_part(
         lambda q: JointLaw.of(laws(q), correlation).of_uniform(u).to(q.dtype),
         lambda theta: called(function, joint, theta, by_name),
         q,
     )
+    sums, reached, about = [], [], None
     for k in range(replicates):
-        total = None
+        parts = []
         for first in range(k * points, (k + 1) * points, chunk):
             last = min(first + chunk, (k + 1) * points)
             joint = JointLaw.of(laws(q), correlation)  # a graph of its own
             with one_of(n / (last - first)):
-                part, y, status, about = _sums(
-                    function, joint, plan, first, last, q, by_name, about
-                )
-            total = (
-                part if total is None else tuple(a + b for a, b in zip(total, part, strict=True))
-            )
-            lost.append((y, status))
-        sums.append(total)
-    reasons = reasons_of(*(torch.cat(part) for part in zip(*lost, strict=True)), {})
+                part, *answers, about = _sums(function, joint, plan, first, last, q, by_name, about)
+            parts.append(part)
+            reached.append(answers)
+        sums.append(tuple(map(sum, zip(*parts, strict=True))))
+    reasons = reasons_of(*(torch.cat(part) for part in zip(*reached, strict=True)), {})
+    return _derivatives(sums, about, n, level, reasons)
+
+
+def _derivatives(
+    sums: list[tuple[Tensor, ...]],
+    about: Tensor | None,
+    n: int,
+    level: float,
+    reasons: dict[str, int],
+) -> MomentDerivatives:
+    """Of the sums of replicates, see `_sums`; ValueError where most of n samples failed."""
     good = [total for total in sums if total[0] > 1]
     if len(good) < 2:
         raise ValueError(
@@ -138,8 +146,7 @@ def moment_derivatives(
     pooled[0] = pooled[0] + about
     samples = int(sum(total[0] for total in sums))
     halves = [student_half(scatter, level) for scatter in each]
-    method = f"{len(good)} replicates"
-    rest = level, samples, method, reasons
+    rest = level, samples, f"{len(good)} replicates", reasons
     pairs = zip(pooled, halves, strict=True)
     return MomentDerivatives(*(Estimate.about(*pair, *rest) for pair in pairs))
 

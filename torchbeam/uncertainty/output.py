@@ -37,8 +37,8 @@ class Summary:
         if hasattr(self, "deviation_interval"):
             summary["deviation"] = self.deviation_interval(interval)
         rows = []
-        for name, one in summary.items():
-            rows += _rows(name, one, interval)
+        for name, estimate in summary.items():
+            rows += _rows(name, estimate, interval)
         levels, thresholds = (
             _several(name, values)
             for name, values in (("levels", levels), ("thresholds", thresholds))

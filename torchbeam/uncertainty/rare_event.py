@@ -14,7 +14,7 @@ from ..core.arguments import boolean, choice, count, level_of, number
 from ..core.memory import check_memory
 from ..core.warning import warn
 from ..math.distributions import normal_probability
-from .design_point import all_design_points, design_points
+from .design_point import DesignPoints, all_design_points, design_points
 from .evaluation import Evaluation, Function, settings
 from .importance_sampling import importance_sampling
 from .importance_sampling import interval as importance_interval
@@ -144,22 +144,42 @@ def rare_event(
         return RareEvent(joint.names, *ends, level, method, limit.evaluations, failures, **more)
 
     if method == "subset":
-        least = round(5 / SHARE)
-        each = n // runs // round(1 / SHARE) * round(1 / SHARE)
-        if each < least:
-            raise ValueError(
-                f"n = {n} was given for {runs} runs of subset simulation; at least "
-                f"{least * runs} are wanted"
-            )
-        estimates = subset_simulation(limit, each, runs, seed)
+        estimates = subset_simulation(limit, _samples_of_run(n, runs), runs, seed)
         thresholds = estimates.thresholds.nanmean(-1)
         return event(estimates.interval(level), thresholds=thresholds[~thresholds.isnan()])
+    probability, points = _by_importance(limit, n, runs, starts, seed)
+    return event(
+        importance_interval(probability, level),
+        points=joint.of_score(points.z),
+        beta=points.beta,
+        form=normal_probability(-points.beta[0]).item(),
+    )
+
+
+def _samples_of_run(n: int, runs: int) -> int:
+    """Of each level of a run of subset simulation; ValueError where they are too few."""
+    least, chains = round(5 / SHARE), round(1 / SHARE)
+    each = n // runs // chains * chains
+    if each < least:
+        raise ValueError(
+            f"n = {n} was given for {runs} runs of subset simulation; at least {least * runs} are "
+            "wanted"
+        )
+    return each
+
+
+def _by_importance(
+    limit: LimitState, n: int, runs: int, starts: int, seed: int
+) -> tuple[Tensor, DesignPoints]:
+    """Probabilities (runs,) by samples around design points, and these. Raises ValueError for too
+    few samples, and laws that no gradient leads along.
+    """
     if n < 2 * runs:
         raise ValueError(
             f"n = {n} was given for {runs} replicates of importance sampling; at least "
             f"{2 * runs} are wanted"
         )
-    if stepped := joint.in_steps:
+    if stepped := limit.work.joint.in_steps:
         raise ValueError(
             f"the law of {stepped[0]!r}, whose values are steps, was given for design points, to "
             'which gradients lead; continuous laws are wanted, or method="subset"'
@@ -181,9 +201,4 @@ def rare_event(
             "regions of failure are curved, or more than were found, and the interval may be "
             'wrong; more `starts` are wanted, or method="subset"'
         )
-    return event(
-        importance_interval(estimates.probability, level),
-        points=joint.of_score(points.z),
-        beta=points.beta,
-        form=normal_probability(-points.beta[0]).item(),
-    )
+    return estimates.probability, points

@@ -138,7 +138,15 @@ def sobol_indices(
     work = Evaluation(function, joint, plan, dtype, chunk, by_name, executor, folder, n * size)
     chunks = list(work.chunks(0, n * size, progress_of(progress, n * size)))
     one_kind((k * chunk, part) for k, part in enumerate(chunks))
-    _, y, status = (torch.cat(part) for part in zip(*chunks, strict=True))
+    y, status = (torch.cat(part) for part in [*zip(*chunks, strict=True)][1:])
+    return _of_groups(names, y, status, n, replicates, level)
+
+
+def _of_groups(
+    names: tuple[str, ...], y: Tensor, status: Tensor, n: int, replicates: int, level: float
+) -> SobolIndices:
+    """Of y (n (p + 2), ...) in groups of p + 2 one after the other, of replicates likewise."""
+    size = len(names) + 2
     good = (status == 0).reshape(n, size).all(-1)
     reasons = reasons_of(y, status, {})
     if not good.any():
@@ -147,11 +155,8 @@ def sobol_indices(
             "indices of none"
         )
     values = y.double().reshape(n, size, *y.shape[1:])
-    groups = [
-        g[ok]
-        for g, ok in zip(values.chunk(replicates), good.chunk(replicates), strict=True)
-        if ok.any()
-    ]
+    pairs = zip(values.chunk(replicates), good.chunk(replicates), strict=True)
+    groups = [group[ok] for group, ok in pairs if ok.any()]
     indices = _indices(torch.cat(groups))  # (2, p, ...)
     half = _half(groups, indices, level)
     variance, evaluations, failed = _variance(values[good]), n * size, int((~good).sum())

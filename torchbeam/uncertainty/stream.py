@@ -141,7 +141,7 @@ class Stream(Summary):
         """
         known, whole, level = self._known(), self.all, level_of("level", level)
         if self._groups > 1:
-            half = estimate.student_half(torch.stack([one.mean for one in known]), level)
+            half = estimate.student_half(torch.stack([moment.mean for moment in known]), level)
         elif whole.n > 1:
             quantile = student_quantile((1 + level) / 2, whole.n - 1)
             half = quantile * whole.deviation / math.sqrt(whole.n)

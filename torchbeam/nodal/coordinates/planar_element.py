@@ -41,13 +41,13 @@ def kinematics(r_i: Tensor, r_j: Tensor, q_i: Tensor, q_j: Tensor, length: Tenso
 
 
 def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
-    gamma = (kin.d[..., None, :] @ kin.R)[..., 0, :]
-    return (
-        torch.cat(
-            torch.broadcast_tensors(gamma[..., :1], gamma[..., 1:], 2 / length * kin.half), -1
-        )
-        - reference
-    )
+    return strains_of(kin.R, kin.d, 2 / length * kin.half) - reference
+
+
+def strains_of(R: Tensor, d: Tensor, kappa: Tensor) -> Tensor:
+    """[gamma; kappa] (..., N, 3), frame B."""
+    gamma = (d[..., None, :] @ R)[..., 0, :]
+    return torch.cat(torch.broadcast_tensors(gamma[..., :1], gamma[..., 1:], kappa), -1)
 
 
 def _resolved(kin: Kinematics, stress: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,7 +17,7 @@ from torch import Tensor
 from ...math.block_tridiagonal import broadcast_matrices
 from ...math.quaternions import aligned
 from ..quadratic_element import interpolated
-from .planar_element import inverse, matrix, multiply, turned
+from .planar_element import inverse, matrix, multiply, strains_of, turned
 
 
 class Kinematics(NamedTuple):
@@ -43,13 +43,7 @@ def kinematics(
 
 
 def strains(kin: Kinematics, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
-    gamma = (kin.d[..., None, :] @ kin.R)[..., 0, :]
-    return (
-        torch.cat(
-            torch.broadcast_tensors(gamma[..., :1], gamma[..., 1:], 2 / length * kin.z[..., 1:]), -1
-        )
-        - reference
-    )
+    return strains_of(kin.R, kin.d, 2 / length * kin.z[..., 1:]) - reference
 
 
 def _resolved(kin: Kinematics, stress: Tensor, length: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -6,7 +6,7 @@ mathematics.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,6 +16,11 @@ from ...core.leaves import Tree
 from ...math import quaternions as quat
 from ...state.state import State
 from .elements import ELEMENTS
+
+
+def same(x: Any) -> Any:
+    """x, as it is."""
+    return x
 
 
 class Dimensions(NamedTuple):
@@ -69,15 +74,28 @@ class Spatial(Tree):
         """Of some nodes, or of one, where nodes differ."""
         return self
 
-    # States, loads and maps of the public kind, in 3D
-
-    def to_reduced(self, state: State) -> State:
-        """A state in these coordinates."""
-        return state
-
-    def to_public(self, state: State) -> State:
-        """The public state."""
-        return state
+    # Of the public kind, in 3D, and in these coordinates, which are those
+    to_reduced = staticmethod(same)  # a state in these coordinates
+    to_public = staticmethod(same)  # the public state
+    embed = staticmethod(same)  # [force; moment] (..., w) -> (..., 6)
+    project = staticmethod(same)  # [force; moment] (..., 6), frame a -> (..., w)
+    project_map = staticmethod(same)  # d[force; moment] by [displacement; spin], (..., 6, 6)
+    project_strain = staticmethod(same)  # (..., 6), frame B -> (..., k)
+    project_section = staticmethod(same)  # 6x6 of a section -> (..., k, k)
+    project_diagonal = staticmethod(same)  # of one that has no more, (..., 6) -> (..., k)
+    project_inertia = staticmethod(same)  # (..., 3, 3), section axes -> (..., s, s)
+    project_offset = staticmethod(same)  # (..., 3), section axes -> (..., p)
+    project_vector = staticmethod(same)  # displacement or velocity (..., 3), frame a -> (..., p)
+    project_spin = staticmethod(same)  # (..., 3), frame a -> (..., s)
+    public_position = staticmethod(same)  # (..., p), frame a -> (..., 3)
+    public_vector = staticmethod(same)  # a velocity or acceleration likewise
+    public_spin = staticmethod(same)  # a spin or its rate (..., s), frame a, likewise
+    public_frame = staticmethod(same)  # quaternion (..., 4) of frame a's rotation
+    reduced_frame = staticmethod(same)  # the inverse
+    to_reduced_rotation = staticmethod(same)  # quaternions (..., N+1, 4) of all nodes
+    # which of a node's unknowns a support holds, from position x y z and rotation x y z
+    constrained = staticmethod(same)
+    axes = staticmethod(quat.matrix)  # section axes -> frame a, (..., 3, 3)
 
     def start(self, state: State) -> State:
         """`to_reduced` of a state that a user gave; ValueError where these coordinates do not hold
@@ -93,79 +111,7 @@ class Spatial(Tree):
         """Velocity (..., 3), frame a, and spin (..., 3), section axes, likewise."""
         return velocity, spin
 
-    def embed(self, load: Tensor) -> Tensor:
-        """[force; moment] (..., w) -> (..., 6)."""
-        return load
-
-    def project(self, load: Tensor) -> Tensor:
-        """[force; moment] (..., 6), frame a -> (..., w)."""
-        return load
-
-    def project_map(self, by: Tensor) -> Tensor:
-        """d[force; moment] by [displacement; spin], (..., 6, 6) -> (..., w, w)."""
-        return by
-
-    def project_strain(self, strain: Tensor) -> Tensor:
-        """(..., 6), frame B -> (..., k)."""
-        return strain
-
-    def public_position(self, position: Tensor) -> Tensor:
-        """(..., p), frame a, as (..., 3)."""
-        return position
-
-    def public_vector(self, v: Tensor) -> Tensor:
-        """A velocity or acceleration likewise."""
-        return v
-
-    def public_spin(self, spin: Tensor) -> Tensor:
-        """A spin or its rate (..., s), frame a, likewise."""
-        return spin
-
-    def axes(self, rotation: Tensor) -> Tensor:
-        """Section axes -> frame a, (..., 3, 3)."""
-        return quat.matrix(rotation)
-
-    def public_frame(self, q: Tensor) -> Tensor:
-        """Quaternion (..., 4) of frame a's rotation."""
-        return q
-
-    def reduced_frame(self, q: Tensor) -> Tensor:
-        """The inverse."""
-        return q
-
-    def project_section(self, matrix: Tensor) -> Tensor:
-        """6x6 of a section -> (..., k, k)."""
-        return matrix
-
-    def project_diagonal(self, diagonal: Tensor) -> Tensor:
-        """The diagonal (..., 6) of such a matrix that has nothing beside it -> (..., k)."""
-        return diagonal
-
-    def project_inertia(self, J: Tensor) -> Tensor:
-        """(..., 3, 3), section axes -> (..., s, s)."""
-        return J
-
-    def project_offset(self, e: Tensor) -> Tensor:
-        """(..., 3), section axes -> (..., p)."""
-        return e
-
-    def project_vector(self, v: Tensor) -> Tensor:
-        """A displacement or velocity (..., 3), frame a -> (..., p)."""
-        return v
-
-    def project_spin(self, omega: Tensor) -> Tensor:
-        """(..., 3), frame a -> (..., s)."""
-        return omega
-
-    def constrained(self, letters: tuple[bool, ...]) -> tuple[bool, ...]:
-        """Which of a node's unknowns a support holds, from position x y z and rotation x y z."""
-        return letters
-
     # Rotations
-
-    def to_reduced_rotation(self, q: Tensor) -> Tensor:
-        """Quaternions (..., N+1, 4) of all nodes in these coordinates."""
-        return q
 
     def rotation_rate(self, q: Tensor, spin: Tensor) -> Tensor:
         """R' of R, spin in section axes."""

@@ -48,8 +48,8 @@ def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> Contac
             loads = [_gravity(effects, b.name) * masses[b.first_node] for b in bodies]
         else:
             loads = [
-                _gravity(effects, name) * one.mass[..., 0, 0].mean(-1) + BENT * _bending(one)
-                for name, one in beams.items()
+                _gravity(effects, name) * beam.mass[..., 0, 0].mean(-1) + BENT * _bending(beam)
+                for name, beam in beams.items()
             ]
         values["force"] = TIMES * _largest(loads)
     for name, value in values.items():
@@ -70,7 +70,7 @@ def _length(contact: Any, beams: list[Any]) -> Tensor:
         radii = [radii[0] + reach]
     if not radii:
         radii = [
-            2 * (one.compliance[..., 0, 0].mean(-1) / _flexibility(one)).sqrt() for one in beams
+            2 * (beam.compliance[..., 0, 0].mean(-1) / _flexibility(beam)).sqrt() for beam in beams
         ]
     return -_largest([-radius for radius in radii]) if radii else torch.zeros(())
 

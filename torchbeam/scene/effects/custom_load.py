@@ -55,8 +55,8 @@ def _inputs(name: str, value: Any) -> tuple[Input, ...]:
 
 def _names(name: str, value: Any) -> tuple[str, ...]:
     names = listed(value)
-    for one in names:
-        choice(name, one, (*MOTION, PLACE))
+    for motion in names:
+        choice(name, motion, (*MOTION, PLACE))
     return names
 
 
@@ -65,13 +65,13 @@ def _values(name: str, value: Any) -> dict[str, Any]:
         raise ValueError(
             f"{shown(value)} was given as {name}; numbers or tensors by name are wanted"
         )
-    for key, one in value.items():
-        if isinstance(one, Input) or callable(one):
+    for key, number in value.items():
+        if isinstance(number, Input) or callable(number):
             raise ValueError(
-                f"{type(one).__name__} was given as Load's value {key!r}; numbers or a tensor are "
-                "wanted"
+                f"{type(number).__name__} was given as Load's value {key!r}; numbers or a tensor "
+                "are wanted"
             )
-    return {key: real_numbers(f"Load's value {key!r}", one) for key, one in value.items()}
+    return {key: real_numbers(f"Load's value {key!r}", number) for key, number in value.items()}
 
 
 @dataclass(frozen=True)

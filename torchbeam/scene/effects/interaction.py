@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ...core.arguments import listed
 from ...core.leaves import with_values
+from ...core.validation import refusal
 from ...math.quaternions import skew
 from ..parts import Place
 from .load_point import (
@@ -106,9 +107,7 @@ class Interaction(LoadEffect):
     def __post_init__(self) -> None:
         nodes = tuple(listed(self.nodes))
         if not 2 <= len(nodes) <= MOST:
-            raise ValueError(
-                f"{self.called} between {len(nodes)} nodes was given; two to {MOST} are wanted"
-            )
+            raise refusal(f"{self.called} between {len(nodes)} nodes", f"two to {MOST}", are=True)
         object.__setattr__(self, "nodes", nodes)
         super().__post_init__()
 

@@ -124,11 +124,7 @@ class TipLoad(PointLoad):
     """Force (N) and moment (N m) on the last node.
 
     Args:
-        force: (..., 3) N: numbers, a function of t, an `Input`, a `History`; dead: it keeps its
-            direction in frame a
-        moment: (..., 3) N m, the same
-        follower: whether both turn with the section that they act on
-        offset: as in `PointLoad`
+        force, moment, follower, offset: as in `PointLoad`
 
     Examples:
         >>> pushed = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 1.0))])  # N, keeps its direction

@@ -75,10 +75,10 @@ def _of_points(method: Callable[[Any, Tensor], Any]) -> Callable[[Any, Tensor], 
 
     @wraps(method)
     def of_points(self: Obstacle, x: Tensor) -> Any:
-        for one in own_leaves(self):
-            if callable(one.value):
+        for part in own_leaves(self):
+            if callable(part.value):
                 raise refusal(
-                    f"{self.called}'s {one.name} as a function of t", "at an instant a value"
+                    f"{self.called}'s {part.name} as a function of t", "at an instant a value"
                 )
         return method(bound(self, x.dtype, x.device), x)
 
