@@ -87,10 +87,10 @@ def check_fields(tree: Any) -> None:
 def _declared(kind: Any) -> tuple[tuple[str, str, Check, bool], ...]:
     """Of a class's checked fields: name, name in sentences, check, whether None is nothing."""
     declared = []
-    for own in fields(kind):
-        if CHECK in own.metadata:
-            name = (own.metadata[NAME] or kind.in_words).format(kind.called, own.name)
-            declared.append((own.name, name, own.metadata[CHECK], own.default is None))
+    for field in fields(kind):
+        if CHECK in field.metadata:
+            name = (field.metadata[NAME] or kind.in_words).format(kind.called, field.name)
+            declared.append((field.name, name, field.metadata[CHECK], field.default is None))
     return tuple(declared)
 
 

@@ -62,8 +62,8 @@ def vjp(function: Callable[..., Any], *xs: Tensor) -> tuple[Any, Callable[..., t
     values = inner if isinstance(inner, tuple) else (inner,)
 
     def pull(cotangents: Any) -> tuple[Tensor, ...]:
-        given = cotangents if isinstance(cotangents, tuple) else (cotangents,)
-        pairs = [(y, v) for y, v in zip(values, given, strict=True) if y.requires_grad]
+        each = cotangents if isinstance(cotangents, tuple) else (cotangents,)
+        pairs = [(y, v) for y, v in zip(values, each, strict=True) if y.requires_grad]
         slopes: tuple[Tensor | None, ...] = (None,) * len(own)
         if pairs:
             outputs, bars = zip(*pairs, strict=True)

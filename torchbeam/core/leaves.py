@@ -470,9 +470,9 @@ def sent(tree: Any, *args: Any, **kwargs: Any) -> Any:
     try:
         torch.empty(0).to(*args, **kwargs)
     except (TypeError, ValueError, RuntimeError, OverflowError):
-        given = ", ".join((*map(shown, args), *(f"{k} = {shown(v)}" for k, v in kwargs.items())))
+        said = ", ".join((*map(shown, args), *(f"{k} = {shown(v)}" for k, v in kwargs.items())))
         raise ValueError(
-            f"{given} was given; a device or a floating dtype, as `Tensor.to` takes them, is wanted"
+            f"{said} was given; a device or a floating dtype, as `Tensor.to` takes them, is wanted"
         ) from None
 
     def to(value: Any, axes: int | None) -> Any:

@@ -143,7 +143,7 @@ def consistent_state(
     model = MixedModel(scene, form, {} if inputs is None else inputs)
     t = instant("t", t, scene.beam.nodes)
     rest = at_rest(model, t)
-    given = []
+    terms = []
     for name, value, default in zip(
         ("u", "theta", "V", "Omega"), (u, theta, V, Omega), rest, strict=True
     ):
@@ -152,8 +152,8 @@ def consistent_state(
         )
         if value.shape[-2:] != (model.count, 3):
             raise refusal(f"{name} of shape {tuple(value.shape)}", f"(..., {model.count}, 3)")
-        given.append(value)
-    return complete(model, t, torch.broadcast_tensors(*given, rest[0])[:4])
+        terms.append(value)
+    return complete(model, t, torch.broadcast_tensors(*terms, rest[0])[:4])
 
 
 def complete(

@@ -130,7 +130,8 @@ def split(acts: tuple[ActingLoad, ...]) -> tuple[tuple[ActingLoad, ...], ...]:
     several = tuple(act for act in acts if isinstance(act.node, tuple))
     each = [act for act in acts if not isinstance(act.node, tuple)]
     at, between = (
-        tuple(act for act in each if act.load.between_nodes is own) for own in (False, True)
+        tuple(act for act in each if act.load.between_nodes is is_between)
+        for is_between in (False, True)
     )
     return at, between, several
 

@@ -239,21 +239,21 @@ class DrivenJoints(Joints):
 
     def values(self, scene: Any, t: Tensor, inputs: Inputs, end: Tensor) -> JointValues:
         """Efforts at t, prescribed coordinates at `end`."""
-        given = (("effort", t), ("prescribed", end))
-        return JointValues(*(self._value(scene.joints, name, at, inputs) for name, at in given))
+        times = (("effort", t), ("prescribed", end))
+        return JointValues(*(self._value(scene.joints, name, at, inputs) for name, at in times))
 
     def _value(
         self, joints: tuple[Any, ...], name: str, t: Tensor, inputs: Inputs
     ) -> Tensor | None:
         """(..., J, w) of what is given of each joint, in the rows of its coordinates."""
         total, balls = None, () if self.balls is None else self.balls.at
-        given = [
+        values = [
             (k, None if k in balls else rows, getattr(joint.law(coordinate), name))
             for k, joint in enumerate(joints)
             for coordinate, rows in enumerate((self.first, self.second))
             if coordinate in joint.coordinates and not (coordinate and k in balls)
         ]
-        for k, rows, value in given:
+        for k, rows, value in values:
             if value is None:
                 continue
             if rows is None:  # of a torque its numbers, in the rows of turns

@@ -40,12 +40,14 @@ def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
     1 where another's of the scene has it, near or not: one program is for all such lists.
     """
     each = [*zip(touching.each, near, strict=True)]
-    laws = tuple(part_contact.law for part_contact, own in each for _ in own.point)
-    nodes = tuple(tuple(row) for _, own in each for row in own.nodes.tolist())
+    laws = tuple(part_contact.law for part_contact, near_pairs in each for _ in near_pairs.point)
+    nodes = tuple(tuple(row) for _, near_pairs in each for row in near_pairs.nodes.tolist())
     shapes = [part_contact.law.surface for part_contact in touching.each]
     count = max((count_of(shape) for shape in shapes if shape is not None), default=0)
     pairs = (
-        joined([part_contact.pairs(own) for part_contact, own in each], count) if nodes else None
+        joined([part_contact.pairs(near_pairs) for part_contact, near_pairs in each], count)
+        if nodes
+        else None
     )
     return FixedTouching(touching.space, touching.moves, touching.each, pairs, nodes, laws)
 

@@ -221,7 +221,7 @@ def _shared_by_nodes(beam: Beam, assembly: Assembly) -> tuple[Tensor, Tensor]:
     parts = (h[..., None] * beam.mass,) * (interpolation.order + 1)
     if beam.curved:  # the section's mass, seen from the axes of the element's nodes
         seen = assembly.ends(beam.frames), interpolation.axes_at_nodes(beam.elements)
-        turns = (quat.multiply(quat.conjugate(q), own) for q, own in zip(*seen, strict=True))
+        turns = (quat.multiply(quat.conjugate(q), axes) for q, axes in zip(*seen, strict=True))
         parts = tuple(_turned(parts[0], turn) for turn in turns)
     mass = assembly.shared(parts, 2)
     if not interpolation.positive:

@@ -236,9 +236,9 @@ class Couplings(BetweenNodes):
     ) -> Any:
         """A matrix of balances with a share of their blocks, which is taken from balances."""
         now = motion.now
-        for own, _, block, _ in blocks(self.space, motion.nodes(now.reads), now, by, inner):
+        for nodes, _, block, _ in blocks(self.space, motion.nodes(now.reads), now, by, inner):
             if isinstance(block, Tensor):
-                matrix = matrix.tied_too((own,), share * block.flatten(-4, -3))
+                matrix = matrix.tied_too((nodes,), share * block.flatten(-4, -3))
         return matrix
 
 

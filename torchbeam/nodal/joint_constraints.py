@@ -111,8 +111,8 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     second, like = fields["second"], scene.beam.nodes
     rows = fields["angles"] + fields["travels"] - second, second
     prescribed = sum(
-        own * like.new_tensor([[joint.law(k).prescribed is not None] for joint in scene.joints])
-        for k, own in enumerate(rows)
+        mask * like.new_tensor([[joint.law(k).prescribed is not None] for joint in scene.joints])
+        for k, mask in enumerate(rows)
     )
     names = (field.name for field in dataclasses.fields(JointLaws))
     laws = JointLaws(**{name: _given(scene.joints, name, rows) for name in names})
@@ -172,10 +172,12 @@ def _given(joints: tuple[Any, ...], name: str, rows: tuple[Tensor, Tensor]) -> T
     where no joint has one.
     """
     total = None
-    for k, own in enumerate(rows):
-        values = _side_by_side([getattr(joint.law(k), name) for joint in joints], own.new_zeros(()))
+    for k, mask in enumerate(rows):
+        values = _side_by_side(
+            [getattr(joint.law(k), name) for joint in joints], mask.new_zeros(())
+        )
         if values is not None:
-            part = values[..., None] * own
+            part = values[..., None] * mask
             total = part if total is None else total + part
     return total
 
@@ -272,9 +274,9 @@ def _balls(scene: Scene) -> Balls | None:
     own = [torch.stack(torch.broadcast_tensors(*both), -3) for both in ends]
     laws = {}
     for field in dataclasses.fields(BallLaws):
-        given = [getattr(x, field.name) if k in at else None for k, x in enumerate(joints)]
+        values = [getattr(x, field.name) if k in at else None for k, x in enumerate(joints)]
         none = like.new_zeros((3,) * (field.metadata[AXES] - 1))
-        laws[field.name] = _side_by_side(given, none)
+        laws[field.name] = _side_by_side(values, none)
     if laws["limit"] is None:
         laws["axis"] = None
     else:

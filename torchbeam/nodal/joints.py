@@ -143,7 +143,7 @@ class Joints(BetweenNodes):
 
     def _three(self, rows: Tensor, vectors: Tensor | None) -> Tensor:
         """(..., J, 3) of rows (..., J, w) of coordinates, and of what balls have."""
-        pair = [(rows * own).sum(-1) for own in (self.first, self.second)]
+        pair = [(rows * mask).sum(-1) for mask in (self.first, self.second)]
         three = torch.stack((*pair, torch.zeros_like(pair[0])), -1)
         return three if vectors is None else three + vectors
 

@@ -84,8 +84,8 @@ def interpolated(
     ends, N, slope = (x[..., ::2, :] for x in (q, values, slopes))
     w = multiply(ends, (conjugate(Q) / square)[..., None, :])
     w, v = N * w, slope * w
-    one = torch.zeros_like(Q) + Q.new_tensor([1.0] + [0.0] * (Q.shape[-1] - 1))
-    z = v.sum(-2) + slopes[:, 1] / values[:, 1] * (one - w.sum(-2))  # w_2 is what is left of 1
+    unit = torch.zeros_like(Q) + Q.new_tensor([1.0] + [0.0] * (Q.shape[-1] - 1))
+    z = v.sum(-2) + slopes[:, 1] / values[:, 1] * (unit - w.sum(-2))  # w_2 is what is left of 1
     return (
         Q / square.sqrt(),
         (slopes.mT @ r)[..., 0, :] / length,

@@ -185,8 +185,8 @@ class Rates:
             if self.carried:
                 known = self._of_clamps(self._accelerations, t)
                 accelerations = tuple(
-                    self.joined(self.unknown(x), own)
-                    for x, own in zip(accelerations, known, strict=True)
+                    self.joined(self.unknown(x), of_clamps)
+                    for x, of_clamps in zip(accelerations, known, strict=True)
                 )
         return (
             Nodes(r, q, v, space.to_frame(q, spin), frame, internal, None, *accelerations),

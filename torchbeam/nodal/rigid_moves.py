@@ -72,8 +72,8 @@ def free_pieces(model: Any) -> list[list[Base]]:
     for link in named:
         piece = link.union(*(own for own in pieces if own & link))
         pieces = [*(own for own in pieces if not own & piece), piece]
-    free = [[base for base in bases if base.name in own] for own in pieces if None not in own]
-    return [[base._replace(node=own[0].nodes.start) for base in own] for own in free]
+    free = [[base for base in bases if base.name in piece] for piece in pieces if None not in piece]
+    return [[base._replace(node=piece[0].nodes.start) for base in piece] for piece in free]
 
 
 def _of_load(model: Any, load: Any, bases: list[Base]) -> list[str]:

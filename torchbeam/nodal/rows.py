@@ -223,7 +223,7 @@ class Rows(Tree):
         every = [own for interaction in self.interactions if (own := interaction.multipliers).count]
         if len(every) < 2:
             return every[0] if every else Multipliers()
-        return Multipliers(torch.cat([own.held for own in every]), every[0].size)
+        return Multipliers(torch.cat([rows.held for rows in every]), every[0].size)
 
     @cached
     def assembly(self) -> Assembly:

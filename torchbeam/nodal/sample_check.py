@@ -117,13 +117,13 @@ class Trial:
         cls, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, batch: tuple[int, ...]
     ) -> Trial:
         along = load.node is None
-        axes = {name: own + along for name, own in AT_SITES.items()} | OF_ALL
+        axes = {name: count + along for name, count in AT_SITES.items()} | OF_ALL
         axes |= OF_INTERACTION if load.kind == "interaction" else {}
-        values = {("point", name): (getattr(point, name), own) for name, own in axes.items()}
+        values = {("point", name): (getattr(point, name), count) for name, count in axes.items()}
         values |= {("input", name): (x, 1) for name, x in inputs.items()}
         values |= {("time", ""): (t, 0)} | _of_load(load)
-        values = {key: (x, own) for key, (x, own) in values.items() if isinstance(x, Tensor)}
-        shapes = (x.shape[: x.ndim - own] for x, own in values.values())
+        values = {key: (x, axes) for key, (x, axes) in values.items() if isinstance(x, Tensor)}
+        shapes = (x.shape[: x.ndim - axes] for x, axes in values.values())
         return cls(load, point, values, broadcast_shapes(batch, *shapes))
 
     def of_few(self, count: int) -> Trial:
@@ -144,7 +144,7 @@ class Trial:
                 return x
             return x.index_select(at, torch.tensor(samples, device=x.device))
 
-        values = {key: (taken(x, own), own) for key, (x, own) in self.values.items()}
+        values = {key: (taken(x, axes), axes) for key, (x, axes) in self.values.items()}
         batch = (*self.batch[:axis], len(samples), *self.batch[axis + 1 :])
         return Trial(self.load, self.point, values, torch.Size(batch))
 
@@ -164,10 +164,10 @@ class Trial:
             return x + torch.where(most > 0, most, 1.0) * shift
 
         values = {
-            key: (moved(*key, x, own), own)
+            key: (moved(*key, x, axes), axes)
             if key[0] in ("input", "load") or key[1] in (*MOTION, "R")
-            else (x, own)
-            for key, (x, own) in self.values.items()
+            else (x, axes)
+            for key, (x, axes) in self.values.items()
         }
         return Trial(self.load, self.point, values, self.batch)
 
@@ -185,7 +185,7 @@ class Trial:
             outputs.append(load.rates(point, point.internal, t, inputs))
         if load.kind == "interaction":
             more = [load.residual] * bool(load.unknowns) + [load.remember] * bool(load.memory)
-            outputs += [own(point, t, inputs)[..., None] for own in more]
+            outputs += [method(point, t, inputs)[..., None] for method in more]
         return outputs
 
     def mixes(self) -> bool:
@@ -201,8 +201,8 @@ class Trial:
                 back = own + len(self.batch) - axis
                 if any(
                     not _close(_row(x, back, k), _row(y, back, k), x)
-                    for given in others
-                    for x, y in zip(whole, given, strict=True)
+                    for outputs in others
+                    for x, y in zip(whole, outputs, strict=True)
                 ):
                     again = self.outputs()
                     return all(_close(x, y, x) for x, y in zip(whole, again, strict=True))

@@ -58,7 +58,9 @@ class SurfacePairs(TouchingPairs):
         """
         if shape is not None:
             return replace(self, shape=shape)
-        return TouchingPairs(**{own.name: getattr(self, own.name) for own in fields(TouchingPairs)})
+        return TouchingPairs(
+            **{field.name: getattr(self, field.name) for field in fields(TouchingPairs)}
+        )
 
     def gap(self, y: Tensor) -> Tensor:
         """(..., U, 1) m of places (..., U, 3) in the body's axes."""
@@ -163,8 +165,8 @@ class SurfacePairs(TouchingPairs):
             return torch.cat(torch.broadcast_tensors(*self._actions(motion)), -1)
 
         still = torch.zeros_like(points.position[..., 0, :])
-        given = points.position.flatten(-2), still, *(x.flatten(-2) for x in asked.values())
-        by_x, by_turn, *by_rates = jacobians(actions, *given)
+        arguments = points.position.flatten(-2), still, *(x.flatten(-2) for x in asked.values())
+        by_x, by_turn, *by_rates = jacobians(actions, *arguments)
         weights = self._weights[..., None, None]
         slopes = {}
         for name, slope in zip((POSITION, *asked), (by_x, *by_rates), strict=True):

@@ -73,13 +73,13 @@ class Tendons(BetweenNodes):
     def stretches(self) -> tuple[tuple[int, int], ...]:
         """Of each between two eyelets the number of its tendon, and that of its first eyelet."""
         parts = enumerate(self._parts)
-        return tuple((k, e) for k, own in parts for e in range(own.start, own.stop - 1))
+        return tuple((k, e) for k, part in parts for e in range(part.start, part.stop - 1))
 
     @property
     def ties(self) -> tuple[tuple[int, ...], ...]:
         """The nodes of each tendon."""
         every = (self.nodes[part] for part in self._parts)
-        return tuple(tuple(node for node in own if node is not None) for own in every)
+        return tuple(tuple(node for node in nodes if node is not None) for nodes in every)
 
     def eyelets(self, position: Tensor, rotation: Tensor) -> Eyelets:
         """From nodes, in the space's coordinates."""
@@ -100,7 +100,7 @@ class Tendons(BetweenNodes):
         steps = zip(self.ropes, self.steps(motion, given), strict=True)
         force = torch.cat([rope.forces(step) for rope, step in steps], -2)
         wrench = self.wrench(motion.acting.lever, force)
-        at = tuple(node for own in self.ties for node in own)
+        at = tuple(node for tie in self.ties for node in tie)
         return added(nodes, at, -wrench[..., self._own, :], nodes.shape[-2], 1)
 
     def wrench(self, lever: Tensor, force: Tensor) -> Tensor:
@@ -144,13 +144,13 @@ class Tendons(BetweenNodes):
 
     def values(self, scene: Any, t: Tensor, inputs: Inputs, end: Tensor) -> Tensor:
         """(..., K): the tension N or length m that is given."""
-        given = [
+        values = [
             rope.drawn
             if (value := tendon.length if tendon.tension is None else tendon.tension) is None
             else scalar_at("what is given of a Tendon", value, t, inputs, self.arms)
             for tendon, rope in zip(scene.tendons, self.ropes, strict=True)
         ]
-        return torch.stack(torch.broadcast_tensors(*given), -1)
+        return torch.stack(torch.broadcast_tensors(*values), -1)
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None

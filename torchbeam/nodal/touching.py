@@ -109,8 +109,8 @@ class Touching(Tree):
         length, 1 of a body, 0 of what a sample has fewer.
         """
         law, thin = self.contact, torch.broadcast_tensors(*map(thinnest, self.profiles))
-        given = torch.stack(thin, -1).detach(), law.thickness.detach(), self.points, self.share
-        return remembered(places_along, *self.along, self.s, *given)
+        sizes = torch.stack(thin, -1).detach(), law.thickness.detach(), self.points, self.share
+        return remembered(places_along, *self.along, self.s, *sizes)
 
     @property
     def allowed(self) -> Tensor:
@@ -228,7 +228,7 @@ class Touching(Tree):
 
     def _nodes(self, device: torch.device) -> tuple[Tensor, Tensor]:
         """Of each place (P, 3), and of each piece (K, 3)."""
-        points, pieces = (_numbers(own, device) for own in self.nodes)
+        points, pieces = (_numbers(triples, device) for triples in self.nodes)
         return points.repeat_interleave(self.places.count, 0), pieces
 
     def chosen(self, pairs: Tensor) -> Nearby:

@@ -112,9 +112,9 @@ class AnyTouching(BetweenNodes):
     def loaded(self, nodes: Tensor, motion: NodeMotion) -> Tensor:
         """The nodes' balances (..., nodes, w), with the forces of these."""
         now = self.moves_of(motion)
-        for pairs, own, _ in self.near(now):
-            push = -(pairs.wrenches(of_nodes(own, now)) @ self.moves.mT).flatten(-3, -2)
-            nodes = added(nodes, tuple(own.flatten().tolist()), push, nodes.shape[-2], 1)
+        for pairs, nodes_of_pairs, _ in self.near(now):
+            push = -(pairs.wrenches(of_nodes(nodes_of_pairs, now)) @ self.moves.mT).flatten(-3, -2)
+            nodes = added(nodes, tuple(nodes_of_pairs.flatten().tolist()), push, nodes.shape[-2], 1)
         return nodes
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
@@ -157,7 +157,9 @@ class AnyTouching(BetweenNodes):
     def work(self, motion: NodeMotion) -> Tensor | float:
         """(...) J over a step."""
         now = self.way_of(motion)
-        return sum(pairs.work(of_nodes(own, now), motion.dt) for pairs, own, _ in self.near(now))
+        return sum(
+            pairs.work(of_nodes(nodes, now), motion.dt) for pairs, nodes, _ in self.near(now)
+        )
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
@@ -186,7 +188,7 @@ class AnyTouching(BetweenNodes):
         self, motion: NodeMotion, what: Callable[[TouchingPairs, PairMotion], Tensor]
     ) -> Tensor | None:
         way = self.way_of(motion)
-        each = [what(pairs, of_nodes(own, way)) for pairs, own, _ in self.near(way)]
+        each = [what(pairs, of_nodes(nodes, way)) for pairs, nodes, _ in self.near(way)]
         return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
     def by_moves(self, near: Near, motion: NodeMotion, now: PairMotion) -> Tensor:

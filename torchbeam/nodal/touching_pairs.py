@@ -248,10 +248,10 @@ class TouchingPairs(Tree):
             return torch.cat([part for part in found if part is not None], -1)
 
         batch = broadcast_shapes(points.position.shape[:-3], *batch_shapes(self))
-        given = [points.position, *asked.values()]
-        if any(x.shape[:-3] != batch for x in given):
-            given = [x.expand(*batch, *x.shape[-3:]) for x in given]
-        slopes = jacobians(actions, *(x.flatten(-2) for x in given))
+        arguments = [points.position, *asked.values()]
+        if any(x.shape[:-3] != batch for x in arguments):
+            arguments = [x.expand(*batch, *x.shape[-3:]) for x in arguments]
+        slopes = jacobians(actions, *(x.flatten(-2) for x in arguments))
         by_point = (slope.unflatten(-1, (4, 3)).movedim(-2, -3) for slope in slopes)
         weights = self._weights[..., None, None]
         by_node = (weights * slope[..., POINTS, :, :] for slope in by_point)

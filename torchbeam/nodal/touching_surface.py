@@ -28,8 +28,8 @@ class TouchingSurface(Touching):
     @property
     def profiles(self) -> tuple[Tensor | Table, Tensor]:
         law, none = self.contact, self.s.new_zeros(())
-        given = (law.radius, law.other_radius) if self.first else (law.other_radius, law.radius)
-        return next((x for x in given if x is not None), none), none
+        radii = (law.radius, law.other_radius) if self.first else (law.other_radius, law.radius)
+        return next((x for x in radii if x is not None), none), none
 
     @property
     def points(self) -> int:

@@ -44,7 +44,7 @@ def check_axes(ax: Any) -> Axes:
 
 def drawable(name: str, value: Any, kind: str, *needed: str) -> Any:
     """`value` if it has what is drawn of it; ValueError, that names the kind, otherwise."""
-    if isinstance(value, type) or not all(hasattr(value, one) for one in needed):
+    if isinstance(value, type) or not all(hasattr(value, attribute) for attribute in needed):
         raise refusal(f"{name} = {shown(value)}", kind)
     return value
 

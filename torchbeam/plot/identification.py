@@ -30,22 +30,22 @@ def fit(fit: Any) -> list[Axes]:
         >>> panels = tb.plot.fit(fit)
     """
     drawable("fit", fit, "a torchbeam.Fit", "readings", "names")
-    series = [one for one in fit.readings if one.data.ndim and len(one.data) > 1]
-    shown = [(one, k, name) for one in series for k, name in enumerate(one.names)]
+    series = [reading for reading in fit.readings if reading.data.ndim and len(reading.data) > 1]
+    shown = [(reading, k, name) for reading in series for k, name in enumerate(reading.names)]
     if not shown:
         raise ValueError(
             "a fit to single readings was given to plot.fit; one with readings over time is wanted"
         )
     places = grid(2, len(shown), (5.0 * len(shown), 4.6))
-    for column, (one, k, name) in enumerate(shown):
+    for column, (reading, k, name) in enumerate(shown):
         above, below = places[column], places[len(shown) + column]
-        data, y = (one.columns(v)[k] for v in (one.data, one.y))
-        t = torch.arange(len(data)) if one.times is None else one.times
-        noise = torch.ones_like(y) if one.sigma is None else one.columns(one.sigma)[k]
+        data, y = (reading.columns(v)[k] for v in (reading.data, reading.y))
+        t = torch.arange(len(data)) if reading.times is None else reading.times
+        noise = torch.ones_like(y) if reading.sigma is None else reading.columns(reading.sigma)[k]
         noise = noise * fit.scale
         own = torch.zeros_like(y)
-        if one.deviation is not None:
-            own = one.columns(one.deviation)[k].nan_to_num()
+        if reading.deviation is not None:
+            own = reading.columns(reading.deviation)[k].nan_to_num()
         order = t.argsort()
         t, data, y, noise, own = (v[order] for v in (t, data, y, noise, own))
         room = BAND * (own.square() + noise.square()).sqrt()
@@ -57,7 +57,7 @@ def fit(fit: Any) -> list[Axes]:
         below.plot(t, data - y, ".", ms=4, color="C3")
         below.axhline(0, color="k", lw=0.8)
         above.set(title=name, ylabel="reading")
-        below.set(xlabel="sample" if one.times is None else "time / s", ylabel="data - model")
+        below.set(xlabel="sample" if reading.times is None else "time / s", ylabel="data - model")
         for axis in (above, below):
             axis.margins(x=0)
     places[0].legend(frameon=False, fontsize=8)

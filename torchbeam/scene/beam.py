@@ -214,8 +214,10 @@ class Beam(BeamRows):
         )
         h = (length / N)[..., None].expand(*length.shape, N)
         s = places(h, order)
-        given = check_function("curvature", curvature, "s")(s) if callable(curvature) else curvature
-        k = as_tensor(given, length.dtype, length.device)
+        values = (
+            check_function("curvature", curvature, "s")(s) if callable(curvature) else curvature
+        )
+        k = as_tensor(values, length.dtype, length.device)
         k = finite("curvature", axis_last("curvature", k, 3))
         if not callable(curvature):
             others = length.shape, axes.shape[:-2], root.shape[:-1]

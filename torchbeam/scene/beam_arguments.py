@@ -53,8 +53,8 @@ def placed(
     """Arguments common to beams that start at a root: sizes by name, positive (those whose name
     begins with _ only take part in the dtype); axes (..., 3, 3) of the root; its position (..., 3).
     """
-    given = (direction, up, root, *sizes.values())
-    dtype, device = dtype_with(section, *(x for x in given if not callable(x) and x is not None))
+    numbers = (direction, up, root, *sizes.values())
+    dtype, device = dtype_with(section, *(x for x in numbers if not callable(x) and x is not None))
     known = [(name, x) for name, x in sizes.items() if not name.startswith("_")]
     values = [positive(name, as_tensor(x, dtype, device)) for name, x in known]
 

@@ -32,9 +32,9 @@ def remembered(make: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(make)
     def making(cls: type, *args: Any, **kwargs: Any) -> Any:
         beam = make(cls, *args, **kwargs)
-        given = signature.bind(cls, *args, **kwargs)
-        given.apply_defaults()
-        vars(beam)[RECIPE] = Recipe(making, given.arguments)
+        bound = signature.bind(cls, *args, **kwargs)
+        bound.apply_defaults()
+        vars(beam)[RECIPE] = Recipe(making, bound.arguments)
         return beam
 
     return making

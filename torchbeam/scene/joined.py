@@ -22,14 +22,14 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
     motions, and bodies without inertia which nothing keeps from turning.
     """
     structure, joints = scene.beam, []
-    for given in scene.joints:
-        instance("a joint", given, Joint)
+    for drawn in scene.joints:
+        instance("a joint", drawn, Joint)
         if not structure.parts:
             raise ValueError(
-                f"a {given.called} was given in a scene of one beam; parts by their names are "
+                f"a {drawn.called} was given in a scene of one beam; parts by their names are "
                 "wanted: Scene({name: beam, ...})"
             )
-        joint = with_values(given, a=_resolved(given.a, structure), b=_resolved(given.b, structure))
+        joint = with_values(drawn, a=_resolved(drawn.a, structure), b=_resolved(drawn.b, structure))
         joint.check(structure)
         for other in joints:
             if {joint.ends, joint.ends[::-1]} & {other.ends} and _together(joint, other, structure):

@@ -132,7 +132,7 @@ class Joint(Tree):
     @property
     def acts(self) -> dict[str, Any]:
         """What acts in it, by name, where it is there."""
-        names = [own.name for own in fields(self) if own.name not in PLACED]
+        names = [field.name for field in fields(self) if field.name not in PLACED]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def law(self, coordinate: int) -> CoordinateLaw:

@@ -101,25 +101,25 @@ def _is_named(given: Any) -> bool:
 
 def row_of(parts: tuple[Part, ...], node: Any, name: str = "node") -> Row:
     """The row of a node, (name, number) or a body's name. Raises ValueError for none."""
-    given = node.given if isinstance(node, Row) else node
-    check_node(name, given)
-    if isinstance(given, int) or not parts:
+    place = node.given if isinstance(node, Row) else node
+    check_node(name, place)
+    if isinstance(place, int) or not parts:
         what = "a structure" if parts else "a scene of one beam, which has no names"
         there = f": {nodes_of(parts)}" if parts else ""
         raise ValueError(
-            f"{name} = {given!r} was given in {what}; one of its nodes is wanted{there}"
+            f"{name} = {place!r} was given in {what}; one of its nodes is wanted{there}"
         )
-    part_name, index = given if isinstance(given, tuple) else (given, None)
+    part_name, index = place if isinstance(place, tuple) else (place, None)
     part = {part.name: part for part in parts}.get(part_name)
     if part is None or part.body != (index is None):
         raise ValueError(
-            f"{name} = {given!r} was given; the structure has the nodes {nodes_of(parts)}"
+            f"{name} = {place!r} was given; the structure has the nodes {nodes_of(parts)}"
         )
     if index is not None and not -part.node_count <= index < part.node_count:
         raise ValueError(
-            f"{name} = {given!r} was given; {part.name!r} has the nodes 0 to {part.node_count - 1}"
+            f"{name} = {place!r} was given; {part.name!r} has the nodes 0 to {part.node_count - 1}"
         )
-    row = Row(part.first_node + (index or 0) % part.node_count, given)
+    row = Row(part.first_node + (index or 0) % part.node_count, place)
     return node if node == row and isinstance(node, Row) else row
 
 

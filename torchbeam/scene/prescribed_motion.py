@@ -29,8 +29,8 @@ class PrescribedMotion:
     def frame(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
         """v (..., 3) m/s and omega (..., 3) rad/s of frame a; None = at rest."""
         frame = self.scene.frame
-        given = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
-        return tuple(None if x is None else self._value(x, t) for x in given)
+        rates = (None, None) if frame is None else (frame.velocity, frame.angular_velocity)
+        return tuple(None if x is None else self._value(x, t) for x in rates)
 
     def turn(self, start: Tensor, end: Tensor) -> Tensor:
         """Quaternion (..., 4) by which frame a, which turns, does so from `start` to `end` (...) s,
@@ -51,8 +51,8 @@ class PrescribedMotion:
 
     def displacement(self, support: Support, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
         """Displacement m and turn rad (..., 3) of a support; None = none."""
-        given = support.displacement, support.turn
-        return tuple(None if x is None else self._value(x, t) for x in given)
+        moves = support.displacement, support.turn
+        return tuple(None if x is None else self._value(x, t) for x in moves)
 
     def rates(self, support: Support, t: Tensor) -> tuple[Tensor, Tensor]:
         """Velocity and spin (..., 3) of a support in frame a, in its axes, relative to it."""

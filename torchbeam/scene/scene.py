@@ -145,8 +145,10 @@ class Scene(Tree):
                     "torchbeam.scene.effects for what is"
                 )
         effects = tuple(map(self._placed, effects))
-        given = dict(effects=effects, frame=self.frame, root=self.root, joints=listed(self.joints))
-        for name, value in given.items():
+        sorted_fields = dict(
+            effects=effects, frame=self.frame, root=self.root, joints=listed(self.joints)
+        )
+        for name, value in sorted_fields.items():
             set_(self, name, self._bound(value))
         set_(self, "effects", with_defaults(self.effects, self.beam))
         if not isinstance(self.supports, SceneSupports | None):
@@ -320,10 +322,10 @@ class Scene(Tree):
         """The supports as given, nodes counted from the root; the root's motion in node 0's."""
         freed = any(e.frees_root for e in self._of("load"))
         asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
-        given = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
-        given = listed(given)
+        supported = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
+        supported = listed(supported)
         count, by_node = self.beam.node_count, {}
-        for support in given:
+        for support in supported:
             if not isinstance(support, Support):
                 raise ValueError(
                     f"{shown(support)} was given as a support; a torchbeam.Support is wanted"
@@ -354,7 +356,7 @@ class Scene(Tree):
                     )
                 by_node[0] = replace(clamp, displacement=motion[0], turn=motion[1])
         supports = SceneSupports(replace(by_node[node], node=node) for node in by_node)
-        supports.given = None if asked is None else given
+        supports.given = None if asked is None else supported
         return supports
 
     def _placed(self, effect: Effect) -> Effect:
@@ -458,8 +460,8 @@ def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
     for name in more:
         if name in inputs:
             raise ValueError(f"the input {name!r} was given twice; once is wanted")
-    given = {**inputs, **more}
-    for name, value in given.items():
+    whole = {**inputs, **more}
+    for name, value in whole.items():
         if callable(value):
             check_function(f"the input {name!r}", value, "t")
-    return given
+    return whole

@@ -75,8 +75,8 @@ class Section(Tree):
     rotary: bool = field(init=False)
 
     def __post_init__(self) -> None:
-        given = self.compliance, self.mass
-        dtype, device = common_dtype(*given)
+        matrices = self.compliance, self.mass
+        dtype, device = common_dtype(*matrices)
         S, mass = (
             _symmetric(name, as_tensor(x, dtype, device), dtype_of(x))
             for name, x in (("compliance", self.compliance), ("mass", self.mass))
@@ -97,9 +97,9 @@ class Section(Tree):
         inertia("rotary inertia", _about_centre(mass), mass[..., 3:, 3:].abs().amax((-1, -2)))
         vars(self).update(compliance=S, mass=mass, rigid=_zeros(S_diagonal))
         self.declared(
-            coupled=present(given[0], S - torch.diag_embed(S_diagonal)),
-            offset=present(given[1], mass[..., :3, 3:]),
-            rotary=present(given[1], mass[..., 3:, 3:]),
+            coupled=present(matrices[0], S - torch.diag_embed(S_diagonal)),
+            offset=present(matrices[1], mass[..., :3, 3:]),
+            rotary=present(matrices[1], mass[..., 3:, 3:]),
         )
 
     def __repr__(self) -> str:
@@ -162,9 +162,9 @@ class Section(Tree):
                 "a section with an impossible strain was given; one to be shifted needs finite "
                 "stiffness"
             )
-        given = y, z
+        offsets = y, z
         y, z = (finite(name, self._value(value)) for name, value in (("y", y), ("z", z)))
-        moved = any(map(present, given))
+        moved = any(map(present, offsets))
         r = skew(torch.stack(torch.broadcast_tensors(torch.zeros_like(y), y, z), -1))
         eye, zero = torch.eye(3, dtype=r.dtype, device=r.device).expand_as(r), torch.zeros_like(r)
         # about the old axis by about the new
@@ -206,13 +206,14 @@ class Section(Tree):
         lengths: where its last one is to be the pair, `EI=EI.unbind(-1)`. Raises ValueError for a
         stiffness that is not positive or a mass or inertia that is negative.
         """
-        given = dict(EA=EA, GA=GA, GJ=GJ, EI=EI, mass=mass, inertia=inertia)
-        dtype, device = common_dtype(*given.values())
-        pair = {name: _pair(name, value, dtype, device) for name, value in given.items()}
+        numbers = dict(EA=EA, GA=GA, GJ=GJ, EI=EI, mass=mass, inertia=inertia)
+        dtype, device = common_dtype(*numbers.values())
+        pair = {name: _pair(name, value, dtype, device) for name, value in numbers.items()}
         for name in ("EA", "GJ", "mass"):
-            if isinstance(given[name], (list, tuple)):
+            if isinstance(numbers[name], (list, tuple)):
                 raise ValueError(
-                    f"{name} = {given[name]!r} was given; one value is wanted (a batch is a tensor)"
+                    f"{name} = {numbers[name]!r} was given; one value is wanted (a batch is a "
+                    "tensor)"
                 )
         for name in ("EA", "GA", "GJ", "EI"):
             for value in dict.fromkeys(pair[name]):
@@ -289,8 +290,8 @@ def _pair(
         if len(value) != 2:
             raise refusal(f"{name} with {len(value)} entries", "one value or a pair (y, z)")
         return as_tensor(value[0], dtype, device), as_tensor(value[1], dtype, device)
-    one = as_tensor(value, dtype, device)
-    return one, one
+    number = as_tensor(value, dtype, device)
+    return number, number
 
 
 def _row(entries: list[Tensor]) -> Tensor:

@@ -192,11 +192,11 @@ def of_elements(
 def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
     sections = check_function("section", function, "s")(places)
     if not isinstance(sections, Section) or sections.batch_shape[-1:] != places.shape[-1:]:
-        given = type(sections).__name__
+        kind = type(sections).__name__
         if isinstance(sections, Section):
-            given = f"of batch shape {tuple(sections.batch_shape)}"
+            kind = f"of batch shape {tuple(sections.batch_shape)}"
         raise refusal(
-            f"a function of s that gave a section {given} for {places.shape[-1]} places",
+            f"a function of s that gave a section {kind} for {places.shape[-1]} places",
             "one Section with a last batch axis of that many",
         )
     return sections

@@ -76,14 +76,14 @@ class NodeAcceleration(_OfNode):
         return None if self.body else "vector"
 
     def __post_init__(self) -> None:
-        given = self.node
+        place = self.node
         super().__post_init__()
         if what := forces_between_nodes(self.scene):
             raise ValueError(
                 f"a scene with {what} was given to NodeAcceleration, which has no forces of it; "
                 "one without is wanted"
             )
-        named = given if self.on is None or isinstance(given, (str, tuple)) else (self.on, given)
+        named = place if self.on is None or isinstance(place, (str, tuple)) else (self.on, place)
         object.__setattr__(self, "row", self.scene.beam.row(named) % self.scene.beam.node_count)
         if any(self.scene.beam.rigid):
             raise ValueError(

@@ -151,11 +151,11 @@ class _Turned(_OfNode):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.reference is not None:
-            given = self.reference
-            if hasattr(given, "position"):
-                q = _quaternion(self.seen(given), self.node)
+            reference = self.reference
+            if hasattr(reference, "position"):
+                q = _quaternion(self.seen(reference), self.node)
             else:
-                q = quat.from_matrix(rotations("reference", _given(given)))
+                q = quat.from_matrix(rotations("reference", _given(reference)))
             object.__setattr__(self, "reference", quat.conjugate(q))
 
     def quaternion(self, state: Any) -> Tensor:

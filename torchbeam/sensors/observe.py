@@ -99,8 +99,8 @@ def _values(sensor: Any, solution: Any, t: Tensor) -> Tensor:
     if not isinstance(values, Tensor):
         raise refusal(f"a sensor that gave {shown(values)}", "one of tensors")
     if values.shape[:1] != t.shape:
-        given = f"a sensor that gave {tuple(values.shape)} for {len(t)} instants"
-        raise refusal(given, "time as its first axis")
+        said = f"a sensor that gave {tuple(values.shape)} for {len(t)} instants"
+        raise refusal(said, "time as its first axis")
     return values
 
 

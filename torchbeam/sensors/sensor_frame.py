@@ -53,8 +53,8 @@ class SensorFrame:
                 value = as_tensor(value, *common_dtype(value))
                 object.__setattr__(self, name, finite(name, axis_last(name, value, 3)))
         if self.rotation is not None:
-            given = as_tensor(self.rotation, *common_dtype(self.rotation))
-            object.__setattr__(self, "rotation", rotations("rotation", given))
+            rotation = as_tensor(self.rotation, *common_dtype(self.rotation))
+            object.__setattr__(self, "rotation", rotations("rotation", rotation))
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -65,8 +65,8 @@ class SensorFrame:
         """The sensor as it reads in these axes, with `parameters` (..., 3) by name."""
         named = {n: getattr(self, n) for n in FIELDS if isinstance(getattr(self, n), str)}
         if named:
-            given = parameters or {}
-            return replace(self, **{n: given[name] for n, name in named.items()}).of(sensor)
+            values = parameters or {}
+            return replace(self, **{n: values[name] for n, name in named.items()}).of(sensor)
         if isinstance(sensor, Component):
             return Component(self.of(sensor.of), sensor.which)
         if isinstance(sensor, Stack):

@@ -44,7 +44,7 @@ class ByParameters:
     positive: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        kind, names = type(self).__name__, [own.name for own in fields(self)]
+        kind, names = type(self).__name__, [field.name for field in fields(self)]
         checked = {n: checked_number(f"{kind}'s {n}", getattr(self, n)) for n in names}
         set_fields(self, **checked)
         for name in self.positive:

@@ -230,7 +230,7 @@ class Stream(Summary):
     def _share_error(self, j: int, x: Tensor, level: float, n: int) -> Tensor:
         """Half the intervals (...) of P(y > x) by replicates; at least the rule of three."""
         pairs = zip(self.sketches, self.moments, strict=True)
-        known = [(sketches[j], own.n) for sketches, own in pairs if own is not None]
+        known = [(sketches[j], moment.n) for sketches, moment in pairs if moment is not None]
         shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
         return share_half(shares, level, n)
 

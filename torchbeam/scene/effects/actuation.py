@@ -32,10 +32,10 @@ def _chosen(name: str, elements: Any) -> Any:
     """Numbers of elements, or a slice of them."""
     if isinstance(elements, slice):
         return elements
-    given = tuple(whole("an element", element) for element in listed(elements))
-    if not given:
+    numbers = tuple(whole("an element", element) for element in listed(elements))
+    if not numbers:
         raise refusal("Actuation of no elements", "the numbers of some, or None for all,", are=True)
-    return given
+    return numbers
 
 
 @dataclass(frozen=True)

@@ -154,8 +154,8 @@ class Contact(ContactTerms):
     def placed(self, beam: Any) -> Contact:
         parts = [part_of(beam.parts, name) for name in (self.on, self.partner) if name is not None]
         shapes = [beam.surface(part.name) if part.body else None for part in parts]
-        given = [self.radius, self.radius if self.other_radius is None else self.other_radius]
-        for part, shape, radius in zip(parts, shapes, given, strict=False):
+        radii = [self.radius, self.radius if self.other_radius is None else self.other_radius]
+        for part, shape, radius in zip(parts, shapes, radii, strict=False):
             if part.body and shape is None and isinstance(radius, Table):
                 raise refusal(
                     f"Contact of {part.name!r} with a radius as a Table",
@@ -172,7 +172,9 @@ class Contact(ContactTerms):
         ValueError for what cannot touch, and another radius.
         """
         names = [name for name in (self.on, self.partner) if name is not None]
-        name = next(own for own, shape in zip(names, shapes, strict=True) if shape is not None)
+        name = next(
+            part_name for part_name, shape in zip(names, shapes, strict=True) if shape is not None
+        )
         shape = shapes[names.index(name)]
         if None not in shapes and len(shapes) == 2:
             raise ValueError(

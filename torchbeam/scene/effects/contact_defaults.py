@@ -29,9 +29,9 @@ def with_defaults(effects: tuple[Any, ...], beam: Any) -> tuple[Any, ...]:
 
 
 def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> ContactTerms:
-    given = {name: getattr(contact, name) is not None for name in ("thickness", "force")}
-    given["force"] = given["force"] or contact.stiffness is not None
-    missing = tuple(name for name in given if name in contact.follows or not given[name])
+    known = {name: getattr(contact, name) is not None for name in ("thickness", "force")}
+    known["force"] = known["force"] or contact.stiffness is not None
+    missing = tuple(name for name in known if name in contact.follows or not known[name])
     if not missing:
         return contact
     names = [name for name in (contact.on, contact.partner) if name is not None]

@@ -151,9 +151,9 @@ class Load(LoadEffect):
         if self.node is not None:
             check_node("node", self.node)
         if bool(self.internal) != (self.rate is not None):
-            given = "a rate without internal states"
-            given = "internal states without a rate" if self.internal else given
-            raise ValueError(f"{given} was given to Load; both or neither are wanted")
+            wrong = "a rate without internal states"
+            wrong = "internal states without a rate" if self.internal else wrong
+            raise ValueError(f"{wrong} was given to Load; both or neither are wanted")
         if PLACE in self.of and self.node is not None:
             raise ValueError(
                 "the arclength 's' was asked for by a Load at a node; one along the beam, "
@@ -212,9 +212,9 @@ class Load(LoadEffect):
             returned = self.function(*motion, now, **named)
             count = len(returned) if isinstance(returned, (tuple, list)) else None
             if count != 2 or all(w is None for w in returned):
-                given = shown(returned) if count in (None, 2) else f"{count} values"
+                said = shown(returned) if count in (None, 2) else f"{count} values"
                 raise ValueError(
-                    f"a Load's function that returns {given} was given; (force, moment) is wanted, "
+                    f"a Load's function that returns {said} was given; (force, moment) is wanted, "
                     "one of them None where it is absent"
                 )
             return tuple(
@@ -295,8 +295,8 @@ class Load(LoadEffect):
         own = (1, 2, 1, 1)
         shapes = [x.shape[:-1] for x in named.values()] + [x.shape for x in numbers.values()]
         lead = broadcast_shapes(point.R.shape[:-2], *shapes)
-        given = [(x, k) for x, k in zip(motion, own, strict=True) if x is not None]
-        axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in given), *map(len, shapes)])
+        present = [(x, k) for x, k in zip(motion, own, strict=True) if x is not None]
+        axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in present), *map(len, shapes)])
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
         both = zip(motion, own, strict=True)

@@ -175,10 +175,10 @@ class LineLoad(GivenLoad):
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LineLoad | None:
         if not self.by_place:
             return None
-        given = dict(force=self.force, moment=self.moment)
+        values = dict(force=self.force, moment=self.moment)
         sites = {
             name: AtSites(value_along(value, s, t, inputs, s, elements))
-            for name, value in given.items()
+            for name, value in values.items()
             if value is not None
         }
         return with_values(self, **sites)

@@ -117,10 +117,10 @@ class Tendon(Effect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = [x for x in ("tension", "length", "stiffness") if getattr(self, x) is not None]
-        if given not in (["tension"], ["stiffness"], ["length", "stiffness"]):
+        names = [x for x in ("tension", "length", "stiffness") if getattr(self, x) is not None]
+        if names not in (["tension"], ["stiffness"], ["length", "stiffness"]):
             raise ValueError(
-                f"a Tendon with {' and '.join(given) or 'neither tension nor stiffness'} was "
+                f"a Tendon with {' and '.join(names) or 'neither tension nor stiffness'} was "
                 "given; tension, or stiffness and perhaps length, are wanted"
             )
         together(self, ("friction", "slip_speed"))

@@ -238,8 +238,8 @@ def value_at(value: LoadValue, t: Tensor, inputs: Inputs, like: Tensor) -> Tenso
 def input_at(value: Input, inputs: Inputs) -> Tensor:
     """An input's value (..., size). Raises ValueError where it is missing or of another size."""
     if value.name not in inputs:
-        given = ", ".join(sorted(inputs)) or "none"
-        raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {given}")
+        known = ", ".join(sorted(inputs)) or "none"
+        raise ValueError(f"the input {value.name!r} is wanted at each step; given were: {known}")
     return axis_last(f"input {value.name!r}", inputs[value.name], value.size)
 
 
@@ -260,8 +260,8 @@ class PerInterval(Tree):
     value: Value = leaf(2)
 
     def __post_init__(self) -> None:
-        given = self.value  # a tensor stays in its dtype, until the scene that takes it is known
-        value = real(given) if isinstance(given, Tensor) else plain(given)
+        numbers = self.value  # a tensor stays in its dtype, until the scene that takes it is known
+        value = real(numbers) if isinstance(numbers, Tensor) else plain(numbers)
         if value.ndim < 2:
             raise refusal(f"PerInterval of shape {tuple(value.shape)}", "(..., intervals, size)")
         object.__setattr__(self, "value", value)
