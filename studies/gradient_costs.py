@@ -18,12 +18,12 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.core.measurement import apart, progress
-from torchbeam.core.memory import peak_memory
 from torchbeam.extend.commands import table, threads
 from torchbeam.plot.canvas import grid, save
 from torchbeam.solvers.jacobian import difference, forward
 
 from .harness import Report, Study
+from .peak_memory import peak_memory
 
 NAME = "gradients"
 ELEMENTS, STEP, OUTPUTS = 8, 1e-3, 10  # s; instants at which the tip enters the loss

@@ -8,6 +8,7 @@ versions), NAME.csv and pictures.
 from __future__ import annotations
 
 import json
+import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -26,9 +27,17 @@ from torchbeam.extend.commands import (
     versions,
     write_results,
 )
-from torchbeam.plot.canvas import where_installed
 
 Options = Mapping[str, Mapping[str, Any]]
+
+
+@contextmanager
+def where_installed() -> Iterator[None]:
+    """For the pictures of a command, which goes on without matplotlib, and says so."""
+    try:
+        yield
+    except ImportError as error:
+        print(f"no picture: {error}", file=sys.stderr)
 
 
 @dataclass

@@ -13,9 +13,9 @@ import torch
 
 import torchbeam as tb
 from torchbeam.core.measurement import Measured, apart, progress, timed
-from torchbeam.core.memory import peak_memory
 
 from ..common_case import SPACES, Case
+from ..peak_memory import peak_memory
 
 PART = "gradients"
 STEP, STEPS, OUTPUT = 0.005, 400, 0.02  # s; the tip enters the loss every 20 ms

@@ -23,11 +23,11 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.core.measurement import progress
-from torchbeam.core.memory import peak_memory
 from torchbeam.extend.commands import process_pool, table, threads
 
 from .. import peers
 from ..harness import Report, Study
+from ..peak_memory import peak_memory
 
 TOTALS = {"static": 1_000_000, "rollout": 100_000}  # samples
 # one part in so many: of the samples, for the first rows; of all of them, with --quick

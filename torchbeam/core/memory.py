@@ -1,16 +1,14 @@
-"""Memory of this machine: what is asked for against what is there; what a run takes."""
+"""Memory of this machine: what is asked for against what is there."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 SMALL = 2**28  # bytes that are not asked about
 GROUP = Path("/sys/fs/cgroup")  # limits of a container
 STATUS = "/proc/self/status"
-RESET = Path("/proc/self/clear_refs")  # the most held so far is counted anew
 
 
 def available() -> int | None:
@@ -34,14 +32,14 @@ def _left_to_process() -> int | None:
         import resource
 
         most, _ = resource.getrlimit(resource.RLIMIT_AS)
-        return None if most == resource.RLIM_INFINITY else most - _amount(STATUS, "VmSize")
+        return None if most == resource.RLIM_INFINITY else most - amount(STATUS, "VmSize")
     except (ImportError, AttributeError, OSError, KeyError, ValueError):
         return None
 
 
 def _free() -> int | None:
     try:
-        return _amount("/proc/meminfo", "MemAvailable")
+        return amount("/proc/meminfo", "MemAvailable")
     except (OSError, ValueError, KeyError):
         pass
     try:
@@ -59,20 +57,6 @@ def check_memory(what: str, wanted: float, advice: str) -> None:
         )
 
 
-def peak_memory() -> Callable[[], float]:
-    """A function for the most MB in memory that this process has held since now, beside what it
-    held; nan where the system does not tell. Where the system cannot begin to count anew (no
-    /proc), beside the most that it had held. Pages that the system took back meanwhile are not in
-    it: on a machine short of memory it may be 0.
-    """
-    try:
-        RESET.write_text("5")
-        before, most = _most_since(), _most_since
-    except (OSError, KeyError, ValueError):
-        before, most = most_held(), most_held
-    return lambda: max(most() - before, 0) / 1e6 if before else float("nan")
-
-
 def most_held() -> int:
     """Most bytes that this process has held so far; 0 = not known."""
     try:
@@ -84,12 +68,7 @@ def most_held() -> int:
     )
 
 
-def _most_since() -> int:
-    """Bytes held at most since the count began."""
-    return _amount(STATUS, "VmHWM")
-
-
-def _amount(path: str, name: str) -> int:
+def amount(path: str, name: str) -> int:
     """Bytes that a file of /proc tells by this name. Raises OSError, ValueError or KeyError."""
     lines = dict(line.split(":", 1) for line in Path(path).read_text().splitlines())
     return 1024 * int(lines[name].split()[0])

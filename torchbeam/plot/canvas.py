@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -95,15 +94,6 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
     with written(path) as part:
         figure.savefig(part, dpi=dpi, format=path.suffix[1:])
     return path
-
-
-@contextmanager
-def where_installed() -> Iterator[None]:
-    """For the pictures of a command, which goes on without matplotlib, and says so."""
-    try:
-        yield
-    except ImportError as error:
-        print(f"no picture: {error}", file=sys.stderr)
 
 
 @contextmanager

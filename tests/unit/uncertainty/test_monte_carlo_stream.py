@@ -294,15 +294,15 @@ def test_killed(tmp_path):
 
 MEMORY = """
 import torch, torchbeam as tb
-from torchbeam.core.memory import STATUS, _amount
+from torchbeam.core.memory import STATUS, amount
 torch.set_default_dtype(torch.float64)
 laws = {"EI": tb.laws.LogNormal(1.0, 0.2), "P": tb.laws.Normal(1.0, 0.1)}
 def run(n):
     return tb.monte_carlo_stream(lambda x: x[:, 1] / (3 * x[:, 0]), laws, n, chunk=2**14)
 run(2**18)
-before = _amount(STATUS, "VmPeak")
+before = amount(STATUS, "VmPeak")
 found = run(10_000_000 // 16 * 16)
-after = _amount(STATUS, "VmPeak")
+after = amount(STATUS, "VmPeak")
 print(after - before, found.mean.item(), *[x.item() for x in found.mean_interval()])
 """
 
