@@ -126,12 +126,8 @@ def implicit_run(
             states, _, count = carry_out(*span, state)
         parts += states
         iterations.append(count)
-    stats = Stats(
-        steps=len(plan),
-        iterations=joined(*iterations),
-        reason=stepper.failures.reasons(),
-        engine=stepper.engine,
-    )
+    reason, engine = stepper.failures.reasons(), stepper.engine
+    stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason, engine=engine)
     states = ReducedStates(begun, parts, stepper.model.space)
     return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
