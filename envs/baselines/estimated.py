@@ -25,6 +25,7 @@ from .mpc import MPC
 
 LAST = 0.2  # s, for which a disturbance of the actions lasts
 NARROW = 20.0  # factor over which a parameter that may be zero is thought to lie below its largest
+SETTLING = 10  # intervals in which a plant is left to itself
 STARTS = 64  # draws of the task's, where its episodes start differently
 LATENCIES = 5  # candidates, evenly over their range
 
@@ -80,7 +81,7 @@ class Estimated(Controller):
         if self.z is None:
             self._begin()
         else:
-            y = sensed(env, observation) * self.scale
+            y = torch.where(self.heard, sensed(env, observation) * self.scale, math.nan)
             self.z = self.filter(self.z, y, self.inputs)
             over = now.done if self.z.window is None else torch.zeros_like(now.done)
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
@@ -199,12 +200,37 @@ class Estimated(Controller):
             model=model,
             method=config.method,
         )
+        self.heard = self._heard(own)
         self.covariance = None
         if type(task).initial_state is not Task.initial_state:
             streams = [np.random.default_rng(k) for k in range(STARTS)]
             goals = task.sample_goal(streams, torch.arange(STARTS))
             z = model.departure(task.initial_state(rest.broadcast((STARTS,)), goals))
             self.covariance = z.mT @ z / STARTS
+
+
+    def _heard(self, own: dict[str, tuple[float, float]]) -> Tensor:
+        """(m,) bool: readings of which the motion that is not estimated is less than their noise, in
+        plants of parameters between these that are left to themselves. No filter follows the phase
+        of what is quicker than its readings.
+        """
+        env, f = self.env, self.filter
+        stream = np.random.default_rng(0)
+        draws = {
+            name: torch.as_tensor(stream.uniform(*bounds, STARTS), dtype=env.dtype)
+            for name, bounds in own.items()
+        }
+        step = tb.Stepper(self.scene(draws), f.interval.stepper.dt, self.method)
+        state = env.state.start[:1]
+        read, state = env.simulation.observer.sensors(state), state.broadcast((STARTS,))
+        still = {name: env.high.new_zeros(size) for name, size in step.scene.inputs.items()}
+        beside = []
+        for _ in range(SETTLING):
+            for _ in range(f.interval.steps):
+                state = step(state, inputs=still)
+            follows = f.interval.model.state_at(f.interval.model.departure(state))
+            beside.append(read(state) - read(follows))
+        return torch.stack(beside).square().mean((0, 1)).sqrt() < f.interval.instruments.noise
 
 
 def _prior(low: float, high: float) -> tb.Parameter:
