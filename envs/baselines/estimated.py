@@ -222,7 +222,6 @@ class Estimated(Controller):
             z = model.departure(task.initial_state(rest.broadcast((STARTS,)), goals))
             self.covariance = z.mT @ z / STARTS
 
-
     def _heard(self, own: dict[str, tuple[float, float]]) -> Tensor:
         """(m,) bool: readings of which the motion that is not estimated is less than their noise, in
         plants of parameters between these that are left to themselves. No filter follows the phase

@@ -56,15 +56,20 @@ class Interval:
         return self.scene.inputs
 
     def move(
-        self, state: State, unknowns: Unknowns, coordinates: Tensor, beside: Tensor, u: Tensor
+        self,
+        state: State,
+        unknowns: Unknowns,
+        coordinates: Tensor,
+        inputs: Tensor,
+        u: Tensor | None = None,
     ) -> Moved:
-        """From a state, with parameters of `coordinates` (..., p), forces among the unknowns `beside`
-        and what is given, u (..., k), held.
+        """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held, and
+        with what `drive` makes of u (..., k) on top.
         """
-        inputs = unknowns.acting(beside, u if self.drive is None else torch.zeros_like(unknowns.white))
         model, m = self.model, self.instruments.count
         n, space = model.reads.shape[-2], self.stepper.model.space
-        lead = broadcast_shapes(state.batch_shape, coordinates.shape[:-1], inputs.shape[:-1], u.shape[:-1])
+        axes = [part.shape[:-1] for part in (coordinates, inputs, u) if part is not None]
+        lead = broadcast_shapes(state.batch_shape, *axes)
 
         def step(begin: State, given: dict[str, Tensor]) -> tuple[State, Tensor]:
             scene, stepper, now, parameters = self.scene, copy(self.stepper), begin, {}
@@ -74,7 +79,7 @@ class Interval:
                 stepper = Stepper(scene, self.stepper.dt, self.method)
             parts = given["inputs"].split(tuple(self.inputs.values()), -1)
             held = dict(zip(self.inputs, parts, strict=True))
-            if self.drive is not None:
+            if self.drive is not None and u is not None:
                 held |= {k: held[k] + part for k, part in self.drive(parameters, u).items()}
             for _ in range(self.steps):
                 now = stepper.advance(now, held)

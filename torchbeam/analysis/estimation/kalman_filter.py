@@ -237,7 +237,8 @@ class KalmanFilter:
         own, k = self.unknowns, self.moves + len(self.unknowns.names)
         beside, underway = x[..., self.moves : k], x[..., k:]
         coordinates = beside[..., : own.of_model]
-        after = self.interval.move(state, own, coordinates, beside, u)
+        given = u if self.interval.drive is None else torch.zeros_like(own.white)
+        after = self.interval.move(state, own, coordinates, own.acting(beside, given), u)
         lead, read = after.readings.shape[:-1], after.readings
         if self.delay:
             read = underway[..., -self.read :]
