@@ -20,7 +20,11 @@ import torch
 from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Controller, Estimated, JointLQR
 
 from torchbeam.extend.commands import (
-    measured_on, results_folder, sentence, table, write_results,
+    measured_on,
+    results_folder,
+    sentence,
+    table,
+    write_results,
 )  # fmt: skip
 
 from .evaluate import evaluate, make

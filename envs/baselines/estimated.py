@@ -223,9 +223,9 @@ class Estimated(Controller):
             self.covariance = z.mT @ z / STARTS
 
     def _heard(self, own: dict[str, tuple[float, float]]) -> Tensor:
-        """(m,) bool: readings of which the motion that is not estimated is less than their noise, in
-        plants of parameters between these that are left to themselves. No filter follows the phase
-        of what is quicker than its readings.
+        """(m,) bool: readings of which the motion that is not estimated is less than their noise,
+        in plants of parameters between these that are left to themselves. No filter follows the
+        phase of what is quicker than its readings.
         """
         env, f = self.env, self.filter
         stream = np.random.default_rng(0)

@@ -63,8 +63,8 @@ class Interval:
         inputs: Tensor,
         u: Tensor | None = None,
     ) -> Moved:
-        """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held, and
-        with what `drive` makes of u (..., k) on top.
+        """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held,
+        and with what `drive` makes of u (..., k) on top.
         """
         model, m = self.model, self.instruments.count
         n, space = model.reads.shape[-2], self.stepper.model.space

@@ -51,8 +51,8 @@ class KalmanFilter:
             about within a second: white, and of the same energy in each mode of z
         bias: deviation of a constant offset of the readings, one or (m,); 0 = none
         delay: intervals by which readings come late
-        drive: (parameters, u (..., k)) -> name -> (..., size): the inputs that act where `u` is given,
-            by actuators that are unknown, too; None = those of `u` itself
+        drive: (parameters, u (..., k)) -> name -> (..., size): the inputs that act where `u` is
+            given, by actuators that are unknown, too; None = those of `u` itself
         steps: of the structure in an interval
         model: whose coordinates are z; a reduced one: amplitudes of modes, the rest follows. None =
             that of `linearize`, about the equilibrium of the mean parameters without inputs
