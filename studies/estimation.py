@@ -37,7 +37,7 @@ class Case(NamedTuple):
     parameters: dict[str, tb.Parameter]
     options: dict[str, Any]
     drive: Callable[[int], list[float]]  # of the k-th interval: the scene's inputs
-    modes: int | None = 2  # z; None = all
+    modes: int | None  # z; None = all
 
 
 class Share(NamedTuple):
@@ -104,6 +104,7 @@ CASES = {
         {"E": near_one(0.1)},
         {"process": {"push": ((0.0, 0.0, 0.05), 0.2)}, "bias": 2e-3},
         lambda k: [0.0] * 3,
+        modes=4,  # of two, what the force makes of the others is taken for another stiffness
     ),
     "payload, two accelerometers": Case(
         payload,

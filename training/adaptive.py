@@ -1,10 +1,10 @@
 """What estimation is worth at the uncertain level, and what could be had at most.
 
-python -m training.adaptive --episodes 16
+python -m training.adaptive --episodes 32 --out docs/results/adaptive
 
 By task on the first held-out episodes: MPC by the usual plant, LQR and MPC by what a filter makes
 of the readings, MPC that knows the plant but sees it through the readings (the bound), and MPC that
-knows and sees all.
+knows and sees all. Decision times are those of one training episode, alone.
 """
 
 from __future__ import annotations
@@ -13,15 +13,23 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+import torch
 from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Controller, Estimated, JointLQR
 
-from torchbeam.extend.commands import measured_on, sentence, table
+from torchbeam.extend.commands import (
+    measured_on,
+    results_folder,
+    sentence,
+    table,
+    write_results,
+)  # fmt: skip
 
 from .evaluate import evaluate, make
 from .options import above_zero
-from .tuned import NOMINAL, TASKS
+from .tuned import NOMINAL, TASKS, TRAINING, Task
 
 CONTROLLERS: dict[str, Callable[[Any], Controller]] = {
     "MPC, usual plant": MPC,
@@ -30,6 +38,67 @@ CONTROLLERS: dict[str, Callable[[Any], Controller]] = {
     "bound": lambda env: AdaptiveMPC(env, known=True),
     "MPC, informed": lambda env: MPC(env, informed=True),
 }
+FIRST = 5  # decisions that do not count: they compile
+
+
+class Score(NamedTuple):
+    """Of a task and a controller: mean return, shares of episodes and intervals, episodes that were
+    lost, and s from an observation to its action (of 99 of 100 at most).
+    """
+
+    task: str
+    controller: str
+    total: float
+    success: float
+    within: float
+    lost: int
+    median: float
+    most: float
+
+
+HEAD = (
+    "task", "controller", "return", "success, %", "within, %", "lost", "decision, ms", "99 %, ms",
+)  # fmt: skip
+
+
+def score(task: Task, title: str, episodes: int) -> Score:
+    """On the first held-out episodes."""
+    env = make(task, episodes)
+    found = evaluate(task, CONTROLLERS[title](env), episodes, env=env)
+    median, most = np.quantile(decisions(task, CONTROLLERS[title]), (0.5, 0.99)).tolist()
+    shares = found["return"], found["success"], found["within"]
+    name = task.name.removesuffix("-uncertain")
+    return Score(name, title, *shares, int(found["ended"]), median, most)
+
+
+@torch.no_grad()
+def decisions(task: Task, controller: Callable[[Any], Controller]) -> list[float]:
+    """s of each decision of a training episode."""
+    env, taken = make(task, 1), []
+    observation, _ = env.reset(seed=TRAINING)
+    own = controller(env)
+    own.begin(env)
+    while not env.state.done.any():
+        begin = time.perf_counter()
+        action = own(observation)
+        taken.append(time.perf_counter() - begin)
+        observation, *_ = env.step(action)
+    return taken[FIRST:]
+
+
+def markdown(rows: Sequence[Score]) -> str:
+    lines = [
+        (
+            r.task,
+            r.controller,
+            f"{r.total:.2f}",
+            *(f"{100 * share:.0f}" for share in (r.success, r.within)),
+            f"{r.lost}",
+            *(f"{1e3 * t:.0f}" for t in (r.median, r.most)),
+        )
+        for r in rows
+    ]
+    return table(HEAD, lines, words=2)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,23 +107,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tasks", nargs="+", choices=NOMINAL, default=NOMINAL)
     parser.add_argument("--controllers", nargs="+", choices=CONTROLLERS, default=[*CONTROLLERS])
     parser.add_argument("--episodes", type=above_zero(int), default=16, metavar="N")
+    parser.add_argument("--out", help="folder of adaptive.md, .json and .csv (default: none)")
     given = parser.parse_args(argv)
-    rows = []
+    out = None if given.out is None else results_folder(parser, given.out)
+    torch.set_num_threads(1)
+    rows: list[Score] = []
     for name in given.tasks:
-        task = TASKS[f"{name}-uncertain"]
         for title in given.controllers:
-            env = make(task, given.episodes)
-            begin = time.process_time()
-            score = evaluate(task, CONTROLLERS[title](env), given.episodes, env=env)
-            spent = time.process_time() - begin
-            shares = f"{100 * score['success']:.0f}", f"{100 * score['within']:.0f}"
-            told = (f"{score['return']:.2f}", *shares, f"{score['ended']}", f"{spent:.0f}")
-            rows.append((name, title, *told))
+            rows.append(score(TASKS[f"{name}-uncertain"], title, given.episodes))
             print(*rows[-1], file=sys.stderr, flush=True)
-    head = ("task", "controller", "return", "success, %", "within, %", "lost", "CPU s")
-    print(f"{given.episodes} held-out episodes of the uncertain level.\n")
-    print(table(head, rows, words=2))
-    print(f"\n{sentence(measured_on())}")
+    about = measured_on(dtype=None, threads=1) | {"episodes": given.episodes}
+    text = f"{given.episodes} held-out episodes of the uncertain level.\n\n{markdown(rows)}\n\n"
+    text += sentence(about)
+    print(text)
+    if out is not None:
+        content = {**about, "rows": [r._asdict() for r in rows]}
+        write_results(out, "adaptive", text, content, Score._fields, rows)
     return 0
 
 

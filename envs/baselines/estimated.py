@@ -25,8 +25,10 @@ from .mpc import MPC
 
 LAST = 0.2  # s, for which a disturbance of the actions lasts
 NARROW = 20.0  # factor over which a parameter that may be zero is thought to lie below its largest
+SETTLING = 10  # intervals in which a plant is left to itself
 STARTS = 64  # draws of the task's, where its episodes start differently
-LATENCIES = 5  # candidates, evenly over their range
+LATENCIES = 4  # candidates, evenly over their range, each of which is estimated from there
+LASTING = 8.0  # lags, for which an action is remembered
 
 
 class Estimated(Controller):
@@ -80,8 +82,8 @@ class Estimated(Controller):
         if self.z is None:
             self._begin()
         else:
-            y = sensed(env, observation) * self.scale
-            self.z = self.filter(self.z, y, self.inputs)
+            y = torch.where(self.heard, sensed(env, observation) * self.scale, math.nan)
+            self.z = self.filter(self.z, y, self.asked.flatten(1))
             over = now.done if self.z.window is None else torch.zeros_like(now.done)
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
@@ -90,30 +92,44 @@ class Estimated(Controller):
             action = self.controller.act(observation).clamp(-1, 1)
         finally:
             env.set_state(now)
-        acting = []
-        for params, acts in zip(self.candidates, self.acting, strict=True):
-            plant = Plant(params, now.plant.stepper)
-            acting.append(env.simulation.acting(replace(now, plant=plant, acting=acts), action)[0])
-        self.acting = torch.stack(acting)
-        gain = self.candidates[0]["gain"].reshape(-1, 1)
-        self.inputs = env.task.inputs(gain * self.acting)
+        self.asked = torch.cat((action[:, None], self.asked[:, :-1]), 1)
         return action
 
     def believed(self) -> Any:
-        """The episodes (n,), by the most likely candidates."""
+        """The episodes (n,), by the most likely latencies."""
         now, likely = self.env.state, self.z.log_likelihood.argmax(0)
         at = likely, torch.arange(len(likely), device=likely.device)
-        plant = now.plant
+        plant, own = now.plant, self.filter.unknowns
+        params = dict(self.told)
+        if own.of_model:
+            params |= own.given(self.z.x[at][:, self.filter.moves :][:, : own.of_model])
+            params["latency"] = params["latency"].clamp(*self.late)
         if not self.known:
-            own = self.filter.unknowns
-            x = self.z.x[at][:, self.filter.moves :]
-            params = own.given(x[:, : own.of_model]) if own.of_model else {}
-            latency = torch.stack([c["latency"] for c in self.candidates])
-            params |= {"latency": latency[at] if latency.ndim > 1 else latency[0]}
             scene = self.scene(params) if own.of_model else self.filter.interval.scene
             step = self.filter.interval.stepper
-            plant = Plant(self.candidates[0] | params, tb.Stepper(scene, step.dt, self.method))
-        return replace(now, plant=plant, beam=self.z.state[at], acting=self.acting[at])
+            plant = Plant(params, tb.Stepper(scene, step.dt, self.method))
+        acting = self.acting(params, self.asked)
+        return replace(now, plant=plant, beam=self.z.state[at], acting=acting)
+
+    def acting(self, params: dict[str, Tensor], asked: Tensor) -> Tensor:
+        """(..., a) what acts, before the gain, by what was asked (..., H, a), the last first, as
+        `Simulation.acting` has it.
+        """
+        spare = self.env.simulation.spare
+        latency = params["latency"].clamp(*self.late)[..., None]
+        hats = (1 - (latency - torch.arange(spare + 1).to(latency)).abs()).clamp(min=0)
+        late = asked[..., self.env.config.delay :, :].unfold(-2, spare + 1, 1)
+        late = (late * hats[..., None, None, :]).sum(-1)
+        lag = params["lag"][..., None]
+        left = torch.exp(-self.env.config.control_interval / lag.where(lag > 0, 1.0))
+        left = left.where(lag > 0, 0.0) ** torch.arange(late.shape[-2]).to(latency)
+        return (((left[..., :1] - left[..., 1:2]) * left)[..., None] * late).sum(-2)
+
+    def drive(self, params: dict[str, Tensor], asked: Tensor) -> dict[str, Tensor]:
+        """Inputs by name of what was asked (..., H a)."""
+        params = self.told | params
+        asked = asked.unflatten(-1, (-1, self.env.task.actions))
+        return self.env.task.inputs(params["gain"][..., None] * self.acting(params, asked))
 
     def scene(self, params: dict[str, Tensor]) -> tb.Scene:
         """Of parameters by name; the others as usual."""
@@ -129,11 +145,13 @@ class Estimated(Controller):
         if fresh is None or self.known:
             self._make(env)
         start = self.whole.state_at(self.whole.departure(now.start))  # held as the model's is
-        shape = len(self.candidates), env.num_envs
+        shape = len(self.latencies), env.num_envs
         first = self.filter.start(shape, state=start, covariance=self.covariance)
-        acting = now.acting.expand(len(self.candidates), -1, -1)
+        if "latency" in (names := self.filter.unknowns.names):
+            first.x[..., self.filter.moves + names.index("latency")] = self.latencies[:, None]
         if fresh is None or fresh.all():
-            self.z, self.acting = first, acting
+            self.z = first
+            self.asked = env.high.new_zeros(env.num_envs, self.memory, env.task.actions)
             return
         if self.z.window is not None:
             raise ValueError(
@@ -146,7 +164,7 @@ class Estimated(Controller):
             for a, b in [(getattr(first, name), getattr(self.z, name))]
         }
         self.z = replace(self.z, state=first.state.where(fresh, self.z.state), **rows)
-        self.acting = torch.where(fresh[:, None], acting, self.acting)
+        self.asked = torch.where(fresh[:, None, None], 0.0, self.asked)
 
     def _make(self, env: BeamVectorEnv) -> None:
         simulation, config, task = env.simulation, env.config, env.task
@@ -158,23 +176,19 @@ class Estimated(Controller):
             )
         own = {n: r for n, r in drawn.items() if n not in imperfections.PARAMETERS}
         self.scale, self.method = env.scale, config.method
-        between = {name: simulation.usual[name] for name in imperfections.PARAMETERS}
+        self.late, self.latencies = drawn.get("latency", (0.0, math.inf)), env.high.new_zeros(1)
         if self.known:
-            self.candidates = [env.state.plant.params]
-            scene, parameters = env.state.plant.scene, {}
+            self.told, scene, parameters = env.state.plant.params, env.state.plant.scene, {}
         else:
-            for name in ("lag", "gain"):
-                if name in drawn:
-                    between[name] = env.high.new_full((env.num_envs,), sum(drawn[name]) / 2)
-            late = drawn.get("latency")
-            self.candidates = [simulation.usual | between]
-            if late is not None:
-                self.candidates = [
-                    self.candidates[0] | {"latency": env.high.new_full((env.num_envs,), one)}
-                    for one in np.linspace(*late, LATENCIES)
-                ]
-            parameters = {name: _prior(*bounds) for name, bounds in own.items()}
-            scene = self.scene if own else env.plant.scene
+            self.told, scene = simulation.usual, self.scene if own else env.plant.scene
+            parameters = {n: _prior(*r) for n, r in drawn.items() if n not in ("latency", "bias")}
+            if "latency" in drawn:
+                ends = torch.linspace(*self.late, LATENCIES + 1).to(env.high)
+                self.latencies = (ends[1:] + ends[:-1]) / 2
+                parameters["latency"] = sum(self.late) / 2, float(ends[1] - ends[0]) / 2
+        slowest = max(drawn.get("lag", (0.0,))) if not self.known else float(self.told["lag"].max())
+        lasting = math.ceil(LASTING * slowest / config.control_interval)
+        self.memory = config.delay + simulation.spare + 2 + lasting
         means = {name: torch.as_tensor(_prior(*bounds).start) for name, bounds in own.items()}
         usual = self.scene({name: x.to(env.dtype) for name, x in means.items()})
         still = {name: env.high.new_zeros(size) for name, size in usual.inputs.items()}
@@ -198,13 +212,38 @@ class Estimated(Controller):
             steps=config.substeps,
             model=model,
             method=config.method,
+            drive=self.drive,
         )
+        self.heard = self._heard(own)
         self.covariance = None
         if type(task).initial_state is not Task.initial_state:
             streams = [np.random.default_rng(k) for k in range(STARTS)]
             goals = task.sample_goal(streams, torch.arange(STARTS))
             z = model.departure(task.initial_state(rest.broadcast((STARTS,)), goals))
             self.covariance = z.mT @ z / STARTS
+
+    def _heard(self, own: dict[str, tuple[float, float]]) -> Tensor:
+        """(m,) bool: readings of which the motion that is not estimated is less than their noise,
+        in plants of parameters between these that are left to themselves. No filter follows the
+        phase of what is quicker than its readings.
+        """
+        env, f = self.env, self.filter
+        stream = np.random.default_rng(0)
+        draws = {
+            name: torch.as_tensor(stream.uniform(*bounds, STARTS), dtype=env.dtype)
+            for name, bounds in own.items()
+        }
+        step = tb.Stepper(self.scene(draws), f.interval.stepper.dt, self.method)
+        state = env.state.start[:1]
+        read, state = env.simulation.observer.sensors(state), state.broadcast((STARTS,))
+        still = {name: env.high.new_zeros(size) for name, size in step.scene.inputs.items()}
+        beside = []
+        for _ in range(SETTLING):
+            for _ in range(f.interval.steps):
+                state = step(state, inputs=still)
+            follows = f.interval.model.state_at(f.interval.model.departure(state))
+            beside.append(read(state) - read(follows))
+        return torch.stack(beside).square().mean((0, 1)).sqrt() < f.interval.instruments.noise
 
 
 def _prior(low: float, high: float) -> tb.Parameter:

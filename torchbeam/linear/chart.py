@@ -120,22 +120,23 @@ class Chart:
         """
         space, reference, w = self.space, self.own, self.solve.shape[-2]
         q, rate, lags = by.split((w, w, by.shape[-1] - 2 * w), -1)
-        position, rotation, joints = self._placed(near, q)
+        before = self.independent_and_held(near.position, near.rotation)
+        position, rotation, joints = self._placed(near, q, before.detach())
         u, rows = self.velocity(near).flatten(-2), self.independent_and_held(position, rotation)
-        more = self.independent_and_held(near.position, near.rotation) - rows
+        more = before - rows
         more = self.independent_alone(rate) + (more @ u[..., None])[..., 0]
         u = (u + self._free_moves(rows, more)).unflatten(-1, (-1, space.unknowns))
         velocity, spin = u.split((space.dims.position, space.dims.spin), -1)
         if self.joints.count:
             pose = self.joints.pose(position, rotation)
             joints = self.joints.reading(pose, joints, (velocity, spin))
-        before = space.to_frame(reference.rotation, reference.spin)
+        own_spin = space.to_frame(reference.rotation, reference.spin)
         return replace(
             near,
             position=position,
             rotation=rotation,
-            spin=space.to_section(rotation, spin + before),
-            velocity=velocity + reference.velocity + self._carried(before, position),
+            spin=space.to_section(rotation, spin + own_spin),
+            velocity=velocity + reference.velocity + self._carried(own_spin, position),
             joints=joints,
             internal=None if near.internal is None else near.internal + lags,
         )
@@ -168,9 +169,12 @@ class Chart:
         moves = (self.independent @ q[..., None])[..., 0]
         return pad(moves, (0, len(self.free) - moves.shape[-1]))
 
-    def _placed(self, near: State, by: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+    def _placed(
+        self, near: State, by: Tensor, rows: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
         """The configuration whose coordinates are those of `near` and `by` more, by Newton's method
-        from that of `near`, with readings of joints; its last step is recorded.
+        from that of `near`, where `rows` are `independent_and_held`, with readings of joints; its
+        last step is recorded.
         """
         space, size = self.space, self.length.detach().sum((-1, -2))[..., None]
         if self.joints.count:
@@ -183,12 +187,14 @@ class Chart:
             -1,
         )[..., None, :]
         position, rotation, joints = near.position, near.rotation, near.joints
-        q = self(position, rotation, joints) + by
+        at = self(position, rotation, joints)
+        q, at = at + by, at.detach()
         enough, largest = torch.finfo(q.dtype).eps ** 0.5, torch.inf
-        for _ in range(ITERATIONS):
-            with torch.no_grad():
-                rows = self.independent_and_held(position, rotation)
-                at = self(position, rotation, joints)
+        for k in range(ITERATIONS):
+            if k:
+                with torch.no_grad():
+                    rows = self.independent_and_held(position, rotation)
+                    at = self(position, rotation, joints)
             change = self.independent_alone(q - at)
             if self.joints.count:
                 gaps = self.joints.gaps(self.joints.pose(position, rotation), near.joints).detach()

@@ -39,6 +39,7 @@ class Interval:
     """steps    of the structure from one reading to the next
     model    whose coordinates are z
     scene    of the parameters' means, `stepper` its;  scene_of  what makes another, by name
+    drive    (parameters, u) -> inputs, None = u itself
     """
 
     scene: Scene
@@ -48,25 +49,38 @@ class Interval:
     model: Linear
     steps: int
     method: str
+    drive: Callable[[dict[str, Tensor], Tensor], dict[str, Tensor]] | None = None
 
     @property
     def inputs(self) -> dict[str, int]:
         return self.scene.inputs
 
-    def move(self, state: State, unknowns: Unknowns, coordinates: Tensor, inputs: Tensor) -> Moved:
-        """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held."""
+    def move(
+        self,
+        state: State,
+        unknowns: Unknowns,
+        coordinates: Tensor,
+        inputs: Tensor,
+        u: Tensor | None = None,
+    ) -> Moved:
+        """From a state, with parameters of `coordinates` (..., p) and inputs (..., inputs) held,
+        and with what `drive` makes of u (..., k) on top.
+        """
         model, m = self.model, self.instruments.count
         n, space = model.reads.shape[-2], self.stepper.model.space
-        lead = broadcast_shapes(state.batch_shape, coordinates.shape[:-1], inputs.shape[:-1])
+        axes = [part.shape[:-1] for part in (coordinates, inputs, u) if part is not None]
+        lead = broadcast_shapes(state.batch_shape, *axes)
 
         def step(begin: State, given: dict[str, Tensor]) -> tuple[State, Tensor]:
-            scene, stepper, now = self.scene, copy(self.stepper), begin
+            scene, stepper, now, parameters = self.scene, copy(self.stepper), begin, {}
             if unknowns.of_model:
-                made = self.scene_of(unknowns.given(given["coordinates"]))
-                scene = instance("what scene gives", made, Scene)
+                parameters = unknowns.given(given["coordinates"])
+                scene = instance("what scene gives", self.scene_of(parameters), Scene)
                 stepper = Stepper(scene, self.stepper.dt, self.method)
             parts = given["inputs"].split(tuple(self.inputs.values()), -1)
             held = dict(zip(self.inputs, parts, strict=True))
+            if self.drive is not None and u is not None:
+                held |= {k: held[k] + part for k, part in self.drive(parameters, u).items()}
             for _ in range(self.steps):
                 now = stepper.advance(now, held)
             duration = self.steps * stepper.dt

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
-from ...core.arguments import count, instance, number, step_size
+from ...core.arguments import count, function, instance, number, step_size
 from ...core.validation import as_tensor, axis_last, positive, refusal, shown
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
@@ -51,6 +51,8 @@ class KalmanFilter:
             about within a second: white, and of the same energy in each mode of z
         bias: deviation of a constant offset of the readings, one or (m,); 0 = none
         delay: intervals by which readings come late
+        drive: (parameters, u (..., k)) -> name -> (..., size): the inputs that act where `u` is
+            given, by actuators that are unknown, too; None = those of `u` itself
         steps: of the structure in an interval
         model: whose coordinates are z; a reduced one: amplitudes of modes, the rest follows. None =
             that of `linearize`, about the equilibrium of the mean parameters without inputs
@@ -90,6 +92,7 @@ class KalmanFilter:
         shaking: float = 0.0,
         bias: Any = 0.0,
         delay: int = 0,
+        drive: Callable[[dict[str, Tensor], Tensor], dict[str, Tensor]] | None = None,
         steps: int = 1,
         model: Linear | None = None,
         method: str = "midpoint",
@@ -111,7 +114,9 @@ class KalmanFilter:
         if model is None:
             model = linearize(mean, inputs=still(mean))
         model = instance("model", model, Linear)
-        self.interval = Interval(mean, scene, instruments, stepper, model, steps, method)
+        if drive is not None:
+            drive = function("drive", drive, "parameters", "u")
+        self.interval = Interval(mean, scene, instruments, stepper, model, steps, method, drive)
         self.read, self.moves = instruments.count, model.reads.shape[-2]
         n = self.moves
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
@@ -177,7 +182,7 @@ class KalmanFilter:
         Args:
             y: (..., m) the readings at its end, NaN where one is missing; None = none
             u: the inputs held over it, (..., inputs) side by side in the scene's order, or by name;
-                those that are not given are 0
+                those that are not given are 0; with `drive` what that takes
         """
         instance("before", before, Filtered)
         state, expected, x, columns = self._moved(before.state, before.x, self._inputs(u))
@@ -232,7 +237,8 @@ class KalmanFilter:
         own, k = self.unknowns, self.moves + len(self.unknowns.names)
         beside, underway = x[..., self.moves : k], x[..., k:]
         coordinates = beside[..., : own.of_model]
-        after = self.interval.move(state, own, coordinates, own.acting(beside, u))
+        given = u if self.interval.drive is None else torch.zeros_like(own.white)
+        after = self.interval.move(state, own, coordinates, own.acting(beside, given), u)
         lead, read = after.readings.shape[:-1], after.readings
         if self.delay:
             read = underway[..., -self.read :]
@@ -292,6 +298,10 @@ class KalmanFilter:
     def _inputs(self, u: Any) -> Tensor:
         """(..., inputs) side by side."""
         sizes, like = self.interval.inputs, self.like
+        if self.interval.drive is not None:
+            if u is None or isinstance(u, Mapping):
+                raise refusal(f"u = {shown(u)}", "numbers (..., k) that `drive` takes")
+            return as_tensor(u, like.dtype, like.device)
         if u is not None and not isinstance(u, Mapping):
             return axis_last("u", as_tensor(u, like.dtype, like.device), sum(sizes.values()))
         u = dict(u or {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -26,67 +26,67 @@ LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by read
 }
 ROUNDS = 20  # in which weights, or what stands at a bound, are found
 SETTLED = 1e-4  # change of weights that is none
+MOVED = 1.0  # deviation of a parameter, after which all intervals are linear anew
+
+
+class Intervals(NamedTuple):
+    """Intervals (W, ...) of a window, each linear about its begin as it was estimated.
+
+    starts (W, ...), x (W, ..., size)  of that begin;  inputs (W, ..., inputs) that were given
+    states, expected, ends, columns  what follows: `MovingHorizon._moved`
+    y (W, ..., m)  readings at the ends;  weight (W, ..., m) of these, by the loss
+    places (W, ..., size)  x at the begin, by all readings
+    """
+
+    starts: State
+    x: Tensor
+    inputs: Tensor
+    states: State
+    expected: Tensor
+    ends: Tensor
+    columns: Tensor
+    y: Tensor
+    weight: Tensor
+    places: Tensor
+
+    def part(self, which: slice) -> Intervals:
+        return Intervals(*(part[which] for part in self))
+
+    def then(self, later: Intervals) -> Intervals:
+        return Intervals(*_joined(self, later))
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The last W intervals, and what is known of their begin by what was read before.
+    """The last intervals, and what is known of their begin by what was read before.
 
     mean (..., size), factor (..., size, size)  of x at the first begin;  known  its factor by all
-    starts (W, ...), x (W, ..., size)  of each begin;  inputs (W, ..., inputs) that were given
-    y (W, ..., m)  readings at the ends;  weight (W, ..., m) of these, by the loss
     """
 
     mean: Tensor
     factor: Tensor
     known: Tensor
-    starts: State
-    x: Tensor
-    inputs: Tensor
-    y: Tensor
-    weight: Tensor
+    intervals: Intervals
 
-    def then(self, now: Filtered, lead: tuple[int, ...], inputs: Tensor, y: Tensor) -> Window:
-        """With one interval more, of samples `lead`."""
-
-        def more(parts: Tensor, last: Tensor) -> Tensor:
-            own = parts.shape[-1]
-            return torch.cat((parts.expand(-1, *lead, own), last.expand(1, *lead, own)))
-
-        state = now.state.broadcast(lead)[None]
-        return replace(
-            self,
-            starts=self.starts.map(lambda a, b: torch.cat((a, b)), state),
-            x=more(self.x, now.x),
-            inputs=more(self.inputs, inputs),
-            y=more(self.y, y),
-            weight=more(self.weight, torch.ones_like(y)),
-        )
-
-
-class Linearised(NamedTuple):
-    """The window about its states: what follows from each; `MovingHorizon._moved` of all."""
-
-    states: State
-    expected: Tensor
-    ends: Tensor
-    columns: Tensor
+    @property
+    def weight(self) -> Tensor:
+        """(W, ..., m): how much each reading counts, by the loss."""
+        return self.intervals.weight
 
 
 class End(NamedTuple):
     """State and x (..., size) at the window's end; what x at each of its instants follows from,
-    (..., rows, size): the first of v; the triangle (..., N, N) of v's information, its last first.
+    (W + 1, ..., N, size); the triangle (..., N, N) of v's information, its last first.
     """
 
     state: State
     x: Tensor
-    roots: list[Tensor]
+    roots: Tensor
     R: Tensor
 
     def factor(self, k: int) -> Tensor:
         """(..., size, size) of x at the k-th instant."""
-        root = self.roots[k]
-        rows = pad(root, (0, 0, 0, self.R.shape[-1] - root.shape[-2])).flip(-2)
+        rows = self.roots[k].flip(-2)
         return triangle(torch.linalg.solve_triangular(self.R.mT, rows, upper=False))
 
 
@@ -168,21 +168,24 @@ class MovingHorizon(KalmanFilter):
         x, inputs = instance("before", before, Filtered).x, self._inputs(u)
         y = self._readings(y, x)
         lead = broadcast_shapes(x.shape[:-1], y.shape[:-1], inputs.shape[:-1])
-        window = before.window
-        if window is None:
-            none = [like.new_zeros(0, *lead, like.shape[-1]) for like in (x, inputs, y, y)]
-            start = before.state.broadcast(lead)[None][:0]
-            window = Window(x, before.factor, before.factor, start, *none)
-        window = window.then(before, lead, inputs, y)
+        state, x = before.state.broadcast(lead), x.expand(*lead, -1)
+        y, inputs = (part.expand(*lead, -1) for part in (y, inputs))
+        begin = state[None], x[None], inputs[None], y[None], torch.ones_like(y)[None]
+        if (window := before.window) is None:
+            window = Window(x, before.factor, before.factor, self._linear(*begin))
+            newest = window.intervals
+        else:
+            window, newest = self._with(window, begin, before.factor)
         for k in range(self.iterations):
-            about = Linearised(*self._moved(window.starts, window.x, window.inputs))
-            if k == 0:
-                newest = (about.columns[-1], window.y[-1] - about.expected[-1])
-            if len(window.x) > self.window:
-                window, about = self._without_first(window, about)
-            window, end = self._solved(window, about)
-        by_x, learnt = self._conditioned(before.factor, *newest, window.weight[-1])
-        read = (~torch.isnan(newest[1])).sum(-1).to(x)
+            if k:
+                window = replace(window, intervals=self._linear(*self._begins(window.intervals)))
+            if len(window.intervals.x) > self.window:
+                window = self._without_first(window)
+            window, end = self._solved(window)
+        error = (newest.y - newest.expected)[-1]
+        weight = window.weight[-1]
+        by_x, learnt = self._conditioned(before.factor, newest.columns[-1], error, weight)
+        read = (~torch.isnan(error)).sum(-1).to(x)
         now = replace(
             before,
             filter=self,
@@ -202,65 +205,93 @@ class MovingHorizon(KalmanFilter):
         a window later (or to the last): one more than `found`.
         """
         last, known = found[-1].window, [start, *found]
-        about = Linearised(*self._moved(last.starts, last.x, last.inputs))
-        window, end = self._solved(last, about)
-        lately = min(len(window.x), len(found))
+        last = replace(last, intervals=self._linear(*self._begins(last.intervals)))
+        window, end = self._solved(last)
+        states, x, *_ = self._begins(window.intervals)
+        lately = min(len(x), len(found))
         smooth = []
         for j, now in enumerate(known[: -lately - 1]):
             first = known[j + self.window].window
-            at = dict(state=first.starts[0], x=first.x[0], factor=first.known)
-            smooth.append(replace(now, **at))
+            begin, place, *_ = self._begins(first.intervals.part(slice(1)))
+            smooth.append(replace(now, state=begin[0], x=place[0], factor=first.known))
         for k in range(-lately, 0):
-            at = dict(state=window.starts[k], x=window.x[k], factor=end.factor(k - 1))
+            at = dict(state=states[k], x=x[k], factor=end.factor(k - 1))
             smooth.append(replace(known[k - 1], **at))
         return [*smooth, found[-1]]
 
-    def _without_first(self, window: Window, about: Linearised) -> tuple[Window, Linearised]:
-        """With what the first interval says in what is known of the second's begin."""
-        states, expected, ends, columns = about
-        by_x = columns[0][..., : self.size, :]
-        off = ((window.mean - window.x[0])[..., None, :] @ by_x)[..., 0, :]
-        error = window.y[0] - expected[0] - off[..., : self.read]
-        learnt = self._conditioned(window.factor, columns[0], error, window.weight[0])[1]
-        starts, *rest = (
-            part[1:] for part in (window.starts, window.x, window.inputs, window.y, window.weight)
-        )
-        mean = ends[0] + off[..., self.read :] + learnt.change
-        factor = learnt.root[..., : self.size, :]
-        later = Linearised(states[1:], *(part[1:] for part in (expected, ends, columns)))
-        return Window(mean, factor, factor, starts, *rest), later
+    def _begins(self, old: Intervals) -> tuple[State, Tensor, Tensor, Tensor, Tensor]:
+        """What `_linear` takes, about the begins as they are estimated now."""
+        change = (old.places - old.x)[..., : self.moves]
+        starts = self.interval.changed(old.starts, change)
+        return starts, old.places, old.inputs, old.y, old.weight
 
-    def _solved(self, window: Window, about: Linearised) -> tuple[Window, End]:
+    def _linear(
+        self, starts: State, x: Tensor, inputs: Tensor, y: Tensor, weight: Tensor
+    ) -> Intervals:
+        """About these begins."""
+        return Intervals(starts, x, inputs, *self._moved(starts, x, inputs), y, weight, x)
+
+    def _with(
+        self, window: Window, begin: Iterable[Any], factor: Tensor
+    ) -> tuple[Window, Intervals]:
+        """With the interval that begins so; those that stood on what is doubtful now are linear
+        about the estimate: the one that leaves, or all; and what is so.
+        """
+        old, of_model = window.intervals, slice(self.moves, self.moves + self.unknowns.of_model)
+        moved = (old.places - old.x).abs() > MOVED * factor.norm(dim=-2)
+        again = len(old.x) if moved[..., of_model].any() else int(len(old.x) == self.window)
+        if again:
+            begin = _joined(self._begins(old.part(slice(again))), begin)
+        new = self._linear(*begin)
+        whole = new
+        if again < len(old.x):
+            whole = old.part(slice(again, None)).then(new.part(slice(again, None)))
+            if again:
+                whole = new.part(slice(again)).then(whole)
+        return replace(window, intervals=whole), new
+
+    def _without_first(self, window: Window) -> Window:
+        """With what the first interval says in what is known of the second's begin."""
+        first = Intervals(*(part[0] for part in window.intervals))
+        by_x = first.columns[..., : self.size, :]
+        off = ((window.mean - first.x)[..., None, :] @ by_x)[..., 0, :]
+        error = first.y - first.expected - off[..., : self.read]
+        learnt = self._conditioned(window.factor, first.columns, error, first.weight)[1]
+        mean = first.ends + off[..., self.read :] + learnt.change
+        factor = learnt.root[..., : self.size, :]
+        return Window(mean, factor, factor, window.intervals.part(slice(1, None)))
+
+    def _solved(self, window: Window) -> tuple[Window, End]:
         """After a Gauss-Newton step: at the least of |v|^2 and the losses of the readings, v (N,)
         independent sources of unit variance: of x at the begin, and of what comes on top in each
         interval.
         """
-        m, size = self.read, self.size
-        root = self._ordered(window.factor)
-        off = window.mean - window.x[0]
-        roots, changes, slopes, errors = [root], [off], [], []
-        seen = ~torch.isnan(window.y)
-        error = torch.nan_to_num(window.y - about.expected, nan=0.0)
-        by_x, by_fresh = about.columns.split((size, about.columns.shape[-2] - size), -2)
+        m, size, own = self.read, self.size, window.intervals
+        by_x, by_fresh = own.columns.split((size, own.columns.shape[-2] - size), -2)
         sources = torch.cat((self.shaken @ by_x, by_fresh[..., self.fresh, :]), -2)
-        nodes = torch.cat((window.x[1:], about.ends[-1:]))
-        for k in range(len(error)):
-            both = torch.cat((root @ by_x[k], sources[k]), -2)
-            moved = (off[..., None, :] @ by_x[k])[..., 0, :]
-            root, off = both[..., m:], about.ends[k] + moved[..., m:] - nodes[k]
-            roots.append(root)
-            changes.append(off)
-            slopes.append(both[..., :m])
-            errors.append(error[k] - moved[..., :m])
-        N = root.shape[-2]
-        G = torch.stack([pad(slope, (0, 0, 0, N - slope.shape[-2])) for slope in slopes])
+        nodes, (W, *lead, s, _) = torch.cat((own.x[1:], own.ends[-1:])), sources.shape
+        N = size + W * s
+        more = own.x.new_zeros(W, *lead, N + 1, m + size)  # rows: of each source, and of the mean
+        more[..., N, m:] = own.ends - nodes
+        of_each = more[..., size:N, :].unflatten(-2, (W, s)).diagonal(dim1=0, dim2=-3)
+        of_each.copy_(sources.movedim(0, -1))
+        now = own.x.new_zeros(*lead, N + 1, size)
+        now[..., :size, :] = self._ordered(window.factor)
+        now[..., N, :] = window.mean - own.x[0]
+        rows = [pad(now, (m, 0))]
+        for k in range(W):
+            rows.append(rows[-1][..., m:] @ by_x[k] + more[k])
+        rows = torch.stack(rows)
+        roots, off, G = rows[..., :N, m:], rows[..., N, m:], rows[1:, ..., :N, :m]
+        seen = ~torch.isnan(own.y)
         share = seen / self.interval.instruments.noise
-        G, r = G.flip(-2) * share[..., None, :], torch.stack(errors) * share
-        unit, weight = torch.eye(N, N + 1).to(G).expand(*r.shape[1:-1], N, N + 1), window.weight
+        r = torch.nan_to_num(own.y - own.expected - rows[1:, ..., N, :m], nan=0.0) * share
+        G, weight = G.flip(-2) * share[..., None, :], own.weight
+        unit = torch.eye(N, N + 1).to(G).expand(*lead, N, N + 1)
         for _ in range(1 if self.loss is None else ROUNDS):
-            rows = torch.cat((G, r[..., None, :]), -2) * weight.sqrt()[..., None, :]
-            rows = rows.movedim(0, -1).flatten(-2)  # (..., N + 1, m W)
-            whole = triangle(torch.cat((unit, rows.mT), -2))
+            both = torch.cat((G, r[..., None, :]), -2) * weight.sqrt()[..., None, :]
+            both = both.movedim(0, -1).flatten(-2)  # (..., N + 1, m W)
+            whole = triangle(torch.cat((unit, both.mT), -2))
             R, c = whole[..., :N, :N], whole[..., :N, N:]
             v = torch.linalg.solve_triangular(R, self._bounded(R, c, window), upper=True)
             if self.loss is None:
@@ -268,16 +299,11 @@ class MovingHorizon(KalmanFilter):
             before, weight = weight, self.loss((r - (G.mT @ v)[..., 0]) * seen)
             if (weight - before).abs().max() < SETTLED:
                 break
-        changes = [
-            off + (root.mT @ v.flip(-2)[..., : root.shape[-2], :])[..., 0]
-            for off, root in zip(changes, roots, strict=True)
-        ]
-        places = torch.cat((window.x[:1], nodes)) + torch.stack(changes)
-        near = window.starts[:1].map(lambda a, b: torch.cat((a, b)), about.states.broadcast())
-        z, n = torch.cat((window.x[:1], about.ends))[..., : self.moves], self.moves
-        states = self.interval.changed(near, places[..., :n] - z)
-        window = replace(window, starts=states[:-1], x=places[:-1], weight=weight)
-        return window, End(states[-1], places[-1], roots, R)
+        places = torch.cat((own.x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
+        change = (places[-1] - own.ends[-1])[..., : self.moves]
+        state = self.interval.changed(own.states[-1].broadcast(tuple(lead)), change)
+        intervals = own._replace(places=places[:-1], weight=weight)
+        return replace(window, intervals=intervals), End(state, places[-1], roots, R)
 
     def _ordered(self, factor: Tensor) -> Tensor:
         """A factor of the same covariance, in which what is bounded follows from its first rows."""
@@ -297,6 +323,19 @@ class MovingHorizon(KalmanFilter):
         best = mean + torch.linalg.solve(M, c[..., -p:, :])[..., 0]
         inside = within(M.mT @ M, best, self.least, self.largest)
         return torch.cat((c[..., :-p, :], M @ (inside - mean)[..., None]), -2)
+
+
+def _joined(earlier: Iterable[Any], later: Iterable[Any]) -> Iterator[Any]:
+    """Both of each pair of tensors or states (W, ...), of the samples of the later one."""
+
+    def both(a: Tensor, b: Tensor) -> Tensor:
+        return torch.cat((a.expand(len(a), *b.shape[1:]), b))
+
+    for a, b in zip(earlier, later, strict=True):
+        if isinstance(a, State):
+            yield a.broadcast((a.batch_shape[0], *b.batch_shape[1:])).map(both, b.broadcast())
+        else:
+            yield both(a, b)
 
 
 def within(H: Tensor, best: Tensor, least: Tensor, largest: Tensor) -> Tensor:
