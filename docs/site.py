@@ -41,8 +41,8 @@ REFERENCE = {
     "accuracy": ("Accuracy", "Which mesh, element, method and step.", (
         "converge", "Convergence", "remesh", "advise", "Advice", "describe", "Description")),
     "identification": ("Identification", "Parameters and fields from measurements.", (
-        "identify", "Parameter", "Measurement", "SensorFrame", "pose_from_points", "Pose", "Fit",
-        "identify_fields", "Smoothness", "FieldFit", "observe")),
+        "identify", "Parameter", "Measurement", "SlowBaseline", "SensorFrame", "pose_from_points",
+        "Pose", "Fit", "identify_fields", "Smoothness", "FieldFit", "observe")),
     "estimation": ("Estimation", "State and parameters while a structure moves.", (
         "KalmanFilter", "MovingHorizon", "Filtered")),
     "uncertainty": ("Uncertainty", "Scatter, sensitivities, rare events.", (

@@ -35,6 +35,7 @@ from .analysis.identification.measurement import Measurement
 from .analysis.identification.parameter import Parameter
 from .analysis.identification.prediction import Prediction
 from .analysis.identification.profile import Profile
+from .analysis.identification.slow_baseline import SlowBaseline
 from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
 from .analysis.saved import load, save
@@ -124,7 +125,8 @@ __all__ = [
     "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose",
     "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SelfContact",
-    "SensorFrame", "Slider", "SlowPathWarning", "SmoothHistory", "SmoothRotation", "Smoothness",
+    "SensorFrame", "Slider", "SlowBaseline", "SlowPathWarning", "SmoothHistory", "SmoothRotation",
+    "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
     "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "consistent_state", "converge",

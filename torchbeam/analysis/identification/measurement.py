@@ -1,7 +1,8 @@
-"""Measurement: what an instrument recorded, with its noise, its clock, its offset and drift."""
+"""Measurement: what an instrument recorded, with its noise, clock, offset, drift and hum."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
@@ -9,14 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import boolean, choice, count
-from ...core.arguments import function as check_function
+from ...core.arguments import boolean, choice, count, number
 from ...core.validation import Value, as_tensor, common_dtype, finite, positive, refusal, shown
 from ...sensors import Sensor
 from ...sensors.observe import observe
 from ...sensors.sensor_frame import SensorFrame
 from ...state.state import State
 from .losses import LOSSES
+from .slow_baseline import SlowBaseline
 
 NOISES = ("white", "ar1", "repeats", "blocks")
 LEAST_BLOCKS = 6  # to know a deviation by
@@ -56,8 +57,12 @@ class Measurement:
             and no readings (`interval` of method "laplace", `predict`)
         loss: None: squares. "huber", "student": of readings that miss by much, less (Huber's loss,
             Student's of four degrees of freedom), for outliers; without sigma their scale is found
-        baseline: times (times,) s -> (times,): each channel reads some of it more, a parameter
-            beside: what is slow and of a known shape, as the creep ln(1 + t/t_0)
+        baseline: times (times,) s -> (times,), or (times, k) of k shapes: each channel reads some
+            of each more, parameters beside: what is slow and of a known shape, as the creep
+            ln(1 + t/t_0), or a `SlowBaseline`, smooth and no more
+        hum: Hz of a wave that each channel reads beside, as that of the mains: a number, or the
+            name of a parameter that is it, or several. Its cosine and sine, from time 0 of the
+            instrument's clock, are parameters beside, which cost no evaluations
 
     Examples:
         >>> times = torch.linspace(0, 0.1, 6)
@@ -98,6 +103,7 @@ class Measurement:
     noise: str = "white"
     baseline: Callable[[Tensor], Tensor] | None = None
     loss: str | None = None
+    hum: Any = ()
 
     def __post_init__(self) -> None:
         choice("noise", self.noise, NOISES)
@@ -153,8 +159,14 @@ class Measurement:
                 f"{'of one number' if at is None else 'of which two have one time'}; readings one "
                 "after the other are wanted"
             )
-        if self.baseline is not None and self.times is None:
-            raise ValueError("a baseline was given without times; times=(times,) are wanted")
+        object.__setattr__(self, "hum", _frequencies(self.hum))
+        for name in ("baseline", "hum"):
+            if getattr(self, name) not in (None, ()) and self.times is None:
+                raise ValueError(f"a {name} was given without times; times=(times,) are wanted")
+        if self.drift and isinstance(self.baseline, SlowBaseline):
+            raise ValueError(
+                "drift=True was given beside a SlowBaseline, which has one; drift=False is wanted"
+            )
         self._check_sensor()
         for name in CLOCKS:
             if not isinstance(value := getattr(self, name), str):
@@ -211,7 +223,7 @@ class Measurement:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of parameters that it wants."""
-        named = (self.delay, self.clock, *self.place.values())
+        named = (self.delay, self.clock, *self.hum, *self.place.values())
         return (
             *(v for v in named if isinstance(v, str)),
             *(() if self.frame is None else self.frame.parameters),
@@ -281,32 +293,16 @@ class Measurement:
             sensor = replace(sensor, **{f: given[name] for f, name in self.place.items()})
         return sensor if self.frame is None else self.frame.of(sensor, given)
 
-    def nuisance(self) -> tuple[tuple[str, ...], Tensor]:
-        """Names (q,) and basis (q, *values.shape) of its own linear parameters."""
-        values = self.values
-        channels = values.shape[1:] if self.times is not None or values.ndim > 1 else ()
-        along = self.times
-        if along is None:
-            n = len(values) if values.ndim else 1
-            along = torch.linspace(0, 1, n, dtype=values.dtype).to(values)
-        both = (("offset", torch.ones_like(along)), ("drift", along))
-        shapes = [(name, shape) for name, shape in both if getattr(self, name)]
-        if self.baseline is not None:
-            slow = as_tensor(check_function("baseline", self.baseline, "times")(along), along.dtype)
-            if slow.shape != along.shape:
-                raise ValueError(
-                    f"a baseline of shape {tuple(slow.shape)} was given for times of shape "
-                    f"{tuple(along.shape)}; the same is wanted"
-                )
-            shapes.append(("baseline", finite("baseline", slow)))
-        names, basis = [], []
-        for name, shape in shapes:
-            for k, label in enumerate(self.labels):
-                column = torch.zeros(len(along), channels.numel() if channels else 1).to(values)
-                column[:, k] = shape
-                basis.append(column.reshape(values.shape))
-                names.append(f"{name} of {label}" if label else name)
-        return tuple(names), torch.stack(basis) if basis else values.new_zeros(0, *values.shape)
+
+def _frequencies(hum: Any) -> tuple[float | str, ...]:
+    """Hz, or names of parameters, of what was given as hum."""
+    every = tuple(hum) if isinstance(hum, (tuple, list)) else (hum,)
+    for one in every:
+        if not isinstance(one, str) and not 0 < number("hum", one) < math.inf:
+            raise refusal(f"hum = {shown(one)}", "a positive frequency, Hz, or a parameter's name,")
+    if len(set(every)) < len(every):
+        raise refusal(f"hum = {shown(hum)}", "each frequency once")
+    return every
 
 
 def several(data: Any) -> bool:

@@ -49,7 +49,7 @@ def with_priors_observed(problem: FitProblem) -> FitProblem:
         torch.cat([like[:0], *(getattr(e.measurements[0], name).flatten() for e in seen)])
         for name in ("sigma", "values")
     )
-    rows, q, (least, largest) = len(values), len(problem.basis), parameters.limits
+    rows, (least, largest) = len(values), parameters.limits
     entries = tuple(replace(e, prior=left.get(e.first)) for e in parameters.entries)
     parameters = replace(parameters, entries=entries, least=least, largest=largest)
     noise = replace(
@@ -64,8 +64,7 @@ def with_priors_observed(problem: FitProblem) -> FitProblem:
         known=torch.cat((problem.known, torch.ones_like(values, dtype=torch.bool))),
         white=problem.white.longer(1 / sigma),
         target=torch.cat((problem.target, (values / sigma)[None]), -1),
-        nuisance=torch.cat((problem.nuisance, like.new_zeros(q, rows)), -1),
-        basis=torch.cat((problem.basis, like.new_zeros(q, rows)), -1),
+        nuisance=problem.nuisance.longer(rows),
     )
 
 

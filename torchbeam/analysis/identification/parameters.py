@@ -166,6 +166,17 @@ class Parameters:
             if e.experiment in (None, experiment)
         }
 
+    def number(self, name: str, experiment: str | None) -> int:
+        """Place of a parameter that is one number, an experiment's own or common to all; ValueError
+        for another shape.
+        """
+        entry = next(
+            e for e in self.entries if (e.name, e.experiment) in ((name, None), (name, experiment))
+        )
+        if entry.size != 1:
+            raise refusal(f"the parameter {name!r} of shape {entry.shape}", "one number")
+        return entry.first
+
     def more_starts(self, starts: int, spread: float, seed: int) -> Parameters:
         """With so many starts, the first as given, the others at random (scrambled Sobol): between
         its limits where a parameter has two, evenly or, of a logarithm, by that; else evenly by the

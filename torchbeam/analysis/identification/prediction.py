@@ -10,12 +10,13 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import function as check_function
-from ...core.validation import Value, as_tensor, broadcast, finite, positive, shown
+from ...core.validation import Value, as_tensor, broadcast, finite, positive, refusal, shown
 from ...sensors.observe import observe
 from ...state.solution import Solution
 from ...state.state import State
 from .experiment import status_of, with_status
 from .measurement import Measurement
+from .nuisance import Nuisance, wave_names
 from .problem import FitProblem
 
 
@@ -76,7 +77,7 @@ def predicted(
     measurement: str | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Readings (...) of a model at coordinates x (p,), and their derivatives (..., p)."""
-    instrument, linear = _instrument(problem, measurement, experiment, sensor, times)
+    instrument, nuisance = _instrument(problem, measurement, experiment, sensor, times)
     read = _reader(problem, model, instrument or sensor, times, experiment)
     m = problem.parameters.model
 
@@ -96,24 +97,25 @@ def predicted(
 
         J = problem.derivatives(flat, x[None], y.flatten()[None])[1][0]
     J = torch.nn.functional.pad(J, (0, len(x) - m)).reshape(*y.shape, len(x))
-    for k, shape in linear.items():
-        if shape.shape != y.shape:
+    if nuisance is not None and nuisance.names:
+        if instrument.values.shape != y.shape:
             raise ValueError(
                 f"a model that gave readings of shape {tuple(y.shape)} was given to predict a "
-                f"measurement with offsets, of shape {tuple(shape.shape)}; the same is wanted"
+                f"measurement with offsets, of shape {tuple(instrument.values.shape)}; the same is "
+                "wanted"
             )
-        y, J[..., k] = y + x[k] * shape, shape
+        theta, slope = problem.theta(x[None]), problem.parameters.transform.slope(x)
+        y = y + nuisance.values(theta)[0].reshape(y.shape)
+        J = J + slope * nuisance.derivatives(theta)[0].mT.reshape(J.shape)
     return y, J
 
 
 def _instrument(
     problem: FitProblem, name: str | None, experiment: str | None, sensor: Any, times: Any
-) -> tuple[Measurement | None, dict[int, Tensor]]:
-    """A measurement of the fit, by its name, at these times, and for each of its offsets and drifts
-    the number of the parameter and how it enters (...).
-    """
+) -> tuple[Measurement | None, Nuisance | None]:
+    """A measurement of the fit, by its name, at these times, and its linear parameters."""
     if name is None:
-        return None, {}
+        return None, None
     known = {
         m.name: (e, m)
         for e, m in problem.measurements
@@ -129,9 +131,10 @@ def _instrument(
         at = as_tensor(times, m.values.dtype, m.values.device)
         like = m.values.new_zeros(len(at), *m.values.shape[1:])
         m = replace(m, values=like, times=at, sigma=None, noise="white")
-    names, basis = m.nuisance()
-    full = names if e.name is None else [f"{e.name}.{n}" for n in names]
-    return m, dict(zip(map(problem.parameters.names.index, full), basis, strict=True))
+    own = Nuisance.of([(e.name, m)], 0)
+    place = own.place.new_tensor([problem.parameters.names.index(n) for n in own.names])
+    frequencies = (problem.parameters.number(n, e.name) for n in wave_names(m))
+    return m, replace(own, place=place).with_frequencies(frequencies)
 
 
 def _reader(
@@ -176,6 +179,12 @@ def _reader(
                 if isinstance(y, State)
                 else observe(y, sensor, y.t if times is None else times).movedim(0, 1)
             )
+        elif isinstance(sensor, Measurement):
+            if sensor.sensor is not None:
+                raise refusal(
+                    f"a measurement by a sensor, of a model that gave a {type(y).__name__},",
+                    "a model that gives a Solution",
+                )
         elif sensor is not None or times is not None:
             raise ValueError(
                 "a sensor or times were given to predict with a model that gave a "

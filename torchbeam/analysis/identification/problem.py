@@ -17,6 +17,7 @@ from .losses import LOSSES
 from .measurement import Measurement, sigma_given
 from .memory import Memory
 from .noise import Noise
+from .nuisance import Nuisance, wave_names
 from .parameters import Entry, Parameters
 from .whitening import Whitening
 
@@ -30,8 +31,7 @@ class FitProblem:
     target      (1 or S, T): weighted data, one set for all starts or each its own
     noise       whose size is found;  sigma_given: weights are those of the noise, or are changed
                 until they are;  memory  of noise that is not independent
-    nuisance    (q, all numbers): how linear parameters of measurements enter;  basis (q, T) the
-                same, weighted
+    nuisance    linear parameters of measurements, and how they enter all numbers
     method      "forward" or "difference", of relative_step, one or (p,)
     """
 
@@ -40,8 +40,7 @@ class FitProblem:
     known: Tensor
     white: Whitening
     target: Tensor
-    nuisance: Tensor
-    basis: Tensor
+    nuisance: Nuisance
     noise: Noise
     sigma_given: bool
     memory: Memory | None = None
@@ -70,16 +69,8 @@ class FitProblem:
             ]
         )
         Blocks.check(experiments)
-        names, rows, before = [], [], 0
-        for e, m in every:
-            own, basis = m.nuisance()
-            names += [n if e.name is None else f"{e.name}.{n}" for n in own]
-            after = len(values) - before - m.values.numel()
-            rows.append(
-                torch.nn.functional.pad(basis.reshape(len(own), m.values.numel()), (before, after))
-            )
-            before += m.values.numel()
-        parameters = parameters.with_nuisance(names)
+        nuisance = Nuisance.of([(e.name, m) for e, m in every], parameters.model)
+        parameters = parameters.with_nuisance(nuisance.names)
         fitted, p = sum(m.fitted for _, m in every), len(parameters.names)
         numbers = int(known.sum()) - fitted
         if numbers + sum(e.size for e in parameters.priors) < p:
@@ -103,9 +94,12 @@ class FitProblem:
                     f"{', '.join(sorted(known_names)) or 'none by name'}"
                 )
         white = Whitening.of(weight[known])
+        nuisance = nuisance.with_frequencies(
+            parameters.number(name, e.name) for e, m in every for name in wave_names(m)
+        )
         # fmt: off
         problem = cls(tuple(experiments), parameters, known, white, white(values[known])[None],
-                      torch.cat(rows), white(torch.cat(rows)[:, known]), noise, scaled)
+                      nuisance, noise, scaled)
         # fmt: on
         return replace(problem, memory=Memory.of(problem))
 
@@ -195,8 +189,10 @@ class FitProblem:
         """r (N, T), unless it is known, and J (N, T, p); a rough J is of one-sided differences."""
         besides = self._besides(x, which)
         y, J = self.derivatives(self.weighted, x, None if r is None else r - besides, rough)
-        if len(self.basis):
-            J = torch.cat((J, self.basis.mT.expand(len(x), -1, -1)), -1)
+        if self.nuisance.names:
+            by = self.white(self.nuisance.derivatives(self.theta(x))[..., self.known])
+            slope = self.parameters.transform.slope(x)[..., None]
+            J = torch.nn.functional.pad(J, (0, x.shape[1] - J.shape[-1])) + (slope * by).mT
         return y + besides, J
 
     def derivatives(
@@ -228,7 +224,9 @@ class FitProblem:
     def _besides(self, x: Tensor, which: Tensor) -> Tensor:
         """What r has beside the model's readings: nuisance less data."""
         target = self.target[which] if len(self.target) > 1 else self.target
-        return x[:, self.parameters.model :] @ self.basis - target if len(self.basis) else -target
+        if not self.nuisance.names:
+            return -target
+        return self.white(self.nuisance.values(self.theta(x))[:, self.known]) - target
 
     def prior(self, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Minus the logarithm of the priors' density of coordinates (N,), its gradient and
@@ -273,7 +271,6 @@ class FitProblem:
             self,
             white=white,
             target=white(self.white.inverse(self.target)),
-            basis=white(self.nuisance[:, self.known]),
             memory=memory or self.memory,
         )
 

@@ -139,8 +139,8 @@ def _values(problem: FitProblem, x: Tensor, r: Tensor) -> Tensor:
     """The model's values (numbers,) at coordinates (p,), asked only for what r does not tell."""
     if problem.known.all():
         return _known(problem, r)
-    theta = problem.parameters.transform.theta(x)
-    return problem.values(theta[None])[0] + theta[problem.parameters.model :] @ problem.nuisance
+    theta = problem.parameters.transform.theta(x)[None]
+    return (problem.values(theta) + problem.nuisance.values(theta))[0]
 
 
 def _readings(
