@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -104,7 +104,10 @@ class TorqueArm(SoftArm):
             mass=c.density * area,
             inertia=c.density * second,
         )
-        return tb.Beam.straight(c.length, c.elements, section, c.direction, c.up, self.ROOT)
+        made = tb.Beam.straight(c.length, c.elements, section, c.direction, c.up, self.ROOT)
+        compliance = made.compliance.expand(c.elements, 6, 6).clone()
+        compliance[0, 3:] /= 2  # the published clamp holds the first element's axes at its middle
+        return replace(made, compliance=compliance)
 
     def actuators(self) -> tuple[Actuator, ...]:
         """One: couples per length on the elements, by values at the points."""

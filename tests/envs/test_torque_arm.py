@@ -2,7 +2,9 @@
 motion and the rewards as published, and what the arm without action returns.
 """
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,7 +55,9 @@ def test_couples_twist_the_arm_as_they_add_up():
     couples = 75 * values.numpy() @ spline(env.config.points, ends)
     GJ = 10e6 / 1.5 * math.pi / 2 * 0.05**4
     assert GJ == pytest.approx(65.4, rel=1e-3)
-    assert abs(turned.item()) == pytest.approx((couples * (ends - 0.025)).sum() / GJ, rel=1e-6)
+    half = (couples.sum() - couples[0] / 2) * 0.025  # the first element twists by half of itself
+    expected = ((couples * (ends - 0.025)).sum() - half) / GJ
+    assert abs(turned.item()) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_jacobian_is_that_of_equilibria():
@@ -159,3 +163,21 @@ def test_sizes_are_as_published():
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         TrackTargetVectorEnv(1, **arguments)
+
+
+def test_the_tip_moves_as_in_the_program_that_the_tasks_were_published_with():
+    """Within 2 % of its motion of PyElastica's, under random actions held for 0.14 s: of an arm
+    whose first element bends as the others do it is 10 % off.
+    """
+    known = json.loads((Path(__file__).parent / "soft_arm_tips.json").read_text())["tips"]
+    theirs = np.array([*known.values()])
+    drawn = [np.random.default_rng(int(seed)).uniform(-1, 1, (15, 12)) for seed in known]
+    env, ours = TrackTargetVectorEnv(len(known)), []
+    env.reset(seed=0)
+    for k in range(500):
+        env.step(np.stack([actions[k // 100] for actions in drawn]))
+        if k % 50 == 49:
+            ours.append(env.episodes.beam.position[:, -1].numpy().copy())
+    apart = np.linalg.norm(np.stack(ours, 1) - theirs, axis=-1)
+    moved = np.linalg.norm(theirs - [0.0, 1.0, 0.0], axis=-1)
+    assert (apart**2).mean() ** 0.5 < 0.02 * (moved**2).mean() ** 0.5
