@@ -435,7 +435,8 @@ Convergence Critical Cylinder Cylindrical Damping Description Distance Drag Ener
 Fit Frame Gravity Hinge History Input LineLoad Load MassDamping Measurement MixedState Modes
 MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane PointLoad PointMass
 Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider
-SlowPathWarning Smoothness SmoothHistory SmoothRotation SobolIndices Sphere Spring Stations Stats
+SlowBaseline SlowPathWarning Smoothness SmoothHistory SmoothRotation SobolIndices Sphere Spring
+Stations Stats
 Stream Support Table Tendon
 TipLoad Tornado Universal View
 Weld

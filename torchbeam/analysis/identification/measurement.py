@@ -160,8 +160,8 @@ class Measurement:
                 "after the other are wanted"
             )
         object.__setattr__(self, "hum", _frequencies(self.hum))
-        for name in ("baseline", "hum"):
-            if getattr(self, name) not in (None, ()) and self.times is None:
+        for name, given in (("baseline", self.baseline is not None), ("hum", self.hum)):
+            if given and self.times is None:
                 raise ValueError(f"a {name} was given without times; times=(times,) are wanted")
         if self.drift and isinstance(self.baseline, SlowBaseline):
             raise ValueError(
