@@ -180,7 +180,7 @@ class TwoLink(TipTrack):
         interval (rad/s).
         """
         dt = self.config.control_interval
-        t = (now.steps[:, None] + torch.arange(2, device=self.device)) * dt
+        t = (now.steps[:, None] + torch.arange(2, dtype=self.dtype, device=self.device)) * dt
         angle, after = (self.swing * self.share(now, t)).unbind(1)
         return angle, (after - angle) / dt
 

@@ -385,11 +385,13 @@ def test_two_stiff_links_are_turned_by_their_motors(planar):
     torch.testing.assert_close(angle[0], 0.02**2 / 2 * rigid, rtol=2e-2, atol=0)
 
 
+@pytest.mark.parametrize("default", [torch.float64, torch.float32])
 @pytest.mark.parametrize("planar", [True, False])
-def test_the_resting_arm_is_where_the_target_is(planar):
-    """At any angles of the hinges; its rates are those of its places, by a difference over an
-    interval, whose error is its square's.
+def test_the_resting_arm_is_where_the_target_is(planar, default):
+    """At any angles of the hinges, whatever torch's default dtype is; its rates are those of its
+    places, by a difference over an interval, whose error is its square's.
     """
+    torch.set_default_dtype(default)
     env = torchbeam_envs.TwoLinkVectorEnv(3, planar=planar, control_interval=1e-3, **SMALL)
     env.reset(seed=0)
     now = replace(env.state, steps=torch.full((3,), 700))
