@@ -47,9 +47,27 @@ def late_action(queue: Tensor, latency: Tensor, spare: int) -> Tensor:
 
 def lagging(before: Tensor, asked: Tensor, lag: Tensor, interval: float) -> Tensor:
     """(n, a) what acts, from what acted before and what is asked (n, a)."""
+    return torch.lerp(before, asked, _followed(lag, interval)[:, None])
+
+
+def _followed(lag: Tensor, interval: float) -> Tensor:
+    """(...) the share of what is asked that is reached in an interval."""
     follows = lag > 0
     share = 1 - torch.exp(-interval / torch.where(follows, lag, 1.0))
-    return torch.lerp(before, asked, torch.where(follows, share, 1.0)[:, None])
+    return torch.where(follows, share, 1.0)
+
+
+def acting(asked: Tensor, latency: Tensor, lag: Tensor, interval: float, spare: int) -> Tensor:
+    """(..., a) what acts by all that was asked, (..., H + spare, a), the last first, of any samples
+    at once and with derivatives by latency and lag (...): what `late_action`, then `lagging` make
+    of it one after the other, where nothing acted before.
+    """
+    late = torch.arange(spare + 1).to(latency)
+    hats = (1 - (latency[..., None] - late).abs()).clamp(min=0)
+    arrived = (asked.unfold(-2, spare + 1, 1) * hats[..., None, None, :]).sum(-1)
+    share = _followed(lag, interval)[..., None]
+    weights = share * (1 - share) ** torch.arange(arrived.shape[-2]).to(share)
+    return (weights[..., None] * arrived).sum(-2)
 
 
 def erroneous(seen: Tensor, noise: float, bias: Tensor, key: Tensor, steps: Tensor) -> Tensor:

@@ -104,7 +104,7 @@ CASES = {
         {"E": near_one(0.1)},
         {"process": {"push": ((0.0, 0.0, 0.05), 0.2)}, "bias": 2e-3},
         lambda k: [0.0] * 3,
-        modes=4,  # of two, what the force makes of the others is taken for another stiffness
+        modes=4,
     ),
     "payload, two accelerometers": Case(
         payload,

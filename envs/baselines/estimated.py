@@ -112,18 +112,10 @@ class Estimated(Controller):
         return replace(now, plant=plant, beam=self.z.state[at], acting=acting)
 
     def acting(self, params: dict[str, Tensor], asked: Tensor) -> Tensor:
-        """(..., a) what acts, before the gain, by what was asked (..., H, a), the last first, as
-        `Simulation.acting` has it.
-        """
-        spare = self.env.simulation.spare
-        latency = params["latency"].clamp(*self.late)[..., None]
-        hats = (1 - (latency - torch.arange(spare + 1).to(latency)).abs()).clamp(min=0)
-        late = asked[..., self.env.config.delay :, :].unfold(-2, spare + 1, 1)
-        late = (late * hats[..., None, None, :]).sum(-1)
-        lag = params["lag"][..., None]
-        left = torch.exp(-self.env.config.control_interval / lag.where(lag > 0, 1.0))
-        left = left.where(lag > 0, 0.0) ** torch.arange(late.shape[-2]).to(latency)
-        return (((left[..., :1] - left[..., 1:2]) * left)[..., None] * late).sum(-2)
+        """(..., a) what acts, before the gain, by what was asked (..., H, a), the last first."""
+        config, latency = self.env.config, params["latency"].clamp(*self.late)
+        due, spare = asked[..., config.delay :, :], self.env.simulation.spare
+        return imperfections.acting(due, latency, params["lag"], config.control_interval, spare)
 
     def drive(self, params: dict[str, Tensor], asked: Tensor) -> dict[str, Tensor]:
         """Inputs by name of what was asked (..., H a)."""

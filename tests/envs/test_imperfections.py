@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 import torchbeam_envs as envs
+from torchbeam_envs.imperfections import acting
 
 import torchbeam as tb
 
@@ -69,6 +70,17 @@ def test_actuators_lag_and_have_a_gain():
     _, half = run(reach(delay=0), 0.5 * asked)
     assert (now.beam.position[0] - half.beam.position[0]).abs().max() < 1e-12
     assert torch.equal(now.acting[0], asked[-1, 0])
+
+
+def test_what_acts_follows_from_all_that_was_asked():
+    """Of four arms, each with a latency and a lag of its own, at once: as step by step."""
+    late, lag = torch.tensor([0.0, 0.6, 1.25, 2.0]), torch.tensor([0.02, 0.0, 0.02, 0.015])
+    env, asked = reach(4, randomize={"latency": (0, 2)}), actions(4, 12)
+    _, now = run(env, asked, latency=late.tolist(), lag=lag.tolist())
+    due = torch.cat((asked.flip(0)[env.config.delay :], asked.new_zeros(2, 4, 1))).movedim(0, 1)
+    found = acting(due, late, lag, env.config.control_interval, 2)
+    assert (found - now.acting).abs().max() < 1e-14
+    assert now.acting.abs().min() > 1e-3
 
 
 def test_bias_stays_through_an_episode():

@@ -243,12 +243,8 @@ class MovingHorizon(KalmanFilter):
         if again:
             begin = _joined(self._begins(old.part(slice(again))), begin)
         new = self._linear(*begin)
-        whole = new
-        if again < len(old.x):
-            whole = old.part(slice(again, None)).then(new.part(slice(again, None)))
-            if again:
-                whole = new.part(slice(again)).then(whole)
-        return replace(window, intervals=whole), new
+        stays = old.part(slice(again, None)).then(new.part(slice(again, None)))
+        return replace(window, intervals=new.part(slice(again)).then(stays)), new
 
     def _without_first(self, window: Window) -> Window:
         """With what the first interval says in what is known of the second's begin."""

@@ -47,9 +47,9 @@ class Nuisance:
                     late.append(phase)
                 names.append(label if experiment is None else f"{experiment}.{label}")
                 rows.append(torch.nn.functional.pad(row, around))
-            at = torch.zeros_like(m.values) if m.times is None else m.values.new_zeros(())
+            at = torch.zeros_like(m.values)
             if m.times is not None:
-                at = m.times.reshape(-1, *(1,) * (m.values.ndim - 1)).expand_as(m.values)
+                at = at + m.times.reshape(-1, *(1,) * (m.values.ndim - 1))
             times.append(at.flatten())
         like = every[0][1].values
         places = first + torch.arange(len(rows), device=like.device)

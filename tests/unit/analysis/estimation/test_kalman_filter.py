@@ -276,3 +276,38 @@ def test_calls_that_are_refused():
     ):
         with pytest.raises(ValueError, match=sentence):
             call()
+
+
+@pytest.mark.steps
+def test_a_drive_stands_between_what_is_given_and_the_inputs():
+    """One that doubles, against twice the inputs; what it does with no number is refused."""
+    given = dict(dt=DT, noise=1e-3, process={"u": up(0.3)})
+    scene, y = strip(small=True, plane=None), 0.01 * randn(6, 1)
+    plain = tb.KalmanFilter(scene, TIP, **given)
+    twice = tb.KalmanFilter(scene, TIP, **given, drive=lambda p, u: {"u": 2 * u})
+    one, other = plain.start(amplitude=0.01), twice.start(amplitude=0.01)
+    for k in range(6):
+        u = torch.tensor(up(0.1 * k))
+        one, other = plain(one, y[k], 2 * u), twice(other, y[k], u)
+    assert (one.x - other.x).abs().max() < 1e-14
+    assert (one.covariance - other.covariance).abs().max() < 1e-16
+    with pytest.raises(ValueError, match="that `drive` takes"):
+        twice(other, y[0])
+
+
+@pytest.mark.steps
+def test_a_gain_of_what_is_given_is_found():
+    """1.3, of a prior of 1 with a deviation of 0.2, by a force that changes; without it, it is 30 %
+    off.
+    """
+    gain = tb.Parameter(1.0, transform="log", prior=LogNormal(0.0, 0.2))
+    drive = lambda p, u: {"u": p["gain"][..., None] * u}  # noqa: E731
+    given = dict(dt=DT, noise=1e-3, parameters={"gain": gain}, drive=drive)
+    f = tb.KalmanFilter(lambda p: strip(), TIP, **given)
+    step, state, z = tb.Stepper(strip(), DT), tb.rest(strip()), f.start(amplitude=1e-3)
+    for k in range(30):
+        u = torch.tensor(up(0.2 * math.sin(0.1 * k)))
+        state = step(state, u=1.3 * u)
+        z = f(z, TIP(state) + 1e-3 * randn(1, seed=k), u)
+    low, high = z.interval("gain")
+    assert abs(z.unknown["gain"] - 1.3) < high - low < 0.06  # four deviations, of 0.8 before
