@@ -11,7 +11,7 @@ import numpy as np
 
 from torchbeam.extend.commands import table
 
-from .baselines import MPC, Controller
+from .baselines import MPC
 
 # of one beam in a plane, whose targets are moved, or not known to any force that holds them
 TASKS = "TipReach", "TipTrack", "Slew", "Payload", "FlutterHold"
@@ -50,33 +50,23 @@ def measure(
 ) -> IntervalTimes:
     """Times from an observation to its action over whole episodes of one env, at seeds 0, 1, ..."""
     env = gymnasium.make_vec(id, num_envs=1, elements=elements, substeps=substeps)
-    taken = decisions(env, MPC(env, horizon), range(episodes))
-    wall, own = ([*times] for times in zip(*taken, strict=True))
-    interval, actions = env.unwrapped.config.control_interval, env.unwrapped.task.actions
-    env.close()
-    median, most = np.quantile(wall, (0.5, 0.99)).tolist()
-    return IntervalTimes(
-        id, substeps, actions, len(wall), interval, median, most, float(np.median(own))
-    )
-
-
-def decisions(
-    env: gymnasium.vector.VectorEnv, controller: Controller, seeds: Iterable[int]
-) -> Iterator[tuple[float, float]]:
-    """s from each observation of an env's episodes from these seeds to its action, and of these s
-    those that the thread had the processor; see `FIRST`.
-    """
-    for seed in seeds:
+    controller, wall, own = MPC(env, horizon), [], []
+    for seed in range(episodes):
         observation, _ = env.reset(seed=seed)
         controller.begin(env)
         for k in range(env.unwrapped.max_episode_steps):
             start, used = time.perf_counter(), time.thread_time()
             action = controller(observation)
             if k >= FIRST:
-                yield time.perf_counter() - start, time.thread_time() - used
+                wall.append(time.perf_counter() - start)
+                own.append(time.thread_time() - used)
             observation, *_ = env.step(action)
-            if env.unwrapped.state.done.any():
-                break
+    interval, actions = env.unwrapped.config.control_interval, env.unwrapped.task.actions
+    env.close()
+    median, most = np.quantile(wall, (0.5, 0.99)).tolist()
+    return IntervalTimes(
+        id, substeps, actions, len(wall), interval, median, most, float(np.median(own))
+    )
 
 
 def rows(ids: Iterable[str], episodes: int) -> Iterator[IntervalTimes]:
