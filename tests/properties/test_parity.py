@@ -276,7 +276,9 @@ def test_a_factor_beside_functions_without_motion_says_so():
                 inputs={"u": torch.ones(3)})  # fmt: skip
 
 
-def test_a_path_that_cannot_be_traced_is_warned_of():
+def test_a_path_that_cannot_be_traced_is_warned_of(monkeypatch):
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "auto")
+
     def fallen(position, rotation, velocity, spin, t):
         return position * (1.0 if bool(position.detach()[..., 0].sum() > 0) else 0.0), None
 
