@@ -80,7 +80,18 @@ def __getattr__(name: str) -> Any:
 
 # those of which are not the first
 VERSIONS = dict.fromkeys(
-    ("TipReach", "TipTrack", "FlutterHold", "Slew", "TwoLink", "Peg", "Gripper"), 1
+    (
+        "TipReach",
+        "TipTrack",
+        "FlutterHold",
+        "Slew",
+        "TwoLink",
+        "Peg",
+        "Gripper",
+        "FollowTarget",
+        "InverseKinematics",
+    ),
+    1,
 ) | {"Payload": 2}
 
 

@@ -145,6 +145,7 @@ class InverseKinematicsVectorEnv(BeamVectorEnv):
     the turn: (4,).
 
     ## Version history
+    v1: as in FollowTarget.
     v0: first version.
 
     Examples:

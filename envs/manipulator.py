@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -19,6 +19,9 @@ from .sensors import Observed
 from .soft_arm import SoftArm, SoftArmConfig
 
 SEGMENTS = 5  # of the arm, each with a natural curvature of its own
+# Where they begin and end, in shares of the length. The published arm bends at the nodes between
+# its twenty edges, the clamp holds the first of them, a node's bend is half on each side of it.
+BENDS = tuple(k / 40 for k in (1, 7, 15, 23, 31, 39))
 SEEN = 10  # nodes that are observed, of a mesh that has them
 
 
@@ -30,7 +33,7 @@ class ManipulatorConfig(SoftArmConfig):
     change: float = 0.05
     bend: float = 2.0
     gravity: Sequence[float] | None = (0.0, 0.0, -9.8)
-    damping: float | None = 0.05
+    damping: float | None = 0.043
     control_interval: float = 0.1
     failure_reward: float | None = -10.0  # as published
 
@@ -70,15 +73,20 @@ class Manipulator(SoftArm):
         c = self.config
         up = (1.0, 0.0, 0.0) if c.up is None else c.up
         section = tb.Section.circle(c.radius, c.young, 0.5, c.density)
-        return tb.Beam.straight(c.length, c.elements, section, c.direction, up)
+        made = tb.Beam.straight(c.length, c.elements, section, c.direction, up)
+        held = overlaps(c.elements, [0.0, BENDS[0]])[0]
+        compliance = made.compliance.expand(c.elements, 6, 6).clone()
+        compliance[:, 3:] *= (1 - held * c.elements)[:, None, None]
+        return replace(made, compliance=compliance)
 
     def actuators(self) -> tuple[Actuator, ...]:
         """One: the natural curvature of all elements, by angles of the segments."""
         c = self.config
         normal = () if self.plane is None else (3 - self.axes[0],)  # of the plane, in section axes
         axes = normal or (1, 2)
-        of_segment = torch.eye(SEGMENTS).repeat_interleave(c.elements // SEGMENTS, 1)  # (s, N)
-        frame = torch.eye(3)
+        along = overlaps(c.elements, BENDS)  # (s, N)
+        of_segment = along / along.sum(1, keepdim=True) * c.elements / SEGMENTS
+        frame = torch.eye(3).to(of_segment)
         bends = torch.einsum("sn,ij->sinj", of_segment, frame[list(axes)]).flatten(0, 1)
         twists = torch.einsum("sn,j->snj", of_segment, frame[0]) if self.TWIST else bends[:0]
         gain = torch.cat((bends, twists)).flatten(1) * SEGMENTS / self.length
@@ -99,14 +107,17 @@ class Manipulator(SoftArm):
     def inputs(
         self, action: Tensor, now: Episodes | None = None
     ) -> dict[str, Tensor] | list[dict[str, Tensor]]:
-        """The mean of each substep, as the curvature changes evenly over the interval; in statics,
-        an action is a share of the limits.
+        """The mean of each substep, as the curvature changes evenly over the interval, and damping
+        times its rate; in statics, an action is a share of the limits.
         """
         if now is None:
             return driven(self.drives, self.limits * action)
         before, count = self.command(now), self.config.substeps
         change = self.commanded(now, action) - before
-        return [driven(self.drives, before + (i + 0.5) / count * change) for i in range(count)]
+        # damping is of what the arm bends by beyond its natural curvature, not of that
+        lead = (self.config.damping or 0.0) / self.config.control_interval
+        shares = [(i + 0.5) / count + lead for i in range(count)]
+        return [driven(self.drives, before + share * change) for share in shares]
 
     def initial_memory(self, goal: Tensor) -> Tensor:
         return goal.new_zeros(len(goal), self.actions)
@@ -132,3 +143,11 @@ class Manipulator(SoftArm):
         nodes = range(self.elements % step or step, self.elements + 1, step)
         places = [self._seen(tb.sensors.NodePosition(node), 2.0) for node in nodes]
         return places + [self._seen(tb.sensors.NodeVelocity(node), 20.0) for node in nodes]
+
+
+def overlaps(elements: int, bounds: Sequence[float]) -> Tensor:
+    """(interval, element): how much of elements lies in intervals, in shares of the length."""
+    ends = torch.linspace(0, 1, elements + 1, dtype=torch.float64)
+    cuts = torch.tensor(bounds, dtype=torch.float64)[:, None]
+    shared = torch.minimum(ends[1:], cuts[1:]) - torch.maximum(ends[:-1], cuts[:-1])
+    return shared.clamp(min=0.0)

@@ -79,7 +79,7 @@ class ReachObstaclesConfig(ManipulatorConfig):
     contact: float = 1e6
     change: float = 0.25
     control_interval: float = 0.5
-    substeps: int = 20
+    substeps: int = 40
     max_episode_steps: int | None = 50
 
     def __post_init__(self) -> None:
@@ -191,7 +191,7 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
     The arm of `FollowTargetVectorEnv`, from the same publication, among round bars that it may
     touch without friction. Its tip is to come to a place that stays: (0.8, 0, 0.35) m behind eight
     bars of 1 m, radius 0.03 m, that lie anew in each episode; in a plane (0.8, 0.15) m behind six
-    that run across it, radius 0.1 m, always the same. An interval is 0.5 s, in twenty implicit
+    that run across it, radius 0.1 m, always the same. An interval is 0.5 s, in forty implicit
     steps.
 
     What differs from there, beside what differs in FollowTarget: bars press the arm's nodes, 0.05 m
@@ -199,8 +199,8 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
     0.05^2/8 over the sum of both radii, 2 mm in the plane and 4 mm in space. The law is the same,
     per node: the gradient of contact s^2, s = ln(1 + exp(K g)) / K, of an overlap g, K = 3,000 1/m,
     contact = 1e6 N/m, at where nodes will be at the end of a step, as implicit Euler's method has
-    it there: blows take energy. Steps are half as long, 0.025 s, and all converge, or the episode
-    ends, where there two to five iterations have to do.
+    it there: blows take energy. Steps are a quarter as long, 0.0125 s, and all converge, or the
+    episode ends, where there two to five iterations have to do.
 
     ## Action space
     `Box(-1, 1, (10,), float32)`: as in FollowTarget, with change = 0.25 rad.
@@ -234,7 +234,7 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
 
     ## Arguments
     Those of FollowTarget without speed and turns, with change = 0.25, control_interval = 0.5,
-    substeps = 20, max_episode_steps = 50,
+    substeps = 40, max_episode_steps = 50,
     solver = {"halvings": 4, "iterations": 200}, and
     contact  N/m, 1e6: see above
 

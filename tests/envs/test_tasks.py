@@ -22,10 +22,10 @@ TASKS = [
     "TipReach", "TipTrack", "FlutterHold", "Slew", "Payload", "TwoLink", "FollowTarget",
     "ReachObstacles", "Peg", "Gripper",
 ]  # fmt: skip
-VERSION = dict.fromkeys(TASKS, 1) | {"Payload": 2, "FollowTarget": 0, "ReachObstacles": 0}
+VERSION = dict.fromkeys(TASKS, 1) | {"Payload": 2, "ReachObstacles": 0}
 IDS = [f"torchbeam/{t}{planar}-v{VERSION[t]}" for t in TASKS for planar in ("", "Planar")]
 SPATIAL = "InverseKinematics", "TrackTarget", "ReachPose", "ReachBehind", "ReachBehindNest"
-ARM_IDS = [f"torchbeam/{name}-v0" for name in SPATIAL]
+ARM_IDS = [f"torchbeam/{name}-v{int(name == 'InverseKinematics')}" for name in SPATIAL]
 IDS += ARM_IDS
 # each task in its plane, and one in space: they differ in the beam alone
 ONCE = [

@@ -615,7 +615,7 @@ def test_command_line(tmp_path, capsys, monkeypatch):
 
 ARM = Task(
     "follow",
-    "torchbeam/FollowTargetPlanar-v0",
+    "torchbeam/FollowTargetPlanar-v1",
     dict(elements=5, substeps=1, max_episode_steps=8),
     tolerance=0.4,
 )
