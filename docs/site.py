@@ -42,7 +42,8 @@ REFERENCE = {
         "converge", "Convergence", "remesh", "advise", "Advice", "describe", "Description")),
     "identification": ("Identification", "Parameters and fields from measurements.", (
         "identify", "Parameter", "Measurement", "SlowBaseline", "SensorFrame", "pose_from_points",
-        "Pose", "Fit", "identify_fields", "Smoothness", "FieldFit", "observe")),
+        "Pose", "Fit", "identify_fields", "Smoothness", "FieldFit", "observe", "design", "Design",
+        "compare", "Comparison")),
     "estimation": ("Estimation", "State and parameters while a structure moves.", (
         "KalmanFilter", "MovingHorizon", "Filtered")),
     "uncertainty": ("Uncertainty", "Scatter, sensitivities, rare events.", (

@@ -28,6 +28,9 @@ from .analysis.estimation.kalman_filter import KalmanFilter
 from .analysis.estimation.moving_horizon import MovingHorizon
 from .analysis.export import export
 from .analysis.identification.bootstrap import Bootstrap
+from .analysis.identification.comparison import Comparison, compare
+from .analysis.identification.design import design
+from .analysis.identification.design_result import Design
 from .analysis.identification.fields import FieldFit, identify_fields
 from .analysis.identification.fit import Fit
 from .analysis.identification.identify import identify
@@ -116,9 +119,9 @@ if TYPE_CHECKING:  # imported where they are first asked for
 # fmt: off
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
-    "Capsule", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
-    "Damping", "Description", "Distance", "Drag", "Energy", "Estimate", "ExplicitStepper",
-    "FieldFit", "Filtered", "Fit", "Frame",
+    "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
+    "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
+    "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
     "MassDamping", "Measurement", "MixedState",
     "Modes", "MomentDerivatives", "MovingHorizon", "PairedModes", "Parameter", "Path", "PerElement",
@@ -129,9 +132,9 @@ __all__ = [
     "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "consistent_state", "converge",
-    "critical_load",
-    "describe", "equilibrium", "export",
+    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "compare", "consistent_state",
+    "converge", "critical_load",
+    "describe", "design", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "pose_from_points",

@@ -50,6 +50,12 @@ def model(p):
 
 
 DATA = model({"f": torch.tensor(1.0)})
+PLACES = {f"{k}": tb.Measurement(torch.nan, 0.1) for k in range(3)}
+PLAN = dict(model=lambda p: model(p).unbind(-1), candidates=PLACES, start={"f": 0.5}, sensors=2,
+            budget=3.0, cost=1.0, most=1, present=["0"], inputs=None, runs=1, criterion="D", of="f",
+            correlation=0.5, method="greedy", draws=1, seed=0, log=False, derivatives="difference",
+            relative_step=1e-4)  # fmt: skip
+FITTED = tb.identify(model, tb.Measurement(DATA + 0.01, 0.1), {"f": 0.5})
 
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 FOLDER = TemporaryDirectory(prefix="torchbeam-calls-")  # of this process alone
@@ -224,6 +230,9 @@ CALLS = {
         hum=())),
     "SlowBaseline": (tb.SlowBaseline, dict(first=0.0, last=1.0, spacing=0.3, degree=3)),
     "Smoothness": (tb.Smoothness, dict(order=1, at=[0.0, 1.0], sharp=False)),
+    "design": (tb.design, PLAN),
+    "compare": (tb.compare, dict(fits={"one": FITTED, "two": FITTED}, by="prediction", blocks=3,
+                                 gap=0)),
     "identify": (tb.identify, dict(model=model, data=DATA, start={"f": 0.5}, bounds=None, sigma=0.1,
         starts=1, seed=0, noise="common")),
     "monte_carlo": (tb.monte_carlo, dict(function=lambda x: x, laws={"f": tb.laws.Normal(1.0, 0.1)},

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
+import torchbeam as tb
 from examples.measurements import silicone_beam, soft_tentacle
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -36,3 +37,24 @@ def test_a_file_is_read_from_before_the_release_on():
     assert record.t[0] == 0
     moved = torch.linalg.vector_norm(record.markers - record.markers[0], dim=-1).amax(-1)
     assert moved[: int(silicone_beam.RELEASE / 0.01) - 2].max() < 1e-3 < moved[10]
+
+
+@pytest.mark.parametrize("pair", [(), (0, 1), (1, 2), (2, 3)], ids=str)
+def test_exchanged_markers_of_the_soft_arm_are_named(pair):
+    """Two columns of the file swapped on purpose, in eight poses, with the markers' places among
+    the parameters; and no alarm without."""
+    _, tensions, markers = soft_tentacle.read(DATA / "soft_tentacle.csv")
+    markers = markers[:8].clone()
+    markers[:, pair] = markers[:, pair[::-1]]
+    fit = tb.identify(
+        soft_tentacle.Arm(tensions[:8]),
+        soft_tentacle.measurements(markers),
+        soft_tentacle.start(),
+        derivatives="difference",
+        iterations=3,
+        tolerance=1e-2,
+    )
+    said = [hint for hint in fit.hints if "seem to be exchanged" in hint]
+    assert len(said) == bool(pair)
+    if pair:
+        assert said[0].startswith("'marker{}' and 'marker{}'".format(*(k + 1 for k in pair)))

@@ -255,6 +255,8 @@ def test_a_circle_is_found():
         "critical_load",
         "identify",
         "identify_fields",
+        "design",
+        "compare",
         "ExplicitStepper",
     ],
 )

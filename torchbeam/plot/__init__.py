@@ -12,7 +12,7 @@ from ..core.entry_point import entry_points
 from .animation import animate
 from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path, tried
-from .identification import correlation, fit, profile
+from .identification import correlation, design, fit, profile
 from .obstacles import obstacles
 from .shapes import mode_shapes, shape
 from .tendons import tendons
@@ -20,9 +20,9 @@ from .uncertainty import bands, convergence, histogram, tornado
 
 # fmt: off
 __all__ = [
-    "animate", "axes", "bands", "campbell", "convergence", "correlation", "energies", "fit",
-    "grid", "histogram", "history", "load_path", "mode_shapes", "obstacles", "profile", "save",
-    "shape", "tendons", "tornado", "tried",
+    "animate", "axes", "bands", "campbell", "convergence", "correlation", "design", "energies",
+    "fit", "grid", "histogram", "history", "load_path", "mode_shapes", "obstacles", "profile",
+    "save", "shape", "tendons", "tornado", "tried",
 ]
 # fmt: on
 

@@ -1,4 +1,4 @@
-"""Pictures of an identification: fit and residuals, correlations, profiles."""
+"""Pictures of an identification: fit and residuals, correlations, profiles, designs."""
 
 from __future__ import annotations
 
@@ -122,3 +122,34 @@ def profile(profile: Any, ax: Axes | None = None) -> Axes:
     )
     ax.legend(frameon=False, fontsize=8)
     return ax
+
+
+def design(plan: Any) -> list[Axes]:
+    """A `Design` as two axes: the criterion after each sensor that was chosen, between that of all
+    candidates and what no choice of as many goes below; and by what factor it rises without each of
+    the candidates that were chosen, or falls with each other.
+
+    Examples:
+        >>> model = lambda p: (p["F"][:, None] * torch.tensor([1.0, 4.0, 9.0])).unbind(-1)
+        >>> places = {f"place {k}": tb.Measurement(torch.nan, 0.1) for k in range(3)}
+        >>> panels = tb.plot.design(tb.design(model, places, {"F": 2.0}, sensors=2))
+    """
+    drawable("plan", plan, "a torchbeam.Design", "sensors", "change", "bound")
+    left, right = grid(1, 2, (11.0, max(3.6, 1.2 + 0.2 * len(plan.change))))
+    left.plot(range(1, len(plan.value) + 1), numbers(plan.value), "C0o-", label="chosen")
+    for value, style, label in ((plan.bound, "--", "as many at best"), (plan.whole, ":", "all")):
+        left.axhline(value, color=GREY, ls=style, lw=1, label=label)
+    left.set_xticks(range(1, len(plan.value) + 1), plan.sensors, rotation=45, ha="right",
+                    rotation_mode="anchor", fontsize=8)  # fmt: skip
+    left.set(ylabel=f"{plan.criterion}-criterion, a deviation", ylim=(0, None))
+    left.legend(frameon=False, fontsize=8)
+    names = [*plan.change]
+    factors = torch.tensor([plan.change[name] for name in names])
+    factors = factors.clamp(max=10 * max(1.0, factors[factors.isfinite()].max().item()))
+    colors = ["C0" if name in plan.measurements else GREY for name in names]
+    right.barh(range(len(names)), numbers(factors - 1), left=1.0, color=colors)
+    right.set_yticks(range(len(names)), names, fontsize=8)
+    right.axvline(1.0, color="k", lw=0.8)
+    right.set(xlabel="factor of the criterion without it, or (grey) with it too")
+    right.invert_yaxis()
+    return [left, right]

@@ -49,7 +49,7 @@ class Blocks:
             instants = torch.cat([t for t, _, _ in series]).unique()
             length = 1.0
             if all(ordered for _, _, ordered in series):
-                a = min(max(_correlation(r, [rows for _, rows, _ in series]), 0.0), 0.99)
+                a = min(max(correlation_of(r, [rows for _, rows, _ in series]), 0.0), 0.99)
                 length = max(1.0, (6 * (a / (1 - a * a)) ** 2 * len(instants)) ** (1 / 3))
             count = min(len(instants), max(FEWEST, math.floor(len(instants) / length)))
             for t, rows, _ in series:
@@ -139,7 +139,7 @@ def series_of(m: Any, rows: Tensor) -> tuple[Tensor, Tensor, bool]:
     return m.times[order], rows[order], True
 
 
-def _correlation(r: Tensor, series: list[Tensor]) -> float:
+def correlation_of(r: Tensor, series: list[Tensor]) -> float:
     """Of residuals r (T,) with their neighbours, over all channels of rows (n, channels)."""
     product, squares = 0.0, torch.finfo(r.dtype).tiny
     for rows in series:

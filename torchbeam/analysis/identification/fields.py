@@ -263,11 +263,12 @@ class _Task:
             e.name: e.measurements[0] if e.single else list(e.measurements) for e in experiments
         }
         every = [m for given in measured.values() for m in each(given)]
-        if odd := [m for m in every if m.loss or m.noise in ("ar1", "repeats")]:
+        if odd := [m for m in every if m.loss or m.noise != "white"]:
             kind = f"loss={odd[0].loss!r}" if odd[0].loss else f"noise={odd[0].noise!r}"
             raise ValueError(
                 f"{kind} was given to identify_fields, whose weights count on normal noise that is "
-                "independent; noise='white' is wanted"
+                "independent; noise='white' is wanted, where neighbours are alike with sigma "
+                "over sqrt((1 - rho)/(1 + rho)), rho their correlation"
             )
         known = sigma_given(every)
         if not known and not any(m.values.nan_to_num().any() for m in every):

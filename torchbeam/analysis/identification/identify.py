@@ -193,7 +193,7 @@ def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
         if derivatives in ("forward", "difference"):
             problem = replace(problem, method=derivatives)
         else:
-            problem = _chosen(problem, x, TRIES if o.relative_step is None else 1)
+            problem = with_derivatives(problem, x, TRIES if o.relative_step is None else 1)
         most = count("follow", o.follow) if o.starts > 1 else None
         with _line(o.progress, len(x)) as report:
 
@@ -218,9 +218,10 @@ def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
         return Fit.of(problem, search_result, region, method, tolerance)
 
 
-def _chosen(problem: FitProblem, x: Tensor, tries: int) -> FitProblem:
-    """By differences that do not depend on their step at the first start that has a Jacobian: each
-    parameter's of the first of so many, each a tenth of the one before; else by forward mode.
+def with_derivatives(problem: FitProblem, x: Tensor, tries: int) -> FitProblem:
+    """The problem by differences that do not depend on their step at the first start that has a
+    Jacobian: each parameter's of the first of so many, each a tenth of the one before; else by
+    forward mode.
     """
     for k in range(len(x)):
         here, which = x[k : k + 1], torch.tensor([k], device=x.device)

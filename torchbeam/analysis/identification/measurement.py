@@ -30,7 +30,8 @@ class Measurement:
 
     Args:
         values: (times, *channels) in the unit of the model's readings, or of any shape where there
-            are no times; NaN: missing
+            are no times; NaN: missing. None: not yet measured, of a sensor (times, size), for
+            `tb.design`; `dataclasses.replace(measurement, values=...)` is it when it was
         sigma: standard deviation of the noise, in that unit, that broadcasts with `values`: a
             number, or one for each channel (channels,). None = not known: estimated from the
             misfit, one for all data or one for each channel (`noise` of `identify`)
@@ -87,7 +88,7 @@ class Measurement:
         tensor([2.0000])
     """
 
-    values: Any
+    values: Any = None
     sigma: Any = None
     times: Any = None
     sensor: Sensor | Callable[[Any], Tensor] | None = None
@@ -113,13 +114,9 @@ class Measurement:
                 f"loss={self.loss!r} was given with noise={self.noise!r}, whose blocks count "
                 "squares; 'white' or 'ar1' is wanted"
             )
-        dtype, device = common_dtype(self.values)
-        values = as_tensor(self.values, dtype, device).detach()
-        if values.isnan().all():
-            raise ValueError(
-                f"{self._of} of {values.numel()} numbers, all NaN, were given; some that were "
-                "measured are wanted"
-            )
+        given = self._unmeasured() if self.values is None else self.values
+        dtype, device = common_dtype(given)
+        values = as_tensor(given, dtype, device).detach()
         if values.isinf().any():
             raise ValueError(
                 f"{self._of} hold infinite numbers; finite ones are wanted, and NaN where "
@@ -179,6 +176,23 @@ class Measurement:
                 f"{what} was given to a Measurement without "
                 f"{'a sensor' if self.sensor is None else 'times'}, by which a Solution is read; "
                 f"{'sensor' if self.sensor is None else 'times'}=... is wanted"
+            )
+
+    def _unmeasured(self) -> Tensor:
+        """NaN for each reading of the sensor."""
+        if not isinstance(self.sensor, Sensor):
+            raise refusal(
+                "a Measurement without values, and without one of tb.sensors,", "either of them"
+            )
+        times = () if self.times is None else as_tensor(self.times, *common_dtype(self.times)).shape
+        return torch.full((*times, self.sensor.size), torch.nan)
+
+    def check_measured(self) -> None:
+        """ValueError where nothing was measured."""
+        if self.values.isnan().all():
+            raise ValueError(
+                f"{self._of} of {self.values.numel()} numbers, all NaN, were given; some that were "
+                "measured are wanted"
             )
 
     def _check_sensor(self) -> None:

@@ -59,6 +59,8 @@ class FitProblem:
         added. Without `noise`, it is known by sigma, or one for all data.
         """
         every = [(e, m) for e in experiments for m in e.measurements]
+        for _, m in every:
+            m.check_measured()
         scaled = sigma_given(m for _, m in every) and absolute_sigma
         values = torch.cat([m.values.flatten() for _, m in every])
         known = ~values.isnan()

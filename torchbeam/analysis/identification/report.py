@@ -1,4 +1,4 @@
-"""Report of a fit: one page of HTML that holds all of it, pictures embedded."""
+"""Reports of a fit and of a design: one page of HTML that holds all of it, pictures embedded."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ...core import files
 from ...core.validation import as_tensor, shown
 from ...plot.canvas import grid, numbers
 from ...plot.identification import correlation
+from ...plot.identification import design as design_picture
 from ...plot.identification import fit as fit_picture
 from .prediction import Prediction
 from .table import parameter_rows
@@ -36,9 +37,22 @@ def write_report(
     parts = [_summary(fit, reason), _intervals(fit, level), _data(fit), *_pictures(fit)]
     for name, given in _checked(predictions).items():
         parts.append(_prediction(name, *given))
+    return _written(path, "Fit", parts)
+
+
+def write_design(plan: Any, path: str | Path) -> Path:
+    """See `Design.report`."""
+    path = files.file_of("path", path, ".html")
+    said = "".join(f"<p>{escape(text)}.</p>" for text in plan.said())
+    tables = [_table(head, rows) for head, *rows in plan.tables()]
+    return _written(path, "Design", [said, *tables, _picture(design_picture(plan)[0])])
+
+
+def _written(path: Path, title: str, parts: list[str]) -> Path:
+    """The file of a page that holds these parts."""
     page = (
-        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Fit</title>'
-        f"<style>{STYLE}</style></head><body><h1>Fit</h1>{''.join(parts)}</body></html>\n"
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f"<style>{STYLE}</style></head><body><h1>{title}</h1>{''.join(parts)}</body></html>\n"
     )
     files.folder(path.parent)
     files.write(path, page)

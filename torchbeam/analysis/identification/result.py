@@ -11,6 +11,7 @@ from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
 from .covariance import Spread
+from .exchanged import exchange_hints
 from .hints import bound_hints, misfit_hints, noise_hints, unit_hints
 from .problem import FitProblem
 from .readings import Readings
@@ -82,8 +83,9 @@ def conclusions(
     doubts: tuple[str, ...] = ()
     if spread.scale:
         doubts = misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
+    exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale)
     bounded = bound_hints(parameters.names, theta[best], spread.held)
-    hints = (*odd, *noise_hints(spare, problem.sigma_given), *doubts, *bounded)
+    hints = (*odd, *noise_hints(spare, problem.sigma_given), *exchanged, *doubts, *bounded)
     if odd:
         warn(odd[0], UserWarning)
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()

@@ -1,0 +1,78 @@
+"""Markers and channels that were exchanged are named by the fit, others are not."""
+
+import pytest
+import torch
+
+import torchbeam as tb
+
+T = torch.linspace(0, 1, 40)
+PLACES = torch.tensor([0.3, 0.6, 0.7, 1.0])
+
+
+def readings(theta):
+    """Four markers (x, y) on a swinging line: (N, times, markers, 2)."""
+    angle = theta["a"][:, None] * torch.sin(6 * T) + theta["b"][:, None] * T
+    axis = torch.stack((torch.cos(angle), torch.sin(angle)), -1)
+    return axis[:, :, None] * PLACES[:, None] * theta["length"][:, None, None, None]
+
+
+START = {"a": 0.4, "b": 0.1, "length": 1.1}
+TRUE = {"a": torch.tensor([0.5]), "b": torch.tensor([0.2]), "length": torch.tensor([1.0])}
+
+
+def seen(seed=0):
+    noise = torch.randn(40, 4, 2, generator=torch.Generator().manual_seed(seed))
+    return readings(TRUE)[0] + 0.003 * noise
+
+
+def fitted(values, **options):
+    m = tb.Measurement(values, 0.003, times=T, name="markers", **options)
+    return tb.identify(readings, m, START)
+
+
+def exchanged(fit):
+    return [hint for hint in fit.hints if "seem to be exchanged" in hint]
+
+
+@pytest.mark.parametrize("options", [{}, {"offset": True}, {"noise": "ar1"}, {"noise": "blocks"}],
+                         ids=str)  # fmt: skip
+def test_markers_all_along(options):
+    values = seen()
+    values[:, [1, 3]] = values[:, [3, 1]]
+    (hint,) = exchanged(fitted(values, **options))
+    assert "'markers 1' and 'markers 3' seem to be exchanged: " in hint
+    assert exchanged(fitted(seen(), **options)) == []
+
+
+def test_markers_for_a_while_and_missing_readings():
+    values = seen()
+    values[12:25, [0, 3]] = values[12:25, [3, 0]]
+    values[15, 0] = torch.nan
+    (hint,) = exchanged(fitted(values))
+    assert "'markers 0' and 'markers 3' seem to be exchanged from 0.3077 to 0.6154 s" in hint
+
+
+def test_channels_of_a_measurement_and_measurements():
+    def model(theta):
+        y = readings(theta)
+        return y[:, :, 3], y[:, :, 1], y[:, :, 0]
+
+    values = seen()
+    parts = [tb.Measurement(values[:, k], times=T, name=f"marker {k}") for k in (3, 1, 0)]
+    assert exchanged(tb.identify(model, parts, START)) == []
+    swapped = [parts[1], parts[0], parts[2]]
+    (hint,) = exchanged(tb.identify(model, swapped, START))
+    assert "'marker 1' and 'marker 3' seem to be exchanged" in hint
+    turned = [tb.Measurement(parts[0].values.flip(1), times=T, name="tip"), *parts[1:]]
+    (hint,) = exchanged(tb.identify(model, turned, START))
+    assert "'tip 0' and 'tip 1' seem to be exchanged" in hint
+
+
+def test_no_alarm_of_what_is_right_or_errs_otherwise():
+    """Twelve draws of noise; two markers at nearly one place; a model that misses something."""
+    for seed in range(12):
+        assert exchanged(fitted(seen(seed))) == []
+    alike = seen()
+    alike[:, 2] = seen(1)[:, 1]
+    assert exchanged(fitted(alike)) == []
+    assert exchanged(fitted(seen() + 0.05 * torch.sin(20 * T)[:, None, None])) == []

@@ -1,0 +1,144 @@
+"""Exchanged channels: data that fit the model better with two markers or channels in each other's
+place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...sensors import Sensor
+from .problem import FitProblem
+from .readings import Readings
+
+FACTOR = 1.5  # of the misfit, by which an exchange is better
+FEWEST = 3  # readings in a row
+TRIED = 4  # pairs
+NOISE = 25.0  # variances of the noise, that are at stake at least
+
+
+@dataclass(frozen=True)
+class Channels:
+    """What may have been exchanged with its like: a marker, or a single channel.
+
+    like  what its like has too: experiment, measurement, shape, unit;  times (T,) or None
+    rows  (T, c) of its readings among the data, -1 of what is missing
+    """
+
+    name: str
+    like: tuple[Any, ...]
+    times: Tensor | None
+    rows: Tensor
+
+    def fits(self, other: Channels) -> bool:
+        a, b = self.times, other.times
+        same = a is b or (a is not None and b is not None and torch.equal(a, b))
+        return self.like == other.like and same
+
+
+def exchange_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, scale: float) -> list[str]:
+    """A sentence about the two whose exchange, all along or over a part of the record, would make
+    the misfit smallest: with the parameters where one step of Gauss and Newton takes them then,
+    without an evaluation.
+
+    r (T,), J (T, p) weighted, C (p, p) covariance over the weighted noise, of `scale`
+    """
+    if not all(torch.isfinite(part).all() for part in (r, J, C)):
+        return []
+    data, best = problem.white.inverse(problem.target[0]), (1 / FACTOR**2, "")
+    N, pull, squares = J.mT @ J, J.mT @ r, r.square().sum()
+    for a, b, stretch in _likeliest(problem, r, J, C, data):
+        there = (a.rows >= 0) & (b.rows >= 0)
+        for part in (slice(0, len(there)), stretch):
+            one, two = (c.rows[part][there[part]] for c in (a, b))
+            if part.stop - part.start < min(FEWEST, len(there)) or not len(one):
+                continue
+            change = torch.zeros_like(data)
+            change[one], change[two] = data[one] - data[two], data[two] - data[one]
+            change = problem.white(change)
+            by = J.mT @ change
+            step, more = C @ by, change @ (2 * r + change)
+            left = squares + more - 2 * step @ (pull + by) + step @ N @ step
+            share, fall = (left / squares).item(), by @ step - more  # of squares and priors
+            if share < best[0] and fall > NOISE * scale**2:
+                best = share, _sentence(a, b, part, share)
+    return [best[1]] * bool(best[1])
+
+
+def _likeliest(
+    problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, data: Tensor
+) -> Iterator[tuple[Channels, Channels, slice]]:
+    """Pairs whose exchange makes the squares fall most, as noise were independent: all along, with
+    the parameters following; or over readings in a row, with these as they are.
+    """
+    r, J, weight = problem.white.alone(r), problem.white.alone(J.mT).mT, problem.white.weight
+    for group in _groups(problem):
+        rows = torch.stack([c.rows for c in group])
+        there, d, w, off, by = rows >= 0, data[rows], weight[rows], r[rows], J[rows]
+        pairs = []
+        for i in range(len(group) - 1):
+            rest = slice(i + 1, None)
+            apart = torch.where(there[i] & there[rest], d[i] - d[rest], 0)
+            a, b = w[i] * apart, -w[rest] * apart
+            gain = -(a * (2 * off[i] + a) + b * (2 * off[rest] + b)).sum(-1)
+            moved = torch.einsum("ntc,tcp->np", a, by[i]) + torch.einsum(
+                "ntc,ntcp->np", b, by[rest]
+            )
+            whole = gain.sum(-1) + ((moved @ C) * moved).sum(-1)
+            sums = torch.nn.functional.pad(gain.cumsum(-1), (1, 0))
+            least, where = sums.cummin(-1)
+            rise, last = (sums - least).max(-1)
+            first = where.gather(-1, last[:, None])[:, 0]
+            ends = zip(whole.tolist(), rise.tolist(), first.tolist(), last.tolist(), strict=True)
+            pairs += [(*of, group[i], group[i + 1 + k]) for k, of in enumerate(ends)]
+        for by_what in (0, 1):
+            for *_, first, last, a, b in sorted(pairs, key=lambda of: -of[by_what])[:TRIED]:
+                yield a, b, slice(first, last)
+
+
+def _groups(problem: FitProblem) -> list[list[Channels]]:
+    """Channels that may be exchanged with each other."""
+    groups: list[list[Channels]] = []
+    for channels in _channels(problem):
+        own = next((group for group in groups if group[0].fits(channels)), None)
+        if own is None:
+            groups.append(own := [])
+        own.append(channels)
+    return groups
+
+
+def _sentence(a: Channels, b: Channels, part: slice, share: float) -> str:
+    where = ""
+    if part.stop - part.start < len(a.rows):
+        ends = part.start, part.stop - 1
+        where = f" from reading {ends[0]} to {ends[1]}"
+        if a.times is not None:
+            where = " from {:.4g} to {:.4g} s".format(*a.times[list(ends)].tolist())
+    return (
+        f"{a.name!r} and {b.name!r} seem to be exchanged{where}: with the data of each in the "
+        f"other's place the misfit would be {max(share, 0.0) ** 0.5:.2g} of what it is"
+    )
+
+
+def _channels(problem: FitProblem) -> Iterator[Channels]:
+    """Whole measurements, rows of their second axis, and single channels, of each measurement."""
+    for k, (e, m, rows) in enumerate(problem.rows()):
+        if not e.measured or not rows.ndim:
+            continue
+        columns = rows.reshape(len(rows), -1)
+        sensor = m.sensor if isinstance(m.sensor, Sensor) else None
+        name = m.name or (sensor.name if sensor else f"measurement {k}")
+        name = " ".join(filter(None, (e.name, name)))
+        unit = sensor.unit if sensor else ""
+        yield Channels(name, (e.name, columns.shape, unit), m.times, columns)
+        if rows.ndim > 2:
+            for j, own in enumerate(rows.unbind(1)):
+                yield Channels(f"{name} {j}", (e.name, k, "row"), m.times, own.flatten(1))
+        if columns.shape[1] > 1:
+            names = Readings(e.name, m.labels, None, m.values, m.values, None).names
+            for label, own in zip(names, columns.unbind(1), strict=True):
+                yield Channels(label, (e.name, k, "one"), m.times, own[:, None])
