@@ -13,25 +13,24 @@ from torchbeam.extend.commands import measured_on, sentence
 from . import silicone_beam, soft_tentacle
 
 BEAM = "silicone_beam_{}.csv"
-# name -> example, its files, the file that is held out
+ALL = [BEAM.format(name) for name in ("gravity_b", "load52_a", "load52_b", "load101_a")]
+# name -> example, its files, the file that is held out, other arguments
 RUNS = {
     "soft tentacle, five poses held out": (soft_tentacle, ["soft_tentacle.csv"], None),
     "silicone, weight alone": (silicone_beam, [BEAM.format("gravity_b")], None),
     "silicone, 52 g, first": (silicone_beam, [BEAM.format("load52_a")], None),
     "silicone, 52 g, repeated": (silicone_beam, [BEAM.format("load52_b")], None),
     "silicone, 101 g": (silicone_beam, [BEAM.format("load101_a")], None),
-    "silicone, three loads together": (
-        silicone_beam,
-        [BEAM.format(name) for name in ("gravity_b", "load52_a", "load101_a")],
-        None,
-    ),
+    "silicone, all four together": (silicone_beam, ALL, None),
+    "silicone, all four, deviations by records": (silicone_beam, ALL, None, "--noise", "repeats"),
     "silicone, 52 g, the repeat by the first": (
         silicone_beam,
         [BEAM.format("load52_a")],
         BEAM.format("load52_b"),
     ),
 }
-SHOWN = {"E": (1e-3, "E kPa"), "tau": (1e3, "tau ms"), "friction": (1.0, "friction")}
+SHOWN = {"E": (1e-3, "E kPa"), "power": (1.0, "power"), "creep": (1.0, "creep"),
+         "friction": (1.0, "friction")}  # fmt: skip
 
 
 def table(lines: dict[str, dict]) -> str:
@@ -63,11 +62,11 @@ def main() -> None:
     kept = json.loads(stored.read_text()) if stored.exists() else {"runs": {}}
     lines = {name: kept["runs"][name] for name in RUNS if name in kept["runs"]}
     heading = measured_on()
-    for name, (example, files, held) in RUNS.items():
+    for name, (example, files, held, *more) in RUNS.items():
         if given.only not in name:
             continue
         arguments = ["--data", *(str(given.data / file) for file in files)]
-        arguments += ["--held", str(given.data / held)] if held else []
+        arguments += [*(["--held", str(given.data / held)] if held else []), *more]
         lines[name] = json.loads(example.main(arguments))
         stored.write_text(json.dumps(kept | heading | {"runs": lines}, indent=1) + "\n")
         (given.out / "measurements.md").write_text(f"{table(lines)}\n{sentence(heading)}\n")
