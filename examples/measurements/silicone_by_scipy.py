@@ -118,10 +118,7 @@ def by_identify(record: Record) -> dict:
     seconds = time.process_time() - begun
     ends = fit.interval_without_warning(0.95)
     rows = {
-        name: [
-            float(f"{v:.6g}")
-            for v in (fit[name].item(), *ends[fit.names.index(name)].tolist())
-        ]
+        name: [float(f"{v:.6g}") for v in (fit[name].item(), *ends[fit.names.index(name)].tolist())]
         for name in SHOWN
     }
     residual = torch.cat([((r.y - r.data) / SIGMA).flatten() for r in fit.readings]).numpy()
