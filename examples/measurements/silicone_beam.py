@@ -8,7 +8,7 @@ kg/m^3; markers 1 to 3 on the free end; the mass (`load52`: 52 g, by the name of
 upper edge. It is held by hand, about straight, and let go.
 
     python -m examples.measurements.silicone_beam --data silicone_beam_load52_a.csv
-        [--held silicone_beam_load52_b.csv] [--noise ar1]
+        [--held silicone_beam_load52_b.csv] [--noise ar1] [--begin 0.6]
 
 The material is one whose stress relaxes by a power of time, as rubbers' does nearly: stiffness
 grows as omega^power, the loss factor is tan(pi/2 power) at all frequencies, and strain goes on
@@ -68,8 +68,8 @@ class Record:
     the block when it was held.
     """
 
-    def __init__(self, path: Path, noise: str = "blocks") -> None:
-        self.noise = noise
+    def __init__(self, path: Path, noise: str = "blocks", begin: float = SWING) -> None:
+        self.noise, self.begin = noise, begin
         with path.open() as file:
             names = file.readline().strip().split(",")
             rows = torch.tensor([[float(x) for x in row.split(",")] for row in file])
@@ -95,10 +95,10 @@ class Record:
         return (self.t > RELEASE + first - 1e-6) & (self.t < RELEASE + last - 1e-6)
 
     def measurements(self, until: float) -> list[tb.Measurement]:
-        """Of the three markers, as they were held, and from SWING until so long after the
+        """Of the three markers, as they were held, and from `begin` until so long after the
         release.
         """
-        some = self.during(-1.0, 0.0) | self.during(SWING, until)
+        some = self.during(-1.0, 0.0) | self.during(self.begin, until)
         return [
             tb.Measurement(
                 self.markers[some, k],
@@ -177,10 +177,12 @@ def main(arguments: Sequence[str] | None = None) -> str:
     parser.add_argument("--data", type=Path, nargs="+", required=True, help="records")
     parser.add_argument("--held", type=Path, help="a record of which 0.6 s are fitted")
     parser.add_argument("--noise", default="blocks", choices=("white", "ar1", "repeats", "blocks"))
+    parser.add_argument("--begin", type=float, default=SWING, help="s, when the fit begins")
     given, begun = parser.parse_args(arguments), time.perf_counter()
-    until = {Record(path, given.noise): FITTED for path in given.data}
+    later, settings = given.begin - SWING, (given.noise, given.begin)
+    until = {Record(path, *settings): FITTED + later for path in given.data}
     if given.held is not None:
-        until[Record(given.held, given.noise)] = SETTLED
+        until[Record(given.held, *settings)] = SETTLED + later
     fit = tb.identify(
         {r.name: r.model(end) for r, end in until.items()},
         {r.name: r.measurements(end) for r, end in until.items()},
