@@ -69,10 +69,8 @@ class Blocks:
                 "wanted, or noise='blocks'"
             )
 
-    def covariance(
-        self, r: Tensor, J: Tensor, A: Tensor, C: Tensor, scale: float
-    ) -> tuple[Tensor, Tensor]:
-        """Covariance (p, p) of coordinates, and degrees of freedom (p,) of each one's deviation.
+    def covariance(self, r: Tensor, J: Tensor, A: Tensor, C: Tensor, scale: float) -> BlockSpread:
+        """Covariance (p, p) of coordinates, and what it knows of itself.
 
         r (T,), J (T, p) weighted;  A (p, p) with priors, C its inverse;  scale of independent noise
 
@@ -83,8 +81,7 @@ class Blocks:
         N_g C^(1/2) the share of what is known that they tell, by which their residuals are too
         small (the sandwich of blocks, with the correction that leaves no bias where noise is
         independent: Liang and Zeger 1986, Biometrika 73, 13; Bell and McCaffrey 2002, Survey
-        Methodology 28, 169). Priors and readings of independent noise count as they are. The
-        freedom is Satterthwaite's, of what the blocks would move it by if noise were independent.
+        Methodology 28, 169). Priors and readings of independent noise count as they are.
         Parameters that one block alone tells, as the start of a repeat, have no scatter among them:
         theirs is that of independent noise, and what the others move them by.
         """
@@ -95,21 +92,17 @@ class Blocks:
             inner = torch.linalg.inv(A[own][:, own])
             ridge = -inner @ A[own][:, ~own]
             common = A[~own][:, ~own] + A[~own][:, own] @ ridge
-            V, freedom = self.covariance(
+            inner_spread = self.covariance(
                 r, J[:, ~own] + J[:, own] @ ridge, common, torch.linalg.inv(common), scale
             )
-            T = C.new_zeros(len(C), len(V))
-            T[~own], T[own] = torch.eye(len(V)).to(C), ridge
-            whole, moved = T @ V @ T.mT, (ridge @ V @ ridge.mT).diagonal()
-            square = own.nonzero(), own.nonzero()[:, 0]
-            whole[square] += scale**2 * inner
-            share = moved / whole.diagonal()[own].clamp(min=torch.finfo(C.dtype).tiny)
-            every = C.new_full((len(C),), torch.inf)
-            every[~own], every[own] = freedom, freedom.min() / share.square()
-            return whole, every
+            T = C.new_zeros(len(C), len(common))
+            T[~own], T[own] = torch.eye(len(common)).to(C), ridge
+            spread = inner_spread.moved(T)
+            spread.covariance[own.nonzero(), own.nonzero()[:, 0]] += scale**2 * inner
+            return spread
         root, failed = torch.linalg.cholesky_ex((C + C.mT) / 2)  # C = root root^T
         if failed:  # some are not told by the data
-            return scale**2 * C, torch.full_like(C[0], torch.inf)
+            return BlockSpread(scale**2 * C, torch.zeros_like(C), C.new_zeros(0, *C.shape))
         V, shares, told = torch.zeros_like(C), [], torch.zeros_like(A)
         for g in range(self.count):
             here = self.number == g
@@ -118,14 +111,42 @@ class Blocks:
             less = axes * (1 - part.clamp(0, LEVERAGE)).rsqrt() @ axes.mT
             d = root @ less @ (root.mT @ (J[here].mT @ r[here]))
             V, told = V + d[:, None] * d, told + N
-            shares.append((C @ N @ C).diagonal())
+            shares.append(C @ N @ C)
         other = (self.number < 0)[:, None] * J
         rest = C @ (A - told + (scale**2 - 1) * other.mT @ other) @ C
-        share = torch.stack(shares)
-        freedom = share.sum(0).square() / share.square().sum(0).clamp(min=torch.finfo(C.dtype).tiny)
-        part = V.diagonal() / (V + rest).diagonal().clamp(min=torch.finfo(C.dtype).tiny)
-        freedom = freedom * (self.count - 1) / self.count / part.square()
-        return V + rest, torch.where(part > 0, freedom, torch.inf).clamp(min=1)
+        return BlockSpread(V + rest, V, torch.stack(shares))
+
+
+@dataclass(frozen=True)
+class BlockSpread:
+    """Covariance (p, p) of coordinates;  sandwich (p, p) what of it the scatter of blocks tells;
+    shares (blocks, p, p) what each block would add to that if noise were independent.
+    """
+
+    covariance: Tensor
+    sandwich: Tensor
+    shares: Tensor
+
+    def moved(self, T: Tensor) -> BlockSpread:
+        """Of T (q, p) times the coordinates."""
+        parts = (self.covariance, self.sandwich, self.shares)
+        return BlockSpread(*(T @ part @ T.mT for part in parts))
+
+    def freedom(self, G: Tensor) -> Tensor:
+        """(n,) degrees of freedom of the deviation of each combination G (n, p) of coordinates:
+        Satterthwaite's, by the shares; infinite where no block tells of it.
+        """
+        if not len(self.shares):
+            return G.new_full(G.shape[:1], torch.inf)
+        share = torch.stack([((G @ S) * G).sum(-1) for S in self.shares])
+        least = torch.finfo(G.dtype).tiny
+        freedom = share.sum(0).square() / share.square().sum(0).clamp(min=least)
+        scatter, whole = (
+            ((G @ V) * G).sum(-1).clamp(min=least) for V in (self.sandwich, self.covariance)
+        )
+        freedom = freedom * (len(share) - 1) / len(share) * (whole / scatter).square()
+        told = share.sum(0) > 0
+        return torch.where(told, freedom, torch.inf).clamp(min=1)
 
 
 def series_of(m: Any, rows: Tensor) -> tuple[Tensor, Tensor, bool]:

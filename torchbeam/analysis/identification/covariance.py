@@ -10,7 +10,7 @@ from torch import Tensor
 from ...math.dense import positive_inverse
 from ...solvers.least_squares import Found
 from . import losses
-from .blocks import Blocks
+from .blocks import Blocks, BlockSpread
 from .problem import FitProblem
 
 
@@ -27,6 +27,7 @@ class Spread:
     scale       deviation of the noise over the sigma that weighs the data
     white       (p, p) covariance over the variance of weighted noise, were all of it independent;
                 zeros of what is held
+    blocks      what blocks tell, None where noise has none
     """
 
     held: Tensor
@@ -36,6 +37,7 @@ class Spread:
     redundancy: Tensor
     scale: float
     white: Tensor
+    blocks: BlockSpread | None = None
 
     @classmethod
     def of(cls, problem: FitProblem, search: Found, k: int) -> Spread:
@@ -59,10 +61,12 @@ class Spread:
         if problem.loss.any():
             spread = losses.covariance(problem, r, J[:, some], bend[some], scale)
             covariance[square] = scale**2 * spread
+        told = None
         if blocks := Blocks.of(problem, r):
-            spread = blocks.covariance(r, J[:, some], A[square], C[square], scale)
-            covariance[square], freedom[some] = spread
-        return cls(held, slope, covariance, freedom, redundancy, scale, free)
+            among = torch.eye(len(A), dtype=A.dtype, device=A.device)[some]
+            told = blocks.covariance(r, J[:, some], A[square], C[square], scale).moved(among.mT)
+            covariance[square], freedom[some] = told.covariance[square], told.freedom(among)
+        return cls(held, slope, covariance, freedom, redundancy, scale, free, told)
 
     @property
     def free(self) -> Tensor:

@@ -17,11 +17,11 @@ from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
-from .blocks import SANDWICHED
+from .blocks import SANDWICHED, BlockSpread
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
 from .observed_priors import with_priors_observed
-from .prediction import Prediction, predicted
+from .prediction import Prediction, predicted, quantiles
 from .problem import FitProblem
 from .profile import Profile, profiles
 from .readings import Readings
@@ -33,7 +33,7 @@ from .transform import Transform
 
 INTERVALS = ("laplace", "profile", "bootstrap")
 FORMAT = 2  # of saved fits
-LOST = ("problem", "transform", "readings")  # of the fields, those that are not saved as they are
+LOST = ("problem", "transform", "readings", "blocks")  # fields that are not saved as they are
 
 
 def warn_of(doubts: Sequence[str]) -> None:
@@ -135,6 +135,7 @@ class Fit:
     readings: tuple[Readings, ...] = ()
     jacobian: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
     problem: FitProblem | None = None
+    blocks: BlockSpread | None = None
 
     @classmethod
     def of(
@@ -217,8 +218,8 @@ class Fit:
         parameters make, with bands from their covariance: the readings' derivatives G, as a search
         takes them (one batch of 2 p + 1 samples), give the variance G C G^T. Exact where readings
         are linear in the coordinates of the search; Student's t with the parameters' `freedom` (the
-        fewest, where these differ). A parameter at a bound counts as known; a reading that moves
-        with one that is not determined has an infinite band.
+        fewest, where these differ; by blocks, that of each reading). A parameter at a bound counts
+        as known; a reading that moves with one that is not determined has an infinite band.
 
         Args:
             model: as `identify` takes one, of another load, place or time; None = the model that
@@ -248,9 +249,12 @@ class Fit:
         variance = ((own @ self.x_covariance[determined][:, determined]) * own).sum(-1).clamp(min=0)
         variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
         quantile = self._quantile(level)
-        blocks = not self.problem.independent.all()
-        most = (quantile[determined] if determined.any() else quantile).amax().item()
-        noise = student_quantile((1 + level) / 2, torch.inf) if blocks else None
+        most = (quantile[determined] if determined.any() else quantile).amax()
+        if self.blocks is not None:
+            most = quantiles(self.blocks.freedom((J * determined).flatten(0, -2)), level)
+            most = most.reshape(y.shape)
+        dependent = not self.problem.independent.all()
+        noise = student_quantile((1 + level) / 2, torch.inf) if dependent else None
         return Prediction.of(y, variance, sigma, most, level, noise)
 
     def profile(self, *names: str, level: float = 0.95) -> tuple[Profile, ...]:
@@ -349,9 +353,7 @@ class Fit:
 
     def _quantile(self, level: float) -> Tensor:
         """(p,) of Student's t, at the upper end."""
-        end = (1 + level_of("level", level)) / 2
-        each = {freedom: student_quantile(end, freedom) for freedom in set(self.freedom.tolist())}
-        return self.x.new_tensor([each[freedom] for freedom in self.freedom.tolist()])
+        return quantiles(self.freedom, level_of("level", level))
 
     def _half_interval(self, quantile: Tensor) -> Tensor:
         """(p,) of coordinates, from the covariance."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import torch
@@ -11,6 +13,7 @@ from torch import Tensor
 
 from ...core.arguments import function as check_function
 from ...core.validation import Value, as_tensor, broadcast, finite, positive, refusal, shown
+from ...math.distributions import student_quantile
 from ...sensors.observe import observe
 from ...state.solution import Solution
 from ...state.state import State
@@ -18,6 +21,8 @@ from .experiment import status_of, with_status
 from .measurement import Measurement
 from .nuisance import Nuisance, wave_names
 from .problem import FitProblem
+
+KNOTS = 65  # degrees of freedom that quantiles of many are found between
 
 
 @dataclass(frozen=True)
@@ -46,13 +51,13 @@ class Prediction:
         y: Tensor,
         variance: Tensor,
         sigma: Value | None,
-        quantile: float,
+        quantile: Tensor,
         level: float,
         noise_quantile: float | None = None,
     ) -> Prediction:
-        """Of y (...) with its variance (...), and the noise of a new measurement, which has a
-        quantile of its own where its size is better known than the parameters. Raises ValueError
-        for a sigma that is not positive, or does not broadcast.
+        """Of y (...) with its variance and quantile (...), and the noise of a new measurement,
+        which has a quantile of its own where its size is better known than the parameters. Raises
+        ValueError for a sigma that is not positive, or does not broadcast.
         """
         half = quantile * variance.sqrt()
         if sigma is not None:
@@ -63,8 +68,35 @@ class Prediction:
                     f"{tuple(y.shape)}; one that broadcasts is wanted"
                 )
             variance = variance + noise.square()
-            half = (half.square() + ((noise_quantile or quantile) * noise).square()).sqrt()
+            own = quantile if noise_quantile is None else noise_quantile
+            half = (half.square() + (own * noise).square()).sqrt()
         return cls(y, variance.sqrt(), y - half, y + half, level)
+
+
+def quantiles(freedom: Tensor, level: float) -> Tensor:
+    """Of Student's t with `freedom` (n,) degrees, at the upper end of `level`: (n,). More than
+    KNOTS of them are found by cubics between that many, to 1e-4.
+    """
+    few = set(freedom.tolist())
+    if len(few) <= KNOTS:
+        each = {f: student_quantile((1 + level) / 2, f) for f in few}
+        return freedom.new_tensor([each[f] for f in freedom.tolist()])
+    place, value, slope = (x.to(freedom) for x in _knots(level))
+    at = 1 / freedom
+    k = (torch.searchsorted(place, at) - 1).clamp(0, KNOTS - 2)
+    step = place[k + 1] - place[k]
+    u = (at - place[k]) / step
+    start, end = value[k] + step * u * slope[k], value[k + 1] - step * (1 - u) * slope[k + 1]
+    return (start + u * u * (3 - 2 * u) * (end - start)).exp()
+
+
+@cache
+def _knots(level: float) -> tuple[Tensor, Tensor, Tensor]:
+    """1 over degrees of freedom, the logarithm of the quantile there, and its slope."""
+    place = torch.linspace(0, 1, KNOTS, dtype=torch.float64)
+    value = [student_quantile((1 + level) / 2, 1 / x if x else math.inf) for x in place.tolist()]
+    log = torch.tensor(value, dtype=torch.float64).log()
+    return place, log, torch.gradient(log, spacing=(place,), edge_order=2)[0]
 
 
 def predicted(

@@ -115,7 +115,7 @@ def conclusions(
                 unidentifiable=shown[best],
                 message="; ".join(said), hints=hints, doubts=doubts, open=open_[best],
                 held=spread.held, freedom=spread.freedom, redundancy=spread.redundancy,
-                scale=spread.scale, noise=noise, memory=memory,
+                scale=spread.scale, blocks=spread.blocks, noise=noise, memory=memory,
                 derivatives=derivatives,
                 shapes=shapes, x=x[best], x_covariance=spread.covariance, x_slope=spread.slope,
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,

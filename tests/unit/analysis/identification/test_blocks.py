@@ -4,6 +4,8 @@ import pytest
 import torch
 
 import torchbeam as tb
+from torchbeam.analysis.identification.prediction import quantiles
+from torchbeam.math.distributions import student_quantile
 
 READINGS = 200
 T = torch.linspace(0, 1, READINGS)
@@ -71,6 +73,41 @@ def test_poses_are_blocks_where_there_are_no_times():
     expected = data[:, 0].std() / 12**0.5
     torch.testing.assert_close(fit.deviation[0], expected)  # the jackknife of a mean is exact
     torch.testing.assert_close(fit.freedom[0], torch.tensor(11.0))
+
+
+def test_a_band_has_the_freedom_of_its_own_reading():
+    """Twelve poses of a, and one more number b that two of them have: a is known by twelve, b by
+    two. What moves with a alone has the band of the nine degrees of its mean, a + b that of fewer;
+    the fewest of all parameters made every band as wide.
+    """
+    random = torch.Generator().manual_seed(0)
+    data = 1 + 0.1 * torch.randn(12, 1, generator=random)
+    both = torch.zeros(12, 1)
+    both[:2] = 1.0
+
+    def readings(theta):
+        return theta["a"][:, None, None] + theta["b"][:, None, None] * both
+
+    fit = tb.identify(readings, tb.Measurement(data, 0.1, noise="blocks"), {"a": 0.0, "b": 0.0})
+    assert fit.freedom[1] < 3 < 8 < fit.freedom[0]
+    a, sum_ = (
+        fit.predict(lambda theta: theta["a"][:, None]),
+        fit.predict(lambda theta: (theta["a"] + theta["b"])[:, None]),
+    )
+    torch.testing.assert_close(
+        (a.high - a.y) / a.deviation, student(fit.freedom[0].item()), rtol=1e-6, atol=0
+    )
+    assert ((sum_.high - sum_.y) / sum_.deviation > 4).all()
+
+
+def student(freedom):
+    return torch.tensor([student_quantile(0.975, freedom)])
+
+
+def test_quantiles_of_many_degrees_are_those_of_each():
+    freedom = 1 / torch.linspace(0, 1, 200)
+    exact = torch.tensor([student_quantile(0.975, f) for f in freedom.tolist()])
+    torch.testing.assert_close(quantiles(freedom, 0.95), exact, rtol=1e-4, atol=0)
 
 
 def test_a_prior_counts_as_it_is():
