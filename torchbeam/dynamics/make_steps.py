@@ -107,6 +107,20 @@ def states_after(stepper: Any, state: State, plan: StepPlan) -> State:
     )
 
 
+def last_state(
+    stepper: Any, state: State, begins: Tensor, held: StepInputs, active: Tensor | None
+) -> State:
+    """The public state after steps of the stepper's length from `begins` (steps, ...) s on, with
+    the inputs held.
+    """
+    count, made = len(begins), None
+    wanted = [False] * (count - 1) + [True]
+    plan = StepPlan(stepper.dt.expand(count), begins, lambda i, j: held, active, wanted)
+    for made in make_steps(stepper, state, plan):
+        stepper.iterations = made.iterations[-1]
+    return made.last.public()
+
+
 def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> MadeSteps:
     """The first step, by whatever makes it, in parts where it fails."""
     dt, begin = plan.dt[0], plan.t[0]

@@ -29,10 +29,11 @@ from ..nodal.rates import Rates
 from ..scene.effects import PerInterval, changing, inputs_at
 from ..scene.prescribed_motion import oriented
 from ..scene.scene import Scene
+from ..state.optional_fields import with_optional_fields
 from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
-from ..state.state import State, resting, with_optional_fields
+from ..state.state import State, resting
 from ..state.state_check import check_state
 from .adaptive import adaptive
 from .events import Events

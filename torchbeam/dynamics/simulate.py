@@ -14,7 +14,8 @@ from ..core.status import STATUS
 from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
-from ..scene.scene import Scene, merge_inputs
+from ..scene.inputs import merge_inputs
+from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.solution import Solution
 from .forms import FORMS, mixed_forms

@@ -32,8 +32,8 @@ from ..core.summary import kind, lines, span
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
+from ..math.eigen_derivatives import upright
 from ..math.first_derivative import Once
-from ..math.quadratic_eigen import upright
 from ..scene.in_double import SINGLE, narrowed
 from ..scene.scene import Scene
 from .load_path import DIVERGENCE, FLUTTER, STABLE, Factored, LoadPath

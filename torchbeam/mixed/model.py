@@ -26,8 +26,9 @@ from ..scene.effects import (
     inputs_at,
     value_at,
 )
+from ..scene.inputs import merge_inputs
 from ..scene.prescribed_motion import PrescribedMotion, turning
-from ..scene.scene import Scene, merge_inputs
+from ..scene.scene import Scene
 from ..scene.section import STRAINS
 from .algebra import mv
 

@@ -33,7 +33,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from .joint_laws import CoordinateStep, Losses, limit_slope
 from .rotation_vector import Turn, arc, arc_slope, axial, changes
 
@@ -196,7 +196,7 @@ class BallLaws(Losses):
 def _swing(D: Tensor, e: Tensor) -> Tensor:
     """(...) rad between an axis e (..., 3) and D e."""
     turned = (D @ e[..., None])[..., 0]
-    across = torch.linalg.cross(*torch.broadcast_tensors(e, turned))
+    across = cross(e, turned)
     square = (across * across).sum(-1)
     some = square > 0
     sine = torch.where(some, torch.sqrt(torch.where(some, square, 1.0)), 0.0)

@@ -31,7 +31,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
 from ..topology.framework import Framework
 from .balls import Balls
@@ -175,12 +175,12 @@ class Joints(BetweenNodes):
         push, moment = (
             torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
         )
-        moment = moment - _cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
+        moment = moment - cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor(
             [pair[1] is None for pair in self.framework.joints], device=force.device
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
-        moved = _cross(apart.value[..., 0, :], first[..., :3])
+        moved = cross(apart.value[..., 0, :], first[..., :3])
         first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
         return torch.where(ground, -first, second)
 
@@ -358,7 +358,7 @@ class Joints(BetweenNodes):
         """dg/dq (..., J, m, 12): by displacement and spin of the first node, then of the second."""
         apart = self.v.shift * w.value + self.w.shift * v.value
         a, b = (
-            _cross(turning_v, w.value) + _cross(turning_w, v.value)
+            cross(turning_v, w.value) + cross(turning_w, v.value)
             for turning_v, turning_w in zip(v.turning.unbind(-3), w.turning.unbind(-3), strict=True)
         )
         return torch.cat((-apart, a, apart, b), -1)
@@ -398,8 +398,3 @@ class Joints(BetweenNodes):
 def _along(vector: Tensor, by: Tensor) -> Tensor:
     """vector (..., 3) times by (..., 3, n)."""
     return (vector[..., None, :] @ by)[..., 0, :]
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    """a x b, of batch axes that broadcast."""
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

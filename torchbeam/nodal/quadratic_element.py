@@ -41,7 +41,7 @@ from torch.nn.functional import pad
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import broadcast_matrices
 from ..math.quadratic import at_points
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 
 
 class Kinematics(NamedTuple):
@@ -108,7 +108,7 @@ def forces(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
     n = F,   m_i = vec(w_i f + w_i' M),   by alpha_2 their sum: f.
     """
     F, M = (stress.unflatten(-1, (2, 3)) @ kin.R.mT).unbind(-2)
-    f = length * torch.linalg.cross(*torch.broadcast_tensors(F, kin.d))
+    f = length * cross(F, kin.d)
     m_1, m_3 = (_turned(kin.w, f) + _turned(kin.w_x, M))[..., 1:].unbind(-2)
     return torch.cat((F, m_1, f, m_3), -1)
 

@@ -22,7 +22,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import AXES, leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
 from ..scene.effects.contact_law import damped, potential, pressure
 from ..scene.effects.contact_path import leads_through
@@ -122,13 +122,13 @@ class SurfacePairs(TouchingPairs):
     def parting(self, points: PairMotion, shares: Tensor | None = None) -> Tensor:
         x, v = points.position, points.velocity
         rho = x[..., 0, :] - x[..., 1, :]
-        return v[..., 0, :] - v[..., 1, :] - _cross(points.spin[..., 1, :], rho)
+        return v[..., 0, :] - v[..., 1, :] - cross(points.spin[..., 1, :], rho)
 
     def _slip(self, points: PairMotion, lever: Lever) -> Tensor:
         """(..., U, 3) m/s of the place's surface on the body's."""
         v, spin = points.velocity, points.spin
-        own = v[..., 0, :] + _cross(spin[..., 0, :], lever.place)
-        slip = own - v[..., 1, :] - _cross(spin[..., 1, :], lever.body)
+        own = v[..., 0, :] + cross(spin[..., 0, :], lever.place)
+        slip = own - v[..., 1, :] - cross(spin[..., 1, :], lever.body)
         n = lever.place
         size = n.square().sum(-1, keepdim=True)
         return slip - (slip * n).sum(-1, keepdim=True) * n / torch.where(size > 0, size, 1.0)
@@ -137,7 +137,7 @@ class SurfacePairs(TouchingPairs):
         """Force (..., U, 3) N on the place, moments N m on it and on the body."""
         meeting = self.meeting(points)
         force, lever = meeting.force, self._lever(meeting.r, meeting.u)
-        return force, _cross(lever.place, force), -_cross(lever.body, force)
+        return force, cross(lever.place, force), -cross(lever.body, force)
 
     def wrenches(self, motion: PairMotion) -> Tensor:
         force, place, body = torch.broadcast_tensors(*self._actions(self.points(motion)))
@@ -238,7 +238,3 @@ def with_numbers(shape: type[Obstacle], numbers: Tensor) -> Obstacle:
         values[name] = x.reshape(*x.shape[:-1], *(3,) * axes)
     vars(new).update(values)
     return new
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

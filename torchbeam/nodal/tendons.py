@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
@@ -105,7 +105,7 @@ class Tendons(BetweenNodes):
 
     def wrench(self, lever: Tensor, force: Tensor) -> Tensor:
         """(..., n, w) on nodes, of forces (..., n, 3) at eyelets."""
-        moment = torch.linalg.cross(*torch.broadcast_tensors(lever, force))
+        moment = cross(lever, force)
         return torch.cat((force.expand_as(moment), moment), -1) @ self.moves.mT
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
@@ -198,7 +198,7 @@ class Tendons(BetweenNodes):
         """(..., E, 3) m/s of the eyelets before the step, as seen in frame a."""
         moves = torch.cat([x[..., self._at, :] for x in motion.of.moving()], -1) @ self.moves
         velocity, spin = moves.split(3, -1)
-        turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
+        turned = cross(spin, motion.start.lever)
         return torch.where(self._ground(velocity), 0.0, velocity + turned)
 
     def way(self, motion: Placed) -> Tensor:

@@ -25,6 +25,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import Tree, batch_shapes, leaf
+from ..math.quaternions import cross
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing, telling
 from ..scene.effects.drag import norm
@@ -187,7 +188,7 @@ class TouchingPairs(Tree):
         """(..., U, 3) m/s of the first part's surface on the second's."""
         levers = self._levers(shares)
         turn = (levers[..., None] * spin).sum(-2)
-        slip = velocity - torch.linalg.cross(*torch.broadcast_tensors(turn, r))
+        slip = velocity - cross(turn, r)
         size = norm(r)
         n = r / torch.where(size > 0, size, torch.ones_like(size))
         return slip - (slip * n).sum(-1, keepdim=True) * n

@@ -47,7 +47,7 @@ def frame_motion(state: Placed, prescribed_motion: PrescribedMotion) -> tuple[Te
     velocity = torch.zeros_like(state.position)
     spin = torch.zeros_like(velocity)
     if omega is not None:
-        velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, state.position))
+        velocity = velocity + quat.cross(omega, state.position)
         spin = spin + quat.rotate(quat.conjugate(state.rotation), omega)
     return velocity if v is None else velocity + v, spin
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from ...core.derivatives import vjp
 from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
 from ...core.leaves import Tree, own_leaves, with_values
-from ...math.quaternions import skew
+from ...math.quaternions import cross, skew
 from ..beam import Beam
 from .effect import Effect
 from .values import Input, Inputs, value_at
@@ -201,11 +201,6 @@ class LoadEffect(Effect):
         is a stiffness, the mass of a fluid that moves along; None = nothing.
         """
         return None
-
-
-def cross(a: Tensor, b: Tensor) -> Tensor:
-    """a x b of vectors whose axes broadcast."""
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))
 
 
 def at_instant(tree: Tree, t: Tensor, inputs: Inputs, like: Tensor, **parts: Tree) -> Tree:
