@@ -25,8 +25,8 @@ def with_arguments_of(*records: type) -> Callable[[Function], Function]:
 
 def with_entries(docstring: str | None, other: str | None) -> str:
     """A docstring with the entries under `Args:` of another one behind its own."""
-    head, own, rest = _split(docstring)
-    return f"{head}{own}\n{_split(other)[1]}{rest}"
+    head, entries, rest = _split(docstring)
+    return f"{head}{entries}\n{_split(other)[1]}{rest}"
 
 
 def _split(docstring: str | None) -> tuple[str, str, str]:

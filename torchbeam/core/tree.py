@@ -147,8 +147,8 @@ class Tree:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """ValueError for what another version has saved, whose class had other fields."""
-        own = [field.name for field in fields(self)] if is_dataclass(self) else []
-        lacks = [name for name in own if name not in state and not hasattr(type(self), name)]
+        names = [field.name for field in fields(self)] if is_dataclass(self) else []
+        lacks = [name for name in names if name not in state and not hasattr(type(self), name)]
         if lacks:
             raise ValueError(
                 f"a {type(self).__name__} that another version of torchbeam saved was given, "

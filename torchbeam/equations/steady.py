@@ -94,8 +94,8 @@ class SteadyProblem(BalanceProblem):
     @cached
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself, as far as it is raised."""
-        own = self.conditions.eigenstrain
-        return own if isinstance(own, float) else self.load_factor[..., None, None] * own
+        strain = self.conditions.eigenstrain
+        return strain if isinstance(strain, float) else self.load_factor[..., None, None] * strain
 
     def update(self, x: Configuration, move: Tensor, dstress: Tensor) -> Configuration:
         space = self.model.space
@@ -262,9 +262,9 @@ class SteadyProblem(BalanceProblem):
             position = set_node(position, at, r)
             rotation = rotation if q is None else set_node(rotation, at, q)
         for at, axis in self.model.constraints.hinges:
-            own, beam = space.of_nodes(at), self.model.scene.beam
-            _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
-            rotation = set_node(rotation, at, own.hinged(rotation[..., at, :], q, axis))
+            node_space, beam = space.of_nodes(at), self.model.scene.beam
+            _, q = node_space.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
+            rotation = set_node(rotation, at, node_space.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)
 
 

@@ -168,8 +168,8 @@ def of_nodes(
         motion = problem.node_motion(x)
         for one in model.interactions:
             K = one.matrix(K, x.stress, motion)
-            own = one.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
-            D = D if own is None else own
+            damping = one.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
+            D = D if damping is None else damping
     return M, D, K, lagging
 
 

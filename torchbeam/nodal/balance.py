@@ -212,23 +212,25 @@ def dstress(stiffness: Tensor, strain_by_move: Tensor, g_strain: Tensor, move: T
 
 
 def restrained_forces(
-    model: Rows, kinematics: Any, own: Tensor | float, h: Tensor
+    model: Rows, kinematics: Any, eigenstrain: Tensor | float, h: Tensor
 ) -> Tensor | float:
     """Element forces that the beam's eigenstrain would take to hold back: what it is measured
     against where nothing else acts; 0.0 where there is none.
     """
-    if isinstance(own, float):
-        return own
-    stress = model.law.stress(own)
+    if isinstance(eigenstrain, float):
+        return eigenstrain
+    stress = model.law.stress(eigenstrain)
     return model.space.forces(
         kinematics, stress.expand(*broadcast_shapes(stress.shape, (model.station_count, 1))), h
     )
 
 
-def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:
+def size_of_strain(followed: Tensor, eigenstrain: Tensor | float) -> Tensor:
     """(...) the largest term in the strain law."""
     size = most(followed.detach())
-    return size if isinstance(own, float) else torch.maximum(size, most(own.detach()))
+    return (
+        size if isinstance(eigenstrain, float) else torch.maximum(size, most(eigenstrain.detach()))
+    )
 
 
 def most(x: Tensor) -> Tensor:

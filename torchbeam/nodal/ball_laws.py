@@ -159,11 +159,11 @@ class BallLaws(Losses):
             force = self.friction[..., None] / size
             push = push + force * r
             if by is not None:
-                y, own = turn.y[..., None, :], r[..., None, :]
+                y, axis = turn.y[..., None, :], r[..., None, :]
                 dphi = f[..., None, None] * dy + (f_by[..., None] * dc)[..., None] * y
                 dr = twice[..., None] * dphi
-                across = (own * dr).sum(-1, keepdim=True) / size[..., None, :] ** 2
-                dpush = dpush + force[..., None, :] * (dr - across * own)
+                across = (axis * dr).sum(-1, keepdim=True) / size[..., None, :] ** 2
+                dpush = dpush + force[..., None, :] * (dr - across * axis)
         if step.torque is not None:
             push = push - step.torque
         if not isinstance(push, float):

@@ -211,8 +211,8 @@ class DrivenJoints(Joints):
         force = self._forces(stress, driven)
         if self.acting_balls is not None:  # as on a, in its axes
             M = self.balls.of(self._ball_moment(motion), -2)[..., None]
-            own = (self.balls.axes(motion.end).a.mT @ M)[..., 0] @ self.moves[:, 3:].mT
-            force = force + self.balls.to_joints(own, -2, self.count)
+            moments = (self.balls.axes(motion.end).a.mT @ M)[..., 0] @ self.moves[:, 3:].mT
+            force = force + self.balls.to_joints(moments, -2, self.count)
         last = stress.shape[-2] - self.behind
         parts = stress.narrow(-2, 0, last - self.count), force, stress.narrow(-2, last, self.behind)
         return stacked(*parts), driven.acting
@@ -226,8 +226,10 @@ class DrivenJoints(Joints):
 
     def held_rows(self, pose: Pose) -> Tensor:
         by = self._gradient(self.v.at(pose), self.w.at(pose))
-        own = self.coordinate_by(pose, self.coordinate(pose))
-        return self._at_nodes(self.held, torch.where(self.prescribed[..., None] > 0, own, by))
+        coordinate_by = self.coordinate_by(pose, self.coordinate(pose))
+        return self._at_nodes(
+            self.held, torch.where(self.prescribed[..., None] > 0, coordinate_by, by)
+        )
 
     def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
         wanted = self.given(joints)
@@ -257,12 +259,12 @@ class DrivenJoints(Joints):
             if value is None:
                 continue
             if rows is None:  # of a torque its numbers, in the rows of turns
-                own = value_at(value, t, inputs, self.c) @ self.moves[:, 3:].mT
-                own = own[..., None, :]
+                numbers = value_at(value, t, inputs, self.c) @ self.moves[:, 3:].mT
+                numbers = numbers[..., None, :]
             else:
-                own = scalar_at("what acts in a joint", value, t, inputs, self.c)
-                own = own[..., None, None] * rows
-            part = own * (torch.arange(self.count, device=own.device) == k)[:, None]
+                numbers = scalar_at("what acts in a joint", value, t, inputs, self.c)
+                numbers = numbers[..., None, None] * rows
+            part = numbers * (torch.arange(self.count, device=numbers.device) == k)[:, None]
             total = part if total is None else total + part
         return total
 

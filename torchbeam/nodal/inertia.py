@@ -225,8 +225,8 @@ def _shared_by_nodes(beam: Beam, assembly: Assembly) -> tuple[Tensor, Tensor]:
         parts = tuple(_turned(parts[0], turn) for turn in turns)
     mass = assembly.shared(parts, 2)
     if not interpolation.positive:
-        own = concrete(mass.diagonal(dim1=-2, dim2=-1))
-        if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
+        diagonal = concrete(mass.diagonal(dim1=-2, dim2=-1))
+        if (diagonal < -NEGATIVE * diagonal.abs().amax(-2, keepdim=True)).any():
             raise ValueError(
                 "a mass or inertia that changes more than threefold within an element of order "
                 f"{beam.order} was given; more elements are wanted"

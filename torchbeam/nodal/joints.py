@@ -346,13 +346,13 @@ class Joints(BetweenNodes):
         force_by = (push * held @ E.mT).mT.unflatten(-2, (2, -1))
         rows = stacked(stiffness, force_by[..., None, :, :], axis=-3)
         none = torch.diag_embed(1 - self.held)[:, None]  # forces that a joint has not are zero
-        own = stacked(constraint, none, axis=-3)
-        return stacked(rows, own[..., None, :, :, :], axis=-4)
+        last_row = stacked(constraint, none, axis=-3)
+        return stacked(rows, last_row[..., None, :, :, :], axis=-4)
 
     def _spins(self, half: Tensor) -> Tensor:
         """(..., J, 2, w, w): what of a node's move its end takes, over `rate`."""
-        own = self.framework.at_joints(half.flatten(-2)).unflatten(-1, half.shape[-2:])
-        return end_moves(own, self.space.dims.position)
+        half_turns = self.framework.at_joints(half.flatten(-2)).unflatten(-1, half.shape[-2:])
+        return end_moves(half_turns, self.space.dims.position)
 
     def _gradient(self, v: Vector, w: Vector) -> Tensor:
         """dg/dq (..., J, m, 12): by displacement and spin of the first node, then of the second."""

@@ -175,18 +175,20 @@ class Model(Rows):
         for effect in self.scene.eigenstrains:
             for span in beam.spans(effect) or (None,):
                 elements = beam.element_count if span is None else span.element_count
-                own = beam.at_stations(
+                strain = beam.at_stations(
                     self.space.project_strain(effect.eigenstrain(t, inputs, self.length, elements)),
                     1,
                 )
                 if span is not None:
-                    own = own.expand(
-                        *own.shape[:-2], span.stations.stop - span.stations.start, own.shape[-1]
+                    strain = strain.expand(
+                        *strain.shape[:-2],
+                        span.stations.stop - span.stations.start,
+                        strain.shape[-1],
                     )
-                    own = pad(
-                        own, (0, 0, span.stations.start, beam.station_count - span.stations.stop)
+                    strain = pad(
+                        strain, (0, 0, span.stations.start, beam.station_count - span.stations.stop)
                     )
-                total = total + own
+                total = total + strain
         return total
 
     def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor:

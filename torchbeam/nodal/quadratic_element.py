@@ -166,10 +166,10 @@ def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tens
         _rows(w)[..., :, None, :, :] @ by[..., None, :, :, :]
         for w, by in ((kin.w, by_w), (kin.w_x, by_w_x))
     )
-    own = (m[..., :1, None] * eye - skew(m[..., 1:])) / 2
+    spin_part = (m[..., :1, None] * eye - skew(m[..., 1:])) / 2
     turn = df.mT - skew(m[..., 1:])
-    K11, K13 = K[..., 0, 0, :, :] + own[..., 0, :, :], K[..., 0, 1, :, :]
-    K33 = K[..., 1, 1, :, :] + own[..., 1, :, :]
+    K11, K13 = K[..., 0, 0, :, :] + spin_part[..., 0, :, :], K[..., 0, 1, :, :]
+    K33 = K[..., 1, 1, :, :] + spin_part[..., 1, :, :]
     (F1, F3), (Z1, Z3), (X1, X3) = (x.unbind(-3) for x in (dF, turn, df))
     rows = (
         (torch.zeros_like(X), F1, by_F, F3),

@@ -39,11 +39,14 @@ def moves_of(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
     """
     eye, parts = torch.eye(6).to(nodes), []
     for base in bases:
-        own = nodes[..., base.nodes, :]
+        moved_nodes = nodes[..., base.nodes, :]
         shift, turn = (
-            x[:, None].expand(*own.shape[:-2], 6, own.shape[-2], 3) for x in eye.split(3, -1)
+            x[:, None].expand(*moved_nodes.shape[:-2], 6, moved_nodes.shape[-2], 3)
+            for x in eye.split(3, -1)
         )
-        arm = (own - nodes[..., base.node : base.node + 1, :])[..., None, :, :].expand_as(turn)
+        arm = (moved_nodes - nodes[..., base.node : base.node + 1, :])[..., None, :, :].expand_as(
+            turn
+        )
         shift = length_of(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm)
         others = (0, 0, base.nodes.start, nodes.shape[-2] - base.nodes.stop)
         parts.append([pad(x, others) for x in (shift, turn)])
@@ -70,8 +73,8 @@ def free_pieces(model: Any) -> list[list[Base]]:
     named += [{pair.on, pair.partner} for pair in scene.pairs]
     pieces: list[set[str | None]] = [{base.name} for base in bases]
     for link in named:
-        piece = link.union(*(own for own in pieces if own & link))
-        pieces = [*(own for own in pieces if not own & piece), piece]
+        piece = link.union(*(other for other in pieces if other & link))
+        pieces = [*(other for other in pieces if not other & piece), piece]
     free = [[base for base in bases if base.name in piece] for piece in pieces if None not in piece]
     return [[base._replace(node=piece[0].nodes.start) for base in piece] for piece in free]
 

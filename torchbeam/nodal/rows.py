@@ -220,7 +220,9 @@ class Rows(Tree):
     @cached
     def multipliers(self) -> Multipliers:
         """Unknowns of these, one after the other."""
-        every = [own for interaction in self.interactions if (own := interaction.multipliers).count]
+        every = [
+            forces for interaction in self.interactions if (forces := interaction.multipliers).count
+        ]
         if len(every) < 2:
             return every[0] if every else Multipliers()
         return Multipliers(torch.cat([rows.held for rows in every]), every[0].size)

@@ -21,8 +21,7 @@ from ..core.leaves import own_leaves, with_values
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, Load, LoadEffect, LoadPoint
-from ..scene.effects.effect import of_library
-from ..scene.effects.load_point import together
+from ..scene.effects.load_point import of_library, together
 
 # fields of a point and their axes, those of sites along the beam apart
 MOTION = ("position", "velocity", "spin", "acceleration", "angular_acceleration", "internal")
@@ -138,8 +137,8 @@ class Trial:
         """These along one of the batch's axes."""
         back = len(self.batch) - axis
 
-        def taken(x: Tensor, own: int) -> Tensor:
-            at = x.ndim - own - back
+        def taken(x: Tensor, axes_count: int) -> Tensor:
+            at = x.ndim - axes_count - back
             if at < 0 or x.shape[at] == 1:
                 return x
             return x.index_select(at, torch.tensor(samples, device=x.device))
@@ -152,8 +151,8 @@ class Trial:
         """Each sample in a motion of its own: moved by up to `size` of what is there."""
         generator = torch.Generator().manual_seed(0)
 
-        def moved(whose: str, name: str, x: Tensor, own: int) -> Tensor:
-            shape = (*self.batch, *x.shape[x.ndim - own :])
+        def moved(whose: str, name: str, x: Tensor, axes_count: int) -> Tensor:
+            shape = (*self.batch, *x.shape[x.ndim - axes_count :])
             shape = (*shape[:-1], 3) if name == "R" else shape
             shift = size * torch.rand(shape, dtype=x.dtype, generator=generator).to(x.device)
             if name == "R" and whose == "point":
@@ -177,9 +176,9 @@ class Trial:
         for (whose, name), (x, _) in self.values.items():
             named.setdefault(whose, {})[name] = x
         point, (t,) = replace(self.point, **named["point"]), named["time"].values()
-        inputs, own, load = named.get("input", {}), named.get("load", {}), self.load
-        if own:
-            load = with_values(load, **({"values": own} if isinstance(load, Load) else own))
+        inputs, of_load, load = named.get("input", {}), named.get("load", {}), self.load
+        if of_load:
+            load = with_values(load, **({"values": of_load} if isinstance(load, Load) else of_load))
         outputs = [together(load.wrench(point, t, inputs), point.R)]
         if load.internal and isinstance(load, Load):
             outputs.append(load.rates(point, point.internal, t, inputs))
@@ -192,13 +191,13 @@ class Trial:
         """Whether a sample is given something else among others than among copies of itself, or
         alone; not where no call is as the one before.
         """
-        whole, own = self.outputs(), 1 + (self.load.node is None)
+        whole, axes = self.outputs(), 1 + (self.load.node is None)
         for axis, size in enumerate(self.batch):
             for k in {0, size - 1} if size > 1 else ():
                 others = [self.of_samples(axis, [k] * size).outputs()]
                 with suppress(Exception):  # it holds what has a row for each
                     others.append(self.of_samples(axis, [k]).outputs())
-                back = own + len(self.batch) - axis
+                back = axes + len(self.batch) - axis
                 if any(
                     not _close(_row(x, back, k), _row(y, back, k), x)
                     for outputs in others
@@ -212,8 +211,8 @@ class Trial:
 def _of_load(load: Any) -> Values:
     """A load's own tensors that can be told apart by samples."""
     if isinstance(load, Load):
-        own = int(load.node is None)
-        return {("load", name): (x, own) for name, x in (load.values or {}).items()}
+        axes = int(load.node is None)
+        return {("load", name): (x, axes) for name, x in (load.values or {}).items()}
     if type(load).at_sites is not LoadEffect.at_sites:
         return {}
     return {("load", x.name): (x.value, x.axes) for x in own_leaves(load) if x.axes is not None}

@@ -127,8 +127,8 @@ class SurfacePairs(TouchingPairs):
     def _slip(self, points: PairMotion, lever: Lever) -> Tensor:
         """(..., U, 3) m/s of the place's surface on the body's."""
         v, spin = points.velocity, points.spin
-        own = v[..., 0, :] + cross(spin[..., 0, :], lever.place)
-        slip = own - v[..., 1, :] - cross(spin[..., 1, :], lever.body)
+        surface = v[..., 0, :] + cross(spin[..., 0, :], lever.place)
+        slip = surface - v[..., 1, :] - cross(spin[..., 1, :], lever.body)
         n = lever.place
         size = n.square().sum(-1, keepdim=True)
         return slip - (slip * n).sum(-1, keepdim=True) * n / torch.where(size > 0, size, 1.0)
@@ -215,8 +215,8 @@ class SurfacePairs(TouchingPairs):
 @cache
 def _made_of(shape: type[Obstacle]) -> tuple[tuple[str, int], ...]:
     """Names and axes of what a shape is made of on a body."""
-    own = [x for x in fields(shape) if AXES in x.metadata and x.default is MISSING]
-    return tuple((x.name, x.metadata[AXES]) for x in own)
+    declared = [x for x in fields(shape) if AXES in x.metadata and x.default is MISSING]
+    return tuple((x.name, x.metadata[AXES]) for x in declared)
 
 
 def count_of(shape: type[Obstacle]) -> int:

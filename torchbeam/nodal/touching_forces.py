@@ -138,12 +138,12 @@ class AnyTouching(BetweenNodes):
         """A matrix with blocks (..., U, 6, 6, w, w) of the pairs that have some."""
         nodes, blocks = [], []
         for near in self.near(now):
-            own, block = near.nodes, blocks_of(near)
+            pair_nodes, block = near.nodes, blocks_of(near)
             if not mapped(block) and not wants_gradient(block):  # zeros may carry derivatives
                 some = concrete(block.detach() != 0).flatten(-4).any(-1)
                 some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
-                own, block = own[some], block[..., some, :, :, :, :]
-            nodes.append(own)
+                pair_nodes, block = pair_nodes[some], block[..., some, :, :, :, :]
+            nodes.append(pair_nodes)
             blocks.append(block)
         if not sum(map(len, nodes)):
             return matrix
@@ -173,13 +173,13 @@ class AnyTouching(BetweenNodes):
         for near in self.near(now):
             if near.pairs.friction is not None:
                 far = near.pairs.far(of_nodes(near.nodes, way))[..., None]
-                own = near.pairs.telling(of_nodes(near.nodes, now, near.told(motion)))
-                own = torch.where(far, 0.0, own)
-                none = none.expand(*own.shape[:-2], -1, -1).index_copy(-2, near.rows, own)
+                told = near.pairs.telling(of_nodes(near.nodes, now, near.told(motion)))
+                told = torch.where(far, 0.0, told)
+                none = none.expand(*told.shape[:-2], -1, -1).index_copy(-2, near.rows, told)
         return {"pairs": none}
 
     def near_enough(self, motion: NodeMotion) -> Tensor | None:
-        return self._any(motion, lambda pairs, own: (~pairs.far(own)).any(-1))
+        return self._any(motion, lambda pairs, moves: (~pairs.far(moves)).any(-1))
 
     def passed(self, motion: NodeMotion) -> Tensor | None:
         return self._any(motion, lambda pairs, own: pairs.passed(own))
@@ -227,11 +227,11 @@ class AnyTouching(BetweenNodes):
                 continue
             if name not in by:
                 continue
-            own, more = by[name], len(moves) - by[name].shape[-1]
+            rate_by, more = by[name], len(moves) - by[name].shape[-1]
             if name == VELOCITY:
-                rate = pad(moves[:p, :3].mT @ own, (0, more))
+                rate = pad(moves[:p, :3].mT @ rate_by, (0, more))
             else:
-                rate = pad(moves[p:, 3:].mT @ own, (more, 0))
+                rate = pad(moves[p:, 3:].mT @ rate_by, (more, 0))
             same = rate.shape[-3] == 1
             rate = rate[..., None, :, :, :] if same else rate[..., near.nodes, :, :]
             whole = whole + slope @ rate
@@ -259,9 +259,9 @@ class AllTouching(AnyTouching):
     def near(self, motion: PairMotion) -> list[Near]:
         near, first = [], 0
         for part_contact in self.each:
-            if len((own := part_contact.nearby(motion)).point):
-                rows = first + own.point * len(part_contact.pieces) + own.piece
-                near.append(Near(part_contact.pairs(own), own.nodes, rows))
+            if len((pairs := part_contact.nearby(motion)).point):
+                rows = first + pairs.point * len(part_contact.pieces) + pairs.piece
+                near.append(Near(part_contact.pairs(pairs), pairs.nodes, rows))
             first += part_contact.every
         return near
 

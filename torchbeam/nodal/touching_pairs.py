@@ -195,9 +195,9 @@ class TouchingPairs(Tree):
 
     def _levers(self, shares: Tensor) -> Tensor:
         """(..., U, 4): of each point its part's share in both radii, times its own in the place."""
-        own, other = self.radii_at(shares).unbind(-1)
-        both = own + other
-        first = torch.where(both > 0, own / torch.where(both > 0, both, 1.0), 0.5)[..., None]
+        radius, other = self.radii_at(shares).unbind(-1)
+        both = radius + other
+        first = torch.where(both > 0, radius / torch.where(both > 0, both, 1.0), 0.5)[..., None]
         rest = (1 - first) * shares
         return torch.cat((first.expand(*rest.shape[:-1], 1), rest), -1)
 
@@ -266,9 +266,9 @@ class TouchingPairs(Tree):
         by_force, *by_moment, by_shares = change.split(3, -2)
         moved = torch.cat((torch.zeros_like(by_shares[..., :1, :]), by_shares), -2)
 
-        def of_points(own: Tensor, by: Tensor, rest: Tensor, action: Tensor) -> Tensor:
+        def of_points(share: Tensor, by: Tensor, rest: Tensor, action: Tensor) -> Tensor:
             """(..., 4, 6, 3, w) of an action whose shares `own` change by `rest` (..., 6, 4, w)."""
-            whole = own[..., :, None, None, None] * by[..., None, :, :, :]
+            whole = share[..., :, None, None, None] * by[..., None, :, :, :]
             return whole + rest.transpose(-3, -2)[..., None, :] * action[..., None, None, :, None]
 
         rows = of_points(self._signed(shares), by_force, -moved, force)

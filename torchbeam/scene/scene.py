@@ -36,8 +36,8 @@ from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.contact_defaults import with_defaults
 from .effects.contact_terms import ContactTerms
-from .effects.effect import of_library
 from .effects.interaction import Interaction
+from .effects.load_point import of_library
 from .effects.tendon import Tendon
 from .inputs import input_tensors
 from .joined import joints_of
@@ -301,11 +301,11 @@ class Scene(Tree):
     @cached
     def topology(self) -> Topology:
         """Which nodes the elements lie between, and which ones joints and tendons connect."""
-        own = self.beam.topology
+        of_beam = self.beam.topology
         ties = (*(tendon.nodes for tendon in self.tendons), *(x.nodes for x in self.interactions))
         if not ties and not self.pairs:
-            return own
-        return Framework(own.order, own.chains, own.singles, own.joints, ties)
+            return of_beam
+        return Framework(of_beam.order, of_beam.chains, of_beam.singles, of_beam.joints, ties)
 
     @property
     def has_prescribed_motion(self) -> bool:

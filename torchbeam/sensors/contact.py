@@ -54,14 +54,14 @@ class TouchingPoints(NamedTuple):
             return rows
         each = []
         for k in range(self.count):
-            own = rows[..., self.place == k, :]
-            if not own.shape[-2]:  # it may touch nothing
+            of_contact = rows[..., self.place == k, :]
+            if not of_contact.shape[-2]:  # it may touch nothing
                 none = rows.new_zeros(*rows.shape[:-2], 7)
                 each.append(torch.cat((none[..., :6], none[..., 6:] + torch.inf), -1))
                 continue
-            nearest = own[..., 6:].argmin(-2, keepdim=True)
-            at = own.gather(-2, nearest.expand(*own.shape[:-2], 1, 7))[..., 0, :]
-            each.append(torch.cat((at[..., :3], own[..., 3:6].sum(-2), at[..., 6:]), -1))
+            nearest = of_contact[..., 6:].argmin(-2, keepdim=True)
+            at = of_contact.gather(-2, nearest.expand(*of_contact.shape[:-2], 1, 7))[..., 0, :]
+            each.append(torch.cat((at[..., :3], of_contact[..., 3:6].sum(-2), at[..., 6:]), -1))
         return torch.stack(each, -2)
 
 
@@ -146,8 +146,8 @@ class OfContact(OfScene):
             sense = 1.0 if part_contact.first else -1.0
             rub = None if found.rub is None else sense * found.rub
             touch = Touch(gap, sense * found.u, found.pressure, found.slip, rub)
-            own = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
-            meets = own.sum(-2) - pairs.radii[..., :1] * found.u
+            touching_points = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
+            meets = touching_points.sum(-2) - pairs.radii[..., :1] * found.u
             count = part_contact.places.shares.shape[-2]
             touches.append(TouchingPoints(found.measure, touch, meets, near.point, count))
         return touches

@@ -79,15 +79,15 @@ def observe(
     seen = torch.isfinite(times)
     if not (concrete(delay) != 0).any():
         _within(times[seen], t)
-    own = broadcast("times and delay", times.shape[1:], delay.shape)
-    if own:
-        batch = broadcast("times and readings", own, batch)
+    axes = broadcast("times and delay", times.shape[1:], delay.shape)
+    if axes:
+        batch = broadcast("times and readings", axes, batch)
         values = values.reshape(
             len(t), *(1,) * (len(batch) + len(shape) + 1 - values.ndim), *values.shape[1:]
         )
         values = values.expand(len(t), *batch, *shape)
     seen, times = (
-        x.reshape(len(x), *(1,) * (len(own) - x.ndim + 1), *x.shape[1:]) for x in (seen, times)
+        x.reshape(len(x), *(1,) * (len(axes) - x.ndim + 1), *x.shape[1:]) for x in (seen, times)
     )
     return _read(t, values, times - delay, seen, len(batch), rate)
 

@@ -51,10 +51,10 @@ def with_optional_fields(state: State, scene: Any) -> State:
 
 
 def _of_this_beam(state: State, beam: Any) -> State:
-    own, shape = RestShape.of(beam), state.rest_shape
-    if shape is own:
+    of_beam, shape = RestShape.of(beam), state.rest_shape
+    if shape is of_beam:
         return state
-    off = None if own is None or shape is None else shape.differs(own)
+    off = None if of_beam is None or shape is None else shape.differs(of_beam)
     if off is not None:
         warn(
             "a state of another beam was given to start from, whose shape at rest differs from "
@@ -62,4 +62,4 @@ def _of_this_beam(state: State, beam: Any) -> State:
             "a curve",
             UserWarning,
         )
-    return replace(state, rest_shape=own)
+    return replace(state, rest_shape=of_beam)

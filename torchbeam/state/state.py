@@ -161,7 +161,7 @@ class State(Instant):
     def __getitem__(self, index: Any) -> Any:
         """By the name of a beam of a structure its state, as in a scene of its own (but that `work`
         and `defect` are those of all); by that of a body its motion, a `Point`; else some of the
-        leading axes, as `TensorFields` has it.
+        leading axes, as `Instant` has it.
         """
         if not isinstance(index, str):
             return super().__getitem__(index)
@@ -172,13 +172,13 @@ class State(Instant):
     def joint(self) -> tuple[JointReading, ...]:
         """The joints of a structure, as an equilibrium or a step has left them."""
         each = enumerate(self.coordinates)
-        return tuple(JointReading.of(self.joints[..., k, :], own) for k, own in each)
+        return tuple(JointReading.of(self.joints[..., k, :], which) for k, which in each)
 
     def part(self, name: str) -> State:
         """The state of a beam or, a single node, of a body. Raises ValueError for neither."""
         part = part_of(self.parts, name)
-        own = range(part.nodes.start, part.nodes.stop)
-        held = [k for k, node in enumerate(self.supports or ()) if node in own]
+        nodes = range(part.nodes.start, part.nodes.stop)
+        held = [k for k, node in enumerate(self.supports or ()) if node in nodes]
         rows = {name: getattr(self, name)[..., part.nodes, :] for name in AT_NODES}
         rows["stress"] = self.stress[..., part.stations, :]
         rows["reaction"] = self.reaction[..., held, :]

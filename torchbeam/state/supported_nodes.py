@@ -64,8 +64,8 @@ def held_rotation(q: Tensor, at: Tensor, support: Any) -> Tensor:
 
 def _put_held(x: Tensor, support: Any, value: Tensor) -> Tensor:
     """`set_node`, of the components whose position is held."""
-    held, own = torch.tensor(support.held[:3], device=x.device), x[..., support.node, :]
-    return set_node(x, support.node, torch.where(held, value, own))
+    held, at_node = torch.tensor(support.held[:3], device=x.device), x[..., support.node, :]
+    return set_node(x, support.node, torch.where(held, value, at_node))
 
 
 def set_node(x: Tensor, node: int, value: Tensor) -> Tensor:

@@ -176,7 +176,7 @@ class Framework:
     def joint_ties(self) -> tuple[tuple[int, ...], ...]:
         """Rows of joints: of each its nodes, and that of its multipliers."""
         rows = [(*pair, self.node_count + k) for k, pair in enumerate(self.joints)]
-        return tuple(tuple(row for row in own if row is not None) for own in rows)
+        return tuple(tuple(row for row in tie if row is not None) for tie in rows)
 
     def of_ties(self, blocks: Tensor) -> Tensor:
         """Blocks (..., J, n, n, w, w) of joints, or of their ends alone -> (..., m, w, w) of their
@@ -186,7 +186,7 @@ class Framework:
         if not self._grounded:
             return blocks
         there = [[node is not None for node in (*pair, 0)[:n]] for pair in self.joints]
-        both = (a and b for own in there for a, b in product(own, own))
+        both = (a and b for tie in there for a, b in product(tie, tie))
         return take(blocks, tuple(k for k, is_there in enumerate(both) if is_there), 2)
 
     def by_nodes(self, blocks: Tensor) -> Tensor:
@@ -224,8 +224,8 @@ class Framework:
         """Each line's own; 0 of single nodes."""
         parts = []
         for part in length.split([self.order * N for N in self.chains], -1):
-            own = part.cumsum(-1) if self.order == 1 else within_elements(part, (0.0, 1.0))
-            parts.append(pad(own if self.order == 1 else own.flatten(-2), (1, 0)))
+            ends = part.cumsum(-1) if self.order == 1 else within_elements(part, (0.0, 1.0))
+            parts.append(pad(ends if self.order == 1 else ends.flatten(-2), (1, 0)))
         return torch.cat((*parts, length.new_zeros(*length.shape[:-1], self.singles)), -1)
 
     def unknowns(self, moving: Tensor, like: Tensor) -> FrameworkUnknowns:
@@ -235,12 +235,12 @@ class Framework:
         return FrameworkMatrix(self, blocks)
 
     def matrix(self, blocks: Blocks) -> FrameworkMatrix:
-        own = self.scatter(tuple([blocks[k][k] for k in range(self.order + 1)]), 2)
+        diagonal = self.scatter(tuple([blocks[k][k] for k in range(self.order + 1)]), 2)
         if self.order == 1:
-            return FrameworkMatrix(self, own, (blocks[0][1], blocks[1][0]))
+            return FrameworkMatrix(self, diagonal, (blocks[0][1], blocks[1][0]))
         (_, im, ij), (mi, _, mj), (ji, jm, _) = blocks
         near = interleaved(im, mj, 2), interleaved(mi, jm, 2)
-        return FrameworkMatrix(self, own, (*near, ij, ji))
+        return FrameworkMatrix(self, diagonal, (*near, ij, ji))
 
 
 @lru_cache(maxsize=64)

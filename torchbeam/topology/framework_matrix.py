@@ -113,16 +113,16 @@ class FrameworkMatrix:
     def constraints(self) -> Tensor:
         """(..., m, w nodes): of those that are held, of which there are m, by the nodes' moves."""
         at, *pair = _tied_at(self.framework, True)
-        own = take(self.tied, at, 2), *pair
-        whole = dense_of(len(self.held), self.framework.node_count, [own])
+        blocks = take(self.tied, at, 2), *pair
+        whole = dense_of(len(self.held), self.framework.node_count, [blocks])
         return whole.index_select(-2, self.held.flatten().nonzero()[:, 0])
 
     @property
     def yields(self) -> bool:
         """Whether a constraint reads its own force, or another's."""
         n, pairs = self.framework.node_count, enumerate(zip(*self.framework.tied, strict=True))
-        own = [(k, i - n) for k, (i, j) in pairs if i >= n and j >= n]
-        at, rows = zip(*own, strict=True)
+        at_forces = [(k, i - n) for k, (i, j) in pairs if i >= n and j >= n]
+        at, rows = zip(*at_forces, strict=True)
         blocks = take(self.tied, at, 2) * self.held[list(rows)][:, :, None]
         return bool(concrete(blocks.detach() != 0).any())
 
@@ -178,12 +178,12 @@ class FrameworkMatrix:
 
 
 @lru_cache(maxsize=64)
-def _tied_at(framework: Any, own: bool) -> tuple[tuple[int, ...], ...]:
+def _tied_at(framework: Any, behind: bool) -> tuple[tuple[int, ...], ...]:
     """Which of the ties' blocks are by moves of nodes, of balances of nodes, or of the rows (own)
     behind them; the rows and columns there.
     """
     n, pairs = framework.node_count, enumerate(zip(*framework.tied, strict=True))
-    there = [(k, i - n * own, j) for k, (i, j) in pairs if j < n and (i >= n) == own]
+    there = [(k, i - n * behind, j) for k, (i, j) in pairs if j < n and (i >= n) == behind]
     return tuple(zip(*there, strict=True))
 
 

@@ -19,8 +19,8 @@ from ...scene.beam import Beam
 from ...scene.beam_arguments import check_order
 from ...scene.beam_recipe import recipe_of, remade, whole_parts
 from ...scene.effects import Actuation, Load, PerElement
-from ...scene.effects.effect import Effect
 from ...scene.effects.interaction import Interaction
+from ...scene.effects.load_point import Effect
 from ...scene.effects.tendon import Tendon
 from ...scene.effects.values import AtSites, Input
 from ...scene.scene import Scene
@@ -75,10 +75,10 @@ def least_elements(scene: Scene, nodes: Iterable[int] = ()) -> int:
     places = [Fraction(node % beam.node_count, rows) for node in (*_nodes(scene), *nodes)]
     least = math.lcm(*(place.denominator for place in places))
     arguments = recipe.arguments if (recipe := recipe_of(beam)) else {}
-    own = beam.curved and "elements" not in arguments
-    own = own or (beam.compliance.shape[-3] > 1 and not callable(arguments.get("section")))
-    own = own or any(_by_element(effect) for effect in scene.effects)
-    return math.lcm(least, beam.element_count) if own else least
+    varies = beam.curved and "elements" not in arguments
+    varies = varies or (beam.compliance.shape[-3] > 1 and not callable(arguments.get("section")))
+    varies = varies or any(_by_element(effect) for effect in scene.effects)
+    return math.lcm(least, beam.element_count) if varies else least
 
 
 def _one_beam(scene: Scene) -> Beam:
@@ -164,9 +164,9 @@ def _moved(effect: Effect, rows: _Rows) -> Effect:
         if isinstance(leaf.value, (PerElement, AtSites))
     }
     if isinstance(effect, Actuation) and effect.elements is not None:
-        own = range(rows.beam.element_count)
+        elements = range(rows.beam.element_count)
         which = effect.elements
-        chosen = own[which] if isinstance(which, slice) else [own[k] for k in which]
+        chosen = elements[which] if isinstance(which, slice) else [elements[k] for k in which]
         changed["elements"] = tuple(
             rows.parts * k + part for k in chosen for part in range(rows.parts)
         )

@@ -12,8 +12,7 @@ from ...core.arguments import boolean
 from ...core.leaves import leaf, option
 from ...core.validation import Value, as_tensor, common_dtype, finite, refusal
 from ...math.quaternions import skew
-from .effect import Effect
-from .load_point import ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench
+from .load_point import ROTATION, SPIN, VELOCITY, Effect, LoadEffect, LoadPoint, Wrench
 from .values import Inputs
 
 
@@ -165,5 +164,5 @@ def geometric_means(tau: Tensor) -> Tensor:
     root = torch.where(
         some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau)
     )
-    own = torch.eye(tau.shape[-1], dtype=torch.bool, device=tau.device)
-    return torch.where(own, tau[..., None], root[..., :, None] * root[..., None, :])
+    diagonal = torch.eye(tau.shape[-1], dtype=torch.bool, device=tau.device)
+    return torch.where(diagonal, tau[..., None], root[..., :, None] * root[..., None, :])
