@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.quadratic import X, gauss_points, values_at
+from ..math.element_shapes import SHAPES
+from ..math.quadratic import X, gauss_points
 from ..math.shapes import stacked
 from ..scene.effects import Contact, LoadPoint
 from ..scene.effects.load_point import POSITION, SPIN, VELOCITY
@@ -250,7 +251,7 @@ def _of_node(rows: Rows, acting: ActingLoad, x: Tensor, b: int) -> Tensor:
 def _shares(rows: Rows, acting: ActingLoad) -> Tensor:
     """N_a (points, nodes) of one element."""
     x, _ = gauss_points(acting.load.points)
-    return values_at(x, rows.space.interpolation.order).to(rows.length)
+    return SHAPES[rows.space.interpolation.order].values(x).to(rows.length)
 
 
 def point_weights(rows: Rows, acting: ActingLoad) -> Tensor:
@@ -259,7 +260,7 @@ def point_weights(rows: Rows, acting: ActingLoad) -> Tensor:
     """
     x, weights = (part.to(rows.length) for part in gauss_points(acting.load.points))
     length = rows.length if acting.node is None else rows.length[..., acting.node, :]
-    if rows.space.interpolation.order == 1:
+    if not SHAPES[rows.space.interpolation.order].midside:
         slopes = length / 2 * torch.ones_like(x)
     else:
         first, second = length.unflatten(-2, (-1, 2)).unbind(-2)

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..math.element_shapes import SHAPES
 from ..math.quadratic import X
 from .cut import Cut, cut, pairs_of
 from .framework_matrix import FrameworkMatrix, dense_of
@@ -75,10 +76,15 @@ class Framework:
         ]
         return tuple(even(first + k for first in firsts) for k in range(self.order + 1))
 
+    @property
+    def midside(self) -> bool:
+        """Whether elements have a node inside."""
+        return SHAPES[self.order].midside
+
     @cached_property
     def ends(self) -> Places:
         """The nodes that are inside no element."""
-        middle = set(self.elements[1]) if self.order == 2 else ()
+        middle = set(self.elements[1]) if self.midside else ()
         return even(node for node in range(self.node_count) if node not in middle)
 
     @cached_property
@@ -92,7 +98,7 @@ class Framework:
     @cached_property
     def links(self) -> Framework:
         """Of order 1: from each node of an element to the next one."""
-        if self.order == 1:
+        if not self.midside:
             return self
         return Framework(1, tuple(self.order * N for N in self.chains), self.singles)
 
@@ -111,7 +117,7 @@ class Framework:
     @cached_property
     def of_ends(self) -> Framework:
         """Of order 1, between these."""
-        if self.order == 1:
+        if not self.midside:
             return self
         place = {node: k for k, node in enumerate(self.ends)}
         behind = sorted({node for nodes in self.ties for node in nodes if node >= self.node_count})
@@ -157,7 +163,7 @@ class Framework:
     def pairs(self) -> tuple[tuple[Places, Places], ...]:
         """The nodes of the rows and of the columns of a matrix's couplings."""
         i, j = self.links.elements
-        far = () if self.order == 1 else (self.elements[::2], self.elements[::-2])
+        far = (self.elements[::2], self.elements[::-2]) if self.midside else ()
         return (i, j), (j, i), *far
 
     def at_joints(self, x: Tensor) -> Tensor:
@@ -224,8 +230,9 @@ class Framework:
         """Each line's own; 0 of single nodes."""
         parts = []
         for part in length.split([self.order * N for N in self.chains], -1):
-            ends = part.cumsum(-1) if self.order == 1 else within_elements(part, (0.0, 1.0))
-            parts.append(pad(ends if self.order == 1 else ends.flatten(-2), (1, 0)))
+            midside = self.midside
+            ends = within_elements(part, (0.0, 1.0)).flatten(-2) if midside else part.cumsum(-1)
+            parts.append(pad(ends, (1, 0)))
         return torch.cat((*parts, length.new_zeros(*length.shape[:-1], self.singles)), -1)
 
     def unknowns(self, moving: Tensor, like: Tensor) -> FrameworkUnknowns:
@@ -236,7 +243,7 @@ class Framework:
 
     def matrix(self, blocks: Blocks) -> FrameworkMatrix:
         diagonal = self.scatter(tuple([blocks[k][k] for k in range(self.order + 1)]), 2)
-        if self.order == 1:
+        if not self.midside:
             return FrameworkMatrix(self, diagonal, (blocks[0][1], blocks[1][0]))
         (_, im, ij), (mi, _, mj), (ji, jm, _) = blocks
         near = interleaved(im, mj, 2), interleaved(mi, jm, 2)

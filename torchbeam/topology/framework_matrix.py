@@ -148,7 +148,7 @@ class FrameworkMatrix:
         if len(unknowns) < unknowns.nodes:
             couplings = [x.narrow(-3, unknowns.first, len(unknowns) - 1) for x in couplings]
         D = unknowns.of_nodes(D, 2)
-        if self.framework.order == 1:
+        if not self.framework.midside:
             return BlockChain(D, *couplings)
         return _paired(size, D, *couplings)
 
@@ -172,7 +172,7 @@ class FrameworkMatrix:
                 rows, columns = (take(free, side)[..., None] for side in of.tied)
                 tied = tied * rows * columns.mT
         midside = None
-        if of.order == 2:
+        if of.midside:
             D, *couplings, midside = condensed(of, D, *couplings)
         return FrameworkSystem(of, unknowns, cut, D, *couplings, midside, tied, self.held)
 

@@ -15,6 +15,7 @@ from ...core.arguments import boolean, instance
 from ...core.arguments import count as check_count
 from ...core.functions_of_time import taken
 from ...core.leaves import own_leaves, with_values
+from ...math.element_shapes import SHAPES
 from ...scene.beam import Beam
 from ...scene.beam_arguments import check_order
 from ...scene.beam_recipe import recipe_of, remade, whole_parts
@@ -53,9 +54,9 @@ def remesh(
     check_count("elements", elements)
     beam = _one_beam(scene)
     order = beam.order if order is None else check_order(order)
-    linked = (
-        beam.linked_interpolation and order == 1 if linked is None else boolean("linked", linked)
-    )
+    if linked is None:
+        linked = beam.linked_interpolation and not SHAPES[order].midside
+    linked = boolean("linked", linked)
     fine = remade(beam, elements, order)
     fine = fine.linked() if linked else fine
     rows = _Rows(beam, elements, order)
