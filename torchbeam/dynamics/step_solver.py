@@ -55,7 +55,7 @@ class Span(NamedTuple):
     last: bool
 
 
-class Made(NamedTuple):
+class StepResult(NamedTuple):
     """What a step has made: the state after it, of a failed sample that before; status and
     iterations (...).
     """
@@ -155,7 +155,7 @@ class StepSolver:
         other._decided = self.compiled is None or not self.model.touching.present
         return other
 
-    def solve(self, model: Model, span: Span) -> Made:
+    def solve(self, model: Model, span: Span) -> StepResult:
         """A solve with loads as at t of the model or of a part of its batch."""
         state, dt, t, inputs, moving, last = span
         if self.compiled is not None and model is self.model:
@@ -168,7 +168,7 @@ class StepSolver:
                 after = replace(
                     state, **solution.fields, t=torch.where(good, state.t + dt, state.t)
                 )
-                return Made(after, solution.status, solution.iterations)
+                return StepResult(after, solution.status, solution.iterations)
         self.use.eagerly()
         problem = self.method.problem(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(
@@ -202,7 +202,9 @@ class StepSolver:
                 )
             x, reaction = implicit_gradient(problem, x, good)
         after = problem.finish(x, reaction)
-        return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
+        return StepResult(
+            after if concrete(good).all() else after.where(good, state), status, iterations
+        )
 
     def natively(
         self, span: Span, K: int | None = None, every: int = 1, mixture: Tensor | None = None

@@ -11,34 +11,34 @@ from ..core.leaves import AXES
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.obstacle import Obstacle
 from .surface_pairs import SurfacePairs, count_of
-from .touching import Nearby, PairLaw, Touching
-from .touching_forces import AllTouching, AnyTouching, Near
+from .touching import Nearby, PairLaw, PartContact
+from .touching_forces import ContactPairs, NearPairs, ScenePairs
 from .touching_pairs import PairMotion, TouchingPairs
 
 
 @dataclass(frozen=True)
-class FixedTouching(AnyTouching):
+class KnownPairs(ContactPairs):
     """Of all of a scene those pairs that are known, each with its six nodes and its law."""
 
-    each: tuple[Touching, ...]
+    each: tuple[PartContact, ...]
     pairs: TouchingPairs | None
     nodes: tuple[tuple[int, ...], ...]
     laws: tuple[PairLaw, ...]
 
-    dissipative, reads = AllTouching.dissipative, AllTouching.reads
+    dissipative, reads = ScenePairs.dissipative, ScenePairs.reads
 
     @property
     def every(self) -> int:
         return len(self.nodes)
 
-    def near(self, motion: PairMotion | None) -> list[Near]:
+    def near(self, motion: PairMotion | None) -> list[NearPairs]:
         if self.pairs is None:
             return []
         nodes = torch.tensor(self.nodes, device=self.moves.device)
-        return [Near(self.pairs, nodes, torch.arange(len(nodes), device=nodes.device))]
+        return [NearPairs(self.pairs, nodes, torch.arange(len(nodes), device=nodes.device))]
 
 
-def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
+def fixed(touching: ScenePairs, near: list[Nearby]) -> KnownPairs:
     """With these pairs alone, of each of its places and pieces; what the law of a pair has not is
     1 where another's of the scene has it, near or not: one program is for all such lists.
     """
@@ -52,7 +52,7 @@ def fixed(touching: AllTouching, near: list[Nearby]) -> FixedTouching:
         if nodes
         else None
     )
-    return FixedTouching(touching.space, touching.moves, touching.each, pairs, nodes, laws)
+    return KnownPairs(touching.space, touching.moves, touching.each, pairs, nodes, laws)
 
 
 def joined(parts: list[TouchingPairs], count: int) -> TouchingPairs:

@@ -66,7 +66,7 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
         if law.push_out or not len(near.point):
             continue
         pairs = part_contact.pairs(near)
-        found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
+        found = pairs.closest_point(pairs.points(of_nodes(near.nodes, motion)))
         radius, thick = pairs.radii_at(found.shares).sum(-1) / 2, law.thickness[..., None]
         _refuse(
             torch.where(found.measure > 0, -found.gap, -torch.inf)[..., 0],

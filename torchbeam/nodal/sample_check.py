@@ -63,7 +63,7 @@ def check_samples(
     """
     if functorch.peek_interpreter_stack() is not None or _get_current_dispatch_mode() is not None:
         return
-    trial = Trial.of(load, point, t, inputs, batch)
+    trial = SampleTrial.of(load, point, t, inputs, batch)
     if trial.batch.numel() < 2:
         return
     mixed = False
@@ -103,7 +103,7 @@ Values = dict[tuple[str, str], tuple[Tensor, int]]  # by whose they are, and nam
 
 
 @dataclass
-class Trial:
+class SampleTrial:
     """A load in some motions: tensors with their axes behind those of the batch (...)."""
 
     load: LoadEffect
@@ -114,7 +114,7 @@ class Trial:
     @classmethod
     def of(
         cls, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, batch: tuple[int, ...]
-    ) -> Trial:
+    ) -> SampleTrial:
         along = load.node is None
         axes = {name: count + along for name, count in AT_SITES.items()} | OF_ALL
         axes |= OF_INTERACTION if load.kind == "interaction" else {}
@@ -125,7 +125,7 @@ class Trial:
         shapes = (x.shape[: x.ndim - axes] for x, axes in values.values())
         return cls(load, point, values, broadcast_shapes(batch, *shapes))
 
-    def of_few(self, count: int) -> Trial:
+    def of_few(self, count: int) -> SampleTrial:
         """The first of the samples along each axis, and the last."""
         trial = self
         for axis, size in enumerate(self.batch):
@@ -133,7 +133,7 @@ class Trial:
                 trial = trial.of_samples(axis, [*range(count - 1), size - 1])
         return trial
 
-    def of_samples(self, axis: int, samples: list[int]) -> Trial:
+    def of_samples(self, axis: int, samples: list[int]) -> SampleTrial:
         """These along one of the batch's axes."""
         back = len(self.batch) - axis
 
@@ -145,9 +145,9 @@ class Trial:
 
         values = {key: (taken(x, axes), axes) for key, (x, axes) in self.values.items()}
         batch = (*self.batch[:axis], len(samples), *self.batch[axis + 1 :])
-        return Trial(self.load, self.point, values, torch.Size(batch))
+        return SampleTrial(self.load, self.point, values, torch.Size(batch))
 
-    def drawn(self, size: float) -> Trial:
+    def drawn(self, size: float) -> SampleTrial:
         """Each sample in a motion of its own: moved by up to `size` of what is there."""
         generator = torch.Generator().manual_seed(0)
 
@@ -168,7 +168,7 @@ class Trial:
             else (x, axes)
             for key, (x, axes) in self.values.items()
         }
-        return Trial(self.load, self.point, values, self.batch)
+        return SampleTrial(self.load, self.point, values, self.batch)
 
     def outputs(self) -> list[Tensor]:
         """What the load gives, (..., own axes)."""

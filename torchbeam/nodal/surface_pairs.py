@@ -29,7 +29,7 @@ from ..scene.effects.contact_path import leads_through
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY, jacobians
 from ..scene.effects.obstacle import Obstacle
-from .touching_pairs import Meeting, PairMotion, TouchingPairs
+from .touching_pairs import ContactPoint, PairMotion, TouchingPairs
 
 BODY = 4  # of the six nodes of a pair the body's; the two beside it are it again, and have nothing
 
@@ -98,7 +98,7 @@ class SurfacePairs(TouchingPairs):
         way = torch.linalg.vector_norm(last - first, dim=-1)
         return (gaps - way) / 2 - self.thickness
 
-    def meeting(self, points: PairMotion) -> Meeting:
+    def closest_point(self, points: PairMotion) -> ContactPoint:
         seen = self._seen(points)
         gaps = [self.gap(y) for y in seen]
         n = self._surface.mean_gradient(*(y[..., None, :] for y in seen))
@@ -115,7 +115,7 @@ class SurfacePairs(TouchingPairs):
             slip = self._slip(points, self._lever(rho, u))
             rub = self._rub(points, p, slip)
         shares = torch.zeros_like(rho)
-        return Meeting(
+        return ContactPoint(
             shares, rho, (gaps[0] + gaps[1]) / 2, p, elastic, u, slip, rub, self.measure[..., None]
         )
 
@@ -135,8 +135,8 @@ class SurfacePairs(TouchingPairs):
 
     def _actions(self, points: PairMotion) -> tuple[Tensor, Tensor, Tensor]:
         """Force (..., U, 3) N on the place, moments N m on it and on the body."""
-        meeting = self.meeting(points)
-        force, lever = meeting.force, self._lever(meeting.r, meeting.u)
+        contact_point = self.closest_point(points)
+        force, lever = contact_point.force, self._lever(contact_point.r, contact_point.u)
         return force, cross(lever.place, force), -cross(lever.body, force)
 
     def wrenches(self, motion: PairMotion) -> Tensor:

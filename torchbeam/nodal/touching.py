@@ -52,7 +52,7 @@ class Nearby(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Touching(Tree):
+class PartContact(Tree):
     """Places along one part, and the pieces of another, or of the same beam.
 
     contact   the law; pair: its place among the scene's; first: whether places are on its first

@@ -15,7 +15,7 @@ from ..core.functions_of_time import shared
 from ..nodal.conditions import conditions
 from ..nodal.element_loads import at_points, load_point, point_weights
 from ..nodal.loads import Nodes, load_points
-from ..nodal.touching import Touching
+from ..nodal.touching import PartContact
 from ..nodal.touching_forces import of_nodes
 from ..nodal.touching_pairs import PairMotion
 from ..scene.effects.contact import Touch
@@ -89,7 +89,7 @@ class OfContact(OfScene):
         return self._contacts[self.contact]
 
     @property
-    def _touching(self) -> list[Touching]:
+    def _touching(self) -> list[PartContact]:
         """Of two parts: the places of either that may touch the other."""
         number = next(k for k, pair in enumerate(self.scene.pairs) if pair is self._law)
         return [
@@ -141,7 +141,7 @@ class OfContact(OfScene):
         for part_contact in self._touching:
             near = part_contact.nearby(motion, torch.inf)
             pairs = part_contact.pairs(near)
-            found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
+            found = pairs.closest_point(pairs.points(of_nodes(near.nodes, motion)))
             gap = torch.where(found.measure > 0, found.gap, torch.inf)
             sense = 1.0 if part_contact.first else -1.0
             rub = None if found.rub is None else sense * found.rub
