@@ -22,7 +22,6 @@ from ..state.solution import Solution
 from .forms import FORMS, mixed_forms
 from .instants import explicit_instants, instants_of
 from .methods import METHODS as IMPLICIT_METHODS
-from .run_options import IntegratorOptions, StepOptions
 from .runs import MAX_STEPS, adaptive_run, explicit_run, implicit_run
 from .stepper import HALVINGS, Stepper
 from .torchdiffeq_bridge import METHODS as ODE_METHODS
@@ -31,6 +30,45 @@ TOLERANCES = "rtol", "atol"  # of implicit methods: adaptive steps
 FIXED = "step", "checkpoint", "progress"  # options of steps that are given
 SWITCHES = "throw", "lumped", "conserve", "checkpoint", "adjoint", "project"
 OF_ALL = "form", "inputs", "throw", "accuracy"  # keywords that are no options of a method
+
+
+class StepOptions:
+    """Of implicit methods, whose steps have a given length or, with `rtol` or `atol`, are adaptive.
+
+    Args:
+        step: s, of implicit methods; each interval of t is split into ceil(interval/step) equal
+            steps. None: the shortest interval, or 1/200 of the whole, whichever is less.
+        rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`). The
+            largest error of a position over the run is to be at most atol m + rtol times the length
+            of the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on
+            positions; rotations in undamped twist were off by up to 4.1 of it); numbers, or (...).
+            Of torchdiffeq's: numbers, None = 1e-6 and 1e-8.
+        events: with adaptive steps: a function of the state that gives one number (...) a sample,
+            of that sample alone, or a list of such: a sample stops where one crosses zero, and
+            `sol.event` says which, when and how.
+        max_steps: adaptive steps in a run, at most.
+        first_step: s, of adaptive steps; None = found by a trial.
+        engine, lumped, conserve, rho_inf, tolerance, iterations, halvings: of implicit methods, see
+            `Stepper`.
+        checkpoint: keep the graph at sqrt(steps) instants and compute the rest again in backward:
+            long horizons then fit in memory, for one more forward. Nothing under
+            torch.autograd.forward_ad, whose derivatives go forward with the steps: they are right,
+            and need no memory of the past.
+        progress: called with (steps done, steps in all) after each step of a given length.
+    """
+
+
+class IntegratorOptions:
+    """Of torchdiffeq's methods.
+
+    Args:
+        options, adjoint: of torchdiffeq's methods, see
+            `torchbeam.dynamics.torchdiffeq_bridge.integrate`.
+        begin: of torchdiffeq's methods: (...) s, the instant of each sample from which t counts;
+            None = t is that of all.
+        project, solver: of the form "block_rate", see
+            `torchbeam.mixed.simulate.simulate_mixed`.
+    """
 
 
 @with_arguments_of(StepOptions, IntegratorOptions)
