@@ -199,6 +199,4 @@ class Placeholder:
 
 
 class Mark:
-    """A static value that says whose a tree is: of several trees it stays where all have the same
-    object, see `map_leaves`.
-    """
+    """A static value that says whose a tree is: kept where all trees have it, see `map_leaves`."""

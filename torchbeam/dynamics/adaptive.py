@@ -67,9 +67,7 @@ class ErrorCheck(NamedTuple):
 
 
 class AdaptiveRun(NamedTuple):
-    """States (time, ...) at the instants asked for, the event that a sample stopped at, the steps,
-    and their proof.
-    """
+    """States (time, ...) at the instants asked for; where a sample stopped; steps; their check."""
 
     states: State
     event: Event | None
@@ -177,9 +175,7 @@ def _times(steps: Controlled, t: Tensor) -> Tensor:
 def _proof(
     runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, count: int, most: int
 ) -> ErrorCheck:
-    """Runs by ever smaller parts of the steps until the error is proved to be within the
-    tolerance.
-    """
+    """Runs by ever smaller parts of the steps until the error is proved to be within tolerance."""
     sequence, counts = steps.sequence, steps.sequence.counts
     remaining = counts > 0
     level, status = torch.zeros_like(counts), steps.status.clone()
@@ -216,9 +212,7 @@ def _proof(
 
 
 def _again(runs: _Runs, sequence: StepSequence, level: Tensor, times: Tensor) -> State:
-    """The states of the proof, from the last two runs of each sample, with what derivatives are
-    recorded.
-    """
+    """The states of the proof, from each sample's last two runs, with recorded derivatives."""
     states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
     for last in level.unique().tolist():
         if last > 0:
@@ -281,9 +275,7 @@ def _held(
     proof: ErrorCheck,
     event: Event | None,
 ) -> State:
-    """States (time, ...) with the initial one first, those of a sample that has stopped held, and
-    their status.
-    """
+    """States (time, ...) with the initial one first, stopped samples held, and their status."""
     index = (...,) + (None,) * proof.status.ndim
     times, first = t.detach()[index].expand(states.status.shape), start.map(lambda x: x[None])
     states = states.map(lambda x, y: torch.cat((y.expand(1, *x.shape[1:]), x[1:])), first)

@@ -168,9 +168,7 @@ def natively(
 
 
 def _stacked(steps: list[Steps]) -> Steps:
-    """Steps one after the other as one of K; a sample that has failed has its status from then
-    on.
-    """
+    """Steps one after the other as one of K; a sample that failed has its status from then on."""
     fields = {name: torch.stack([step.fields[name] for step in steps]) for name in steps[0].fields}
     status, well = torch.stack([step.status for step in steps]), all(step.well for step in steps)
     for k in range(1, 1 if well else len(steps)):

@@ -104,9 +104,7 @@ class ExplicitStepper:
         return mixed_forms().rest(self.scene, self.form, shape)
 
     def __call__(self, state: Instant, *, active: Tensor | None = None, **inputs: Any) -> Instant:
-        """The state one interval later; `active`, a failing sample and its status as in
-        `Stepper`.
-        """
+        """The state one interval later; `active`, a failing sample and status as in `Stepper`."""
         values = self.scene.tensors(inputs)
         moving = state.status == 0
         if active is not None:

@@ -110,9 +110,7 @@ def states_after(stepper: Any, state: State, plan: StepPlan) -> State:
 def last_state(
     stepper: Any, state: State, begins: Tensor, held: StepInputs, active: Tensor | None
 ) -> State:
-    """The public state after steps of the stepper's length from `begins` (steps, ...) s on, with
-    the inputs held.
-    """
+    """The public state after steps of the usual length from `begins` (steps, ...) s on."""
     count, made = len(begins), None
     wanted = [False] * (count - 1) + [True]
     plan = StepPlan(stepper.dt.expand(count), begins, lambda i, j: held, active, wanted)
@@ -233,9 +231,7 @@ def _spacing(wanted: list[bool]) -> int:
 
 
 def _rows(places: list[int], count: int) -> slice | list[int]:
-    """Rows at these places among so many: by a slice where they are evenly spaced, which copies
-    nothing.
-    """
+    """Rows at these places: by a slice, which copies nothing, where they are evenly spaced."""
     gaps = {b - a for a, b in pairwise(places)}
     if not places or len(gaps) > 1:
         return places

@@ -56,9 +56,7 @@ class Span(NamedTuple):
 
 
 class StepResult(NamedTuple):
-    """What a step has made: the state after it, of a failed sample that before; status and
-    iterations (...).
-    """
+    """The state after a step, of a failed sample that before; status and iterations (...)."""
 
     state: State
     status: Tensor
@@ -74,9 +72,7 @@ def mixes_ends(model: Model) -> bool:
 
 
 class StepSolver:
-    """Solves the problem of a method for a model; engine, tolerance and limit (of iterations): see
-    `Stepper`.
-    """
+    """Solves a method's problem for a model; engine, tolerance, limit: see `Stepper`."""
 
     def __init__(
         self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int
@@ -209,9 +205,7 @@ class StepSolver:
     def natively(
         self, span: Span, K: int | None = None, every: int = 1, mixture: Tensor | None = None
     ) -> Steps | None:
-        """A solve with loads as at t, or K, see `CompiledStep`; None where they are to be made
-        eagerly.
-        """
+        """A solve with loads as at t, or K, see `CompiledStep`; None = to be made eagerly."""
         compiled = self.compiled
         if compiled is None:  # another thread has given it up
             return None
@@ -261,9 +255,7 @@ class StepSolver:
     def _in_double(
         self, span: Span, K: int | None, every: int, mixture: Tensor | None
     ) -> Steps | None:
-        """The same in float64, whose tangents are the law's own where float32 makes ordinary strips
-        of metal softer.
-        """
+        """The same in float64, as float32 makes ordinary strips of metal softer in tangents."""
 
         def wide(x: Tensor | None) -> Tensor | None:
             return None if x is None else x.to(torch.float64)
@@ -295,7 +287,5 @@ class StepSolver:
 
     @property
     def _least(self) -> float:
-        """Cosine of half the angle that a node may turn by up to where the unknown of its rotation
-        is.
-        """
+        """Cosine of half the angle that a node may turn by up to where its unknown is."""
         return math.cos(TURN * self.method.PART / 2)

@@ -25,10 +25,9 @@ from ..scene.effects import Inputs
 from ..scene.inputs import by_name
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
-from ..state.optional_fields import with_optional_fields
 from ..state.start import on_supports
 from ..state.state import State, rest
-from ..state.state_check import check_state, of_mesh
+from ..state.state_check import check_state, of_mesh, with_optional_fields
 from .composition import in_parts, natively, step
 from .failure import Failures
 from .instants import StepEnd, begins_of, exact, rounded
@@ -333,9 +332,7 @@ class Stepper:
         return None if last is None else last.if_same(state)
 
     def reduced(self, state: State) -> State:
-        """A state in the space's coordinates, with all that the scene has, and the batch's axes on
-        every field.
-        """
+        """A state in the space's coordinates, with all that the scene has, fields broadcast."""
         known = self._known(state)
         if known is not None:
             return known.reduced

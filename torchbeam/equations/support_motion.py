@@ -24,9 +24,7 @@ class SupportPose(NamedTuple):
 
 
 class ClampMotion(NamedTuple):
-    """Absolute velocity (..., p), frame a, and spin (..., s), section axes, of a clamp at the end
-    of the step.
-    """
+    """Velocity (..., p), frame a, and spin (..., s), section axes, of a clamp at a step's end."""
 
     node: int
     velocity: Tensor

@@ -237,9 +237,7 @@ def _critical_load(
 
 
 def _first(factors: Tensor, kind: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The bracket of the first factor (P, ...) that is not stable, and its kind; where all are, the
-    last one twice.
-    """
+    """The bracket of the first unstable factor (P, ...), and its kind; without one the last."""
     lost = kind != STABLE
     any_lost = lost.any(0)
     at = torch.where(any_lost, lost.to(torch.int8).argmax(0), len(kind) - 1)[None]

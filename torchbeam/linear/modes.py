@@ -75,9 +75,7 @@ class Modes:
 
     @property
     def damping_ratio(self) -> Tensor:
-        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth; 0 of a
-        rigid motion.
-        """
+        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, below 0 for growth."""
         size = self.eigenvalue.abs()
         return -self.eigenvalue.real / torch.where(size == 0, 1, size)
 

@@ -188,9 +188,7 @@ def _linear(
 
 
 def _refuse_rates(model: Model, G: Tensor, massless: Tensor, creeps: bool) -> None:
-    """ValueError for derivatives that an input G (..., n + Z, m) on what is massless would make
-    follow its rate.
-    """
+    """ValueError for derivatives that an input G (..., n + Z, m) would make follow its rate."""
     by = (model.inertia.rotary, *(() if creeps else model.scene.dampings))
     if wants_gradient(*by) and (G.detach()[..., : len(massless), :][..., massless, :] != 0).any():
         raise ValueError(

@@ -117,9 +117,7 @@ def augmented(
 def of_nodes(
     model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
 ) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
-    """The same of all nodes (D None without damping or rotation), and what loads with internal
-    states add.
-    """
+    """The same of all nodes (D None: no damping, rotation), and what internal states add."""
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
@@ -179,9 +177,7 @@ def _zeros(model: Model, x: Configuration) -> Matrix:
 
 
 def _resists(load: Any) -> bool:
-    """Whether it may depend on rates at an instant: contact without friction and damping does so in
-    a step alone.
-    """
+    """Whether it may depend on rates at an instant: lossless contact does so in a step alone."""
     return load.lossy if isinstance(load, ContactTerms) else True
 
 

@@ -204,9 +204,7 @@ class _BlockRate:
 
 
 def _energy(model: MixedModel, state: MixedState) -> Energy:
-    """Kinetic sum h z.Mass z, strain sum h e.S^-1 e (2 h is the element's length); the loads' work
-    is not integrated.
-    """
+    """Kinetic sum h z.Mass z, strain sum h e.S^-1 e; the loads' work is not integrated."""
     z = torch.cat((state.V, state.Omega), -1)
     kinetic, strain = (
         (model.h * v * mv(matrix, v)).sum((-2, -1))

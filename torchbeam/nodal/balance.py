@@ -69,9 +69,7 @@ class Residual(NamedTuple):
         return length.square() * forces + moments
 
     def _left(self) -> tuple[Tensor, Tensor]:
-        """(..., n, *) what is left of the forces and the moments of nodes that nothing holds,
-        beyond rounding.
-        """
+        """(..., n, *) what is left of forces and moments of free nodes, beyond rounding."""
         left = self.nodes.detach().abs() - self.rounding
         free = self.constraints.unknowns.select(left).clamp(min=0)
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
@@ -134,9 +132,7 @@ class CondensedTangent(NamedTuple):
 
 
 class Linearisation(NamedTuple):
-    """The condensed tangent; constants (detached) of one Newton step or of the implicit function
-    theorem.
-    """
+    """The condensed tangent; constants of one Newton step or of the implicit function theorem."""
 
     assembly: Assembly
     constraints: Constraints
@@ -193,16 +189,12 @@ class Linearisation(NamedTuple):
 
 
 def same_law(C: Tensor, law: Tensor) -> Tensor:
-    """(...) bool: whether C of a tangent is that of the law in all elements
-    (..., N or 1, k, k or 1).
-    """
+    """(...) bool: whether C of a tangent is the law's in all elements (..., N or 1, k, k or 1)."""
     return (C == law.detach()).flatten(-3).all(-1)
 
 
 def pushed_by(force_operator: Tensor, stiffness: Tensor, g_strain: Tensor) -> Tensor:
-    """h B^T C g_eps (..., N, p + 2 s): what an element's constitutive residual asks of its
-    nodes.
-    """
+    """h B^T C g_eps (..., N, p + 2 s): what an element's constitutive residual asks of nodes."""
     return (force_operator.mT @ times(stiffness, g_strain[..., None]))[..., 0]
 
 

@@ -129,9 +129,7 @@ class DrivenJoints(Joints):
         return nodes, stacked(gap, self.held * (product - driven.offset))
 
     def efforts(self, now: Any) -> Tensor | None:
-        """Sizes of efforts as joints are drawn, those that are given and those by limits that
-        exclude this.
-        """
+        """Sizes of efforts as joints are drawn: given ones, and of limits that exclude this."""
         values: JointValues = now.joints
         drawn = torch.zeros_like(self.c)
         laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
@@ -150,9 +148,7 @@ class DrivenJoints(Joints):
         by_end = self.coordinate_by(placed.end, driven.step.after)  # (..., J, m, 12)
 
         def more(v: Vector, push: Tensor) -> Tensor:
-            """By the coordinate after the step: of the effort, and of the direction in which forces
-            act.
-            """
+            """By the coordinate after the step: of the effort, and of the forces' direction."""
             middle = self._middle(driven.step) + torch.pi / 2 * self.angles
             across = self._gradient(v, self.turned(middle).at(placed.acting))
             turning = force[..., None] * (self.angles[..., None] * across)
@@ -181,9 +177,7 @@ class DrivenJoints(Joints):
         return self.balls.to_joints(M, -2, self.count)
 
     def _ball_stiffness(self, motion: Placed, rate: float) -> Tensor:
-        """(..., J, 12, 12): of what they add to the balances of both ends, by half the moves of
-        the ends.
-        """
+        """(..., J, 12, 12): what they add to the balances of both ends, by half the ends' moves."""
         by = self.balls.moment_by(self._ball_step(motion), motion.acting, motion.end, rate)
         none = torch.zeros_like(by[..., :3])
         by = torch.cat((none, by[..., :3], none, by[..., 3:]), -1)

@@ -132,9 +132,7 @@ def telling(rows: Rows, nodes: Nodes, now: Conditions) -> Told:
 
 
 def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
-    """Mass (..., N+1, w, w) that loads add by their derivative by the accelerations; 0.0 where
-    there is none.
-    """
+    """Mass (..., N+1, w, w) that loads add by their derivative by accelerations; 0.0 = none."""
     total, loads = 0.0, tuple(acting for acting in now.loads if acting.reads.intersection(INERTIAL))
     for acting, point in load_points(rows, nodes, now, loads):
         blocks = acting.load.tangent(point, now.t, now.inputs)
@@ -176,9 +174,7 @@ def wrench(space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Input
 def wrench_tangent(
     space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian
 ) -> Tensor | float:
-    """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is
-    none.
-    """
+    """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 = none."""
     blocks = wrench_blocks(space, load, point, t, inputs, by)
     return _by_moves(space, blocks, by, 0.0)
 

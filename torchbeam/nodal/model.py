@@ -50,9 +50,7 @@ class Model(Rows):
 
     @cached
     def acts(self) -> tuple[ActingLoad, ...]:
-        """All loads of the scene; of a structure in the pieces in which they act along its
-        parts.
-        """
+        """All loads of the scene; of a structure in the pieces that act along its parts."""
         scene = self.scene
         acts = acting(self, scene.loads, scene.internal_states)
         acts += acting(self, scene.interactions, (0,) * len(scene.interactions))
@@ -140,9 +138,7 @@ class Model(Rows):
         return frame_of(self.space, *self.prescribed_motion.frame(t))
 
     def orientation(self, t: Tensor) -> Tensor | None:
-        """Frame a -> inertial axes at time t, in the space's coordinates; None where it does not
-        turn.
-        """
+        """Frame a -> inertial axes at time t, in the space's coordinates; None = no turn."""
         frame = orientation(self.scene, t.shape, t)
         return None if frame is None else self.space.reduced_frame(frame)
 

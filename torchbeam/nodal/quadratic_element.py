@@ -114,9 +114,7 @@ def forces(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
 
 
 def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
-    """B (..., 2 N, 6, 12): d[gamma; kappa] = B (dr', beta_1, alpha_2, beta_3), frame a -> frame
-    B.
-    """
+    """B (..., 2 N, 6, 12): d[gamma; kappa] = B (dr', beta_1, alpha_2, beta_3), a -> B."""
     h, Rt = length[..., None], kin.R.mT
     turn, (A, A_x) = Rt @ skew(kin.d), (_turning(w)[..., 1:, :] for w in (kin.w, kin.w_x))
     by_r, by_spin, *by_spins = broadcast_matrices(

@@ -10,9 +10,7 @@ from torch.nn.functional import pad
 
 
 class Base(NamedTuple):
-    """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are
-    about.
-    """
+    """A part that moves as a rigid one: name, nodes, and the one that rotations are about."""
 
     name: str
     nodes: slice
@@ -34,9 +32,7 @@ def bases_of(model: Any) -> list[Base]:
 
 
 def moves_of(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
-    """Displacements m and rotations (..., 6 of each part, N+1, 3) of all nodes by each rigid
-    motion.
-    """
+    """Displacements m and rotations (..., 6 of each part, N+1, 3) of nodes by rigid motions."""
     eye, parts = torch.eye(6).to(nodes), []
     for base in bases:
         moved_nodes = nodes[..., base.nodes, :]

@@ -60,9 +60,7 @@ class ElementRows(Tree):
 
 
 class Held(NamedTuple):
-    """What supports hold: of each its node and what is fixed (w) of it; nodes and axes of
-    hinges.
-    """
+    """What supports hold: of each its node and what is fixed (w) of it; hinges' nodes and axes."""
 
     nodes: tuple[int, ...]
     fixed: tuple[Tensor, ...]
@@ -259,8 +257,6 @@ class Rows(Tree):
     def strain_energy(
         self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0
     ) -> Tensor:
-        """(...) J; an impossible strain stores none, whatever a start or rounding has left of
-        it.
-        """
+        """(...) J; an impossible strain stores none, whatever a start or rounding has left."""
         e = self.strain(self.kinematics(position, rotation)) - eigenstrain
         return (self.length * self.law.energy(e)).sum((-1, -2))

@@ -53,9 +53,7 @@ class SurfacePairs(TouchingPairs):
     POINTS: ClassVar[tuple[int, ...]] = (0, 0, 0, 1, 1, 1)
 
     def of(self, shape: type[Obstacle] | None) -> TouchingPairs:
-        """Pairs of these constants whose surfaces have this shape; None = whose pieces are
-        curves.
-        """
+        """Pairs of these constants whose surfaces have this shape; None = pieces are curves."""
         if shape is not None:
             return replace(self, shape=shape)
         return TouchingPairs(
@@ -194,9 +192,7 @@ class SurfacePairs(TouchingPairs):
         return (through & (self.measure > 0)).any(-1)
 
     def _seen(self, points: PairMotion) -> tuple[Tensor, Tensor]:
-        """(..., U, 3) m: the place in the body's axes before and after a step; at an instant the
-        same twice.
-        """
+        """(..., U, 3) m: the place in the body's axes before and after a step; or it twice."""
         x, half = points.position, points.half
 
         def seen(x: Tensor, R: Tensor) -> Tensor:

@@ -90,9 +90,7 @@ class PartContact(Tree):
         return torch.stack(torch.broadcast_tensors(*map(widest, self.profiles)), -1)
 
     def _at_nodes(self, part: int, near: Nearby) -> Tensor | None:
-        """(..., U, 3) m of the nodes of places (0), or of pieces (1); None where it is the same all
-        along.
-        """
+        """(..., U, 3) m of nodes of places (0), or of pieces (1); None = the same all along."""
         profile, first = self.profiles[part], 3 * part
         if not isinstance(profile, Table):
             return None
@@ -128,9 +126,7 @@ class PartContact(Tree):
         return remembered(_allowed, *self.along, count, s, radii, self.contact.apart)
 
     def nearby(self, motion: PairMotion, skin: Tensor | float = 0.0) -> Nearby:
-        """Those with no more than a skin m of `slack`; all pairs where samples are seen one at a
-        time.
-        """
+        """Those with no more than a skin m of `slack`; all where samples are seen one at a time."""
         if mapped(motion.position):
             pairs = self._every
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
@@ -155,9 +151,7 @@ class PartContact(Tree):
         return slack
 
     def ball_slack(self, motion: PairMotion) -> Tensor:
-        """(..., n, K) m: the same of balls about the nodes of places and of pieces, in which these
-        are.
-        """
+        """(..., n, K) m: the same of balls about the nodes of places and pieces that hold these."""
         x = concrete(motion.position.detach())
 
         def ball(triples: Tensor) -> tuple[Tensor, Tensor]:

@@ -248,9 +248,7 @@ class Scene(Tree):
 
     @cached
     def stress_count(self) -> int:
-        """How many rows a state's stress has: behind those of the beam own unknowns of
-        interactions.
-        """
+        """How many rows a state's stress has: the beam's, then own unknowns of interactions."""
         return self.beam.stress_count + sum(
             bool(interaction.unknowns) for interaction in self.interactions
         )

@@ -165,9 +165,7 @@ def _of_some(
     control: Control,
     search: Search | None,
 ) -> Outcome | None:
-    """`_iterate` of some samples alone; None where there are none such, or the problem cannot be
-    taken apart.
-    """
+    """`_iterate` of some samples alone; None where there are none, or they cannot be parted."""
     try:
         part = few.gather(problem) if few is not None and isinstance(problem, Tree) else None
     except NotSeparable:

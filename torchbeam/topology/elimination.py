@@ -170,9 +170,7 @@ def _joined(line: Tensor, last: Tensor) -> Tensor:
 
 
 def restored(line: Line, rows: Rows, interface: Tensor | None) -> Tensor:
-    """x (..., runs n, w) of a line's nodes, of its rows and the interface's solution
-    (..., count, w).
-    """
+    """x (..., runs n, w) of a line's nodes, by its rows and the interface's (..., count, w)."""
     ahead, y = rows
     after = None
     if line.towards:

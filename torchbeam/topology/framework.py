@@ -89,9 +89,7 @@ class Framework:
 
     @cached_property
     def ends_first(self) -> Places:
-        """Where each node is in the row of those inside no element, and behind them those inside
-        one.
-        """
+        """Where each node is in the row of those inside no element, then those inside one."""
         row = {node: k for k, node in enumerate((*self.ends, *self.elements[1]))}
         return even(row[node] for node in range(self.node_count))
 
@@ -167,9 +165,7 @@ class Framework:
         return (i, j), (j, i), *far
 
     def at_joints(self, x: Tensor) -> Tensor:
-        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of joints; zeros at
-        the ground.
-        """
+        """Nodes (..., nodes, w) -> values (..., J, 2, w) at joints' ends; 0 at the ground."""
         ends = take(x, self._joined).unflatten(-2, (-1, 2))
         return ends * self._not_ground(x) if self._grounded else ends
 
@@ -185,9 +181,7 @@ class Framework:
         return tuple(tuple(row for row in tie if row is not None) for tie in rows)
 
     def of_ties(self, blocks: Tensor) -> Tensor:
-        """Blocks (..., J, n, n, w, w) of joints, or of their ends alone -> (..., m, w, w) of their
-        ties.
-        """
+        """Blocks (..., J, n, n, w, w) of joints, or of ends -> (..., m, w, w) of their ties."""
         n, blocks = blocks.shape[-3], blocks.flatten(-5, -3)
         if not self._grounded:
             return blocks

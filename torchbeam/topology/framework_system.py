@@ -44,9 +44,7 @@ class FrameworkSystem:
         return self.D, self.U, self.L, self.tied, self.held
 
     def solve(self, b: Tensor, constant: bool = True) -> Tensor:
-        """b (..., nodes + J, w): behind the nodes what constraints are to change by; multipliers
-        then.
-        """
+        """b (..., nodes + J, w): behind the nodes what constraints change by; multipliers then."""
         n, unknowns, middle = self.framework.node_count, self.unknowns, None
         nodes, forces = (b, None) if self.held is None else b.split((n, b.shape[-2] - n), -2)
         if unknowns.partial or self.cut.holds(unknowns.held):

@@ -35,9 +35,7 @@ class Midside(NamedTuple):
     to_j: Tensor
 
     def condense(self, b: Tensor) -> tuple[Tensor, Tensor]:
-        """Right-hand sides (..., nodes, w) -> of the end nodes; D^-1 b (..., N, w) of the
-        others.
-        """
+        """Right-hand sides (..., nodes, w) -> of the end nodes; D^-1 b (..., N, w) of others."""
         of = self.framework
         alone = solve_in_order(*broadcast_matrices(self.D, take(b, of.elements[1])[..., None]))
         push = (self.to_i @ alone)[..., 0], (self.to_j @ alone)[..., 0]

@@ -154,9 +154,7 @@ class Elimination:
         return parent
 
     def _spanned(self, fixed: frozenset[int]) -> dict[int, list[tuple[int, int]]]:
-        """Of each node, and of the ground behind them, its neighbours in trees and the constraints
-        between.
-        """
+        """Of each node, and of the ground behind them, its neighbours in trees and constraints."""
         ground, tree = self.nodes, {k: [] for k in range(self.nodes + 1)}
         root = {k: ground if k in fixed else k for k in tree}
 

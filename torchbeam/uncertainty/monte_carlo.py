@@ -197,9 +197,7 @@ def chunk_of(out: str | Path | None) -> int | None:
 def _law_and_samples(
     laws: Any, theta: Value | None, n: int | None, dtype: torch.dtype | None, correlation: Any
 ) -> tuple[JointLaw, Tensor | None]:
-    """The joint law, and None; or names as one that is not used, and samples of the user's own
-    (n, p).
-    """
+    """The joint law, and None; or names as one that is not used, and the user's samples (n, p)."""
     if theta is None:
         return JointLaw.of(laws, correlation), None
     if correlation is not None:

@@ -21,12 +21,11 @@ from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
 from ...statics.equilibrium import equilibrium
 from .convergence import Convergence, TriedSetting
-from .limits import Limits
 from .notes import notes
 from .reading import Reader, takes_scene
 from .remesh import least_elements, remesh
 from .search import Checked, Search
-from .setting import Setting
+from .setting import Limits, Setting
 from .trials import TrialRuns
 
 Report = Callable[[int, Setting], None]

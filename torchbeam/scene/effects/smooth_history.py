@@ -130,9 +130,7 @@ class SmoothHistory(FunctionOfTime):
         return value
 
     def rate(self, order: int, t: Value | None = None) -> Tensor:
-        """(..., m, k) values (order 0), velocities (1) or accelerations (2) at t (m,); None = the
-        record's.
-        """
+        """(..., m, k) values (order 0), velocities (1), accelerations (2) at t (m,)."""
         times = self.t if t is None else as_tensor(t, self.t.dtype, self.t.device)
         place = torch.searchsorted(self._breaks, times.detach(), right=True) - 1
         k = place.clamp(0, len(self._breaks) - 2)
