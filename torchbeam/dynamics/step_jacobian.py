@@ -25,7 +25,9 @@ class Coordinates(Protocol):
     reads: Tensor
 
     def slopes(self, state: State) -> tuple[Tensor, Tensor]:
-        """dz/dm (..., n, moves) and dm/dz (..., moves, n) by moves of a reduced state."""
+        """dz/dm (..., n, moves) and dm/dz (..., moves, n) by moves of a state in the space's
+        coordinates.
+        """
 
 
 class StepSlopes(NamedTuple):

@@ -100,7 +100,9 @@ class Chart:
         return (self.solve @ torch.cat([x.expand(*lead, -1) for x in parts], -1)[..., None])[..., 0]
 
     def coordinates(self, state: State) -> Tensor:
-        """[q; q'; internal states less own ones] (..., 2 w (N+1) + Z) of a reduced state."""
+        """[q; q'; internal states less own ones] (..., 2 w (N+1) + Z) of a state in the space's
+        coordinates.
+        """
         rate = (
             self.by_moves(state.position, state.rotation)
             @ self.velocity(state).flatten(-2)[..., None]
@@ -255,7 +257,9 @@ class Chart:
         return (now - before,)
 
     def _independent(self, moves: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """`solve` and `independent` of fewer coordinates, of moves (..., w (N+1), n)."""
+        """`solve` and `independent` of fewer coordinates, of moves (..., w (N+1), n), by as many of
+        the rows.
+        """
         all_rows, rows, w, bases = rows, rows @ moves, self.space.unknowns, len(self.bases)
         at = torch.arange(rows.shape[-2], device=rows.device)
         strains = bases * w + self.strain.shape[-2:].numel()
@@ -283,7 +287,9 @@ class Chart:
         return self.space.of_nodes(base).logarithm_by_turn(self.turned(rotation, base)).mT
 
     def velocity(self, state: State) -> Tensor:
-        """Velocity and spin (..., N+1, w) of nodes, frame a, beside those of the model's motion."""
+        """Velocity and spin (..., N+1, w) of the nodes, frame a, beside those of the model's own
+        motion.
+        """
         space, reference = self.space, self.own
         before = space.to_frame(reference.rotation, reference.spin)
         velocity = state.velocity - reference.velocity - self._carried(before, state.position)

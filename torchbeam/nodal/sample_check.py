@@ -21,7 +21,8 @@ from ..core.leaves import own_leaves, with_values
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, Load, LoadEffect, LoadPoint
-from ..scene.effects.load_point import of_library, together
+from ..scene.effects.effect import of_library
+from ..scene.effects.load_point import together
 
 # fields of a point and their axes, those of sites along the beam apart
 MOTION = ("position", "velocity", "spin", "acceleration", "angular_acceleration", "internal")

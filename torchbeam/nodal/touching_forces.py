@@ -267,7 +267,7 @@ class ScenePairs(ContactPairs):
 
 
 @dataclass(frozen=True)
-class SinglePair(ContactPairs):
+class OnePair(ContactPairs):
     """Of six nodes, which are all that there are."""
 
     pairs: TouchingPairs

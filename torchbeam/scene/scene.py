@@ -36,8 +36,8 @@ from .body import Body
 from .effects import Damping, Effect, Inputs, PerElement, inputs_of
 from .effects.contact_defaults import with_defaults
 from .effects.contact_terms import ContactTerms
+from .effects.effect import of_library
 from .effects.interaction import Interaction
-from .effects.load_point import of_library
 from .effects.tendon import Tendon
 from .inputs import input_tensors
 from .joined import joints_of

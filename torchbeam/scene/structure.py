@@ -17,7 +17,7 @@ from ..math.shapes import stacked
 from ..topology.framework import Framework
 from .beam import Beam
 from .body import Body
-from .effects.load_point import Effect
+from .effects.effect import Effect
 from .effects.obstacle import Obstacle
 from .effects.point_mass import PointMass
 from .parts import FLAGS, Part, Row, Span, part_of, row_of

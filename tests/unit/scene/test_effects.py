@@ -17,7 +17,7 @@ from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
-from torchbeam.scene.effects.load_point import Effect
+from torchbeam.scene.effects.effect import Effect
 
 N, SMALL = 16, 1e-4
 SECTION = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=0.8, EI=1.0, mass=0.5, inertia=0.01)

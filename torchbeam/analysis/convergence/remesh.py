@@ -20,8 +20,8 @@ from ...scene.beam import Beam
 from ...scene.beam_arguments import check_order
 from ...scene.beam_recipe import recipe_of, remade, whole_parts
 from ...scene.effects import Actuation, Load, PerElement
+from ...scene.effects.effect import Effect
 from ...scene.effects.interaction import Interaction
-from ...scene.effects.load_point import Effect
 from ...scene.effects.tendon import Tendon
 from ...scene.effects.values import AtSites, Input
 from ...scene.scene import Scene

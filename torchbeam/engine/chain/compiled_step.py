@@ -20,7 +20,7 @@ from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
-from ...scene.effects.load_point import of_library
+from ...scene.effects.effect import of_library
 from ...state.state import State
 from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions

@@ -22,7 +22,7 @@ from ...nodal.joint_motion import NO_VALUES, JointValues
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs, Pose
-from ...scene.effects.load_point import of_library
+from ...scene.effects.effect import of_library
 from ...state.state import State, rest
 from .chain_constants import (
     HELD,

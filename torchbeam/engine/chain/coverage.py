@@ -13,7 +13,7 @@ from ...core.arguments import choice
 from ...core.leaves import own_leaves
 from ...core.surroundings import Surroundings, Unsteady
 from ...nodal.model import Model
-from ...scene.effects.load_point import of_library
+from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .compiled_step import FUNCTIONS, CompiledStep

@@ -10,7 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from ...nodal.surface_pairs import SurfacePairs
-from ...nodal.touching_forces import SinglePair, of_nodes
+from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction import PAIR_SIDES
@@ -74,7 +74,7 @@ class PairFunctions(LocalProblems):
             pairs = replace(pairs, taper=None)
         if not kind.damps:
             pairs = replace(pairs, damping=None)
-        touching = SinglePair(ends.rows.space, self.model.touching.moves.detach(), pairs)
+        touching = OnePair(ends.rows.space, self.model.touching.moves.detach(), pairs)
         problem, x = self._problem(
             replace(ends.rows, touching=touching), None, ends.common, ends.given, ends.now
         )

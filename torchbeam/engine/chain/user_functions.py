@@ -20,7 +20,8 @@ from ...nodal.model import Model
 from ...nodal.sample_check import check_samples, tried
 from ...nodal.sample_check import written as functions_of
 from ...scene.effects import Inputs, Load, LoadPoint
-from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, of_library, together
+from ...scene.effects.effect import of_library
+from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
 from ..compiler.readings import NotTraceable, Readings, Ungraded
 from .constants import Constants
 from .local_problem import OwnBatch

@@ -17,6 +17,7 @@ from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
+from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
 from .load_point import (
@@ -27,7 +28,6 @@ from .load_point import (
     ROTATION,
     SPIN,
     VELOCITY,
-    Effect,
     LoadEffect,
     LoadPoint,
     Pose,

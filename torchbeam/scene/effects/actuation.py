@@ -14,7 +14,7 @@ from ...core.declared import one_of
 from ...core.leaves import leaf, option
 from ...core.validation import Value, refusal
 from ...math.shapes import stacked
-from .load_point import Effect
+from .effect import Effect
 from .values import Along, Inputs, LoadValue, PerElement, line_value, value_at
 
 

@@ -12,7 +12,8 @@ from ...core.arguments import boolean
 from ...core.leaves import leaf, option
 from ...core.validation import Value, as_tensor, common_dtype, finite, refusal
 from ...math.quaternions import skew
-from .load_point import ROTATION, SPIN, VELOCITY, Effect, LoadEffect, LoadPoint, Wrench
+from .effect import Effect
+from .load_point import ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench
 from .values import Inputs
 
 

@@ -233,14 +233,6 @@ class LoadEffect(Tree):
         return None
 
 
-Effect = LoadEffect  # of whatever kind
-
-
-def of_library(effect: Any) -> bool:
-    """Whether an effect's class is torchbeam's own."""
-    return type(effect).__module__.startswith(f"{Effect.__module__.rpartition('.')[0]}.")
-
-
 def at_instant(tree: Tree, t: Tensor, inputs: Inputs, like: Tensor, **parts: Tree) -> Tree:
     """A tree with numbers in the place of functions of t and of inputs among its own leaves, and
     with these `parts` of it; itself where that changes nothing.

@@ -23,7 +23,7 @@ from ...core.validation import (
 from ...core.validation import inertia as check_inertia
 from ...math.quaternions import skew
 from ..parts import Place
-from .load_point import Effect
+from .effect import Effect
 from .loads import at_offset
 
 

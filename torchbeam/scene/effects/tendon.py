@@ -17,7 +17,7 @@ from ...core.validation import Value, axis_last, concrete, refusal, shown
 from ...math import quaternions as quat
 from ..beam import Beam
 from ..parts import end_of_element, large_rotations
-from .load_point import Effect
+from .effect import Effect
 from .values import Input, OfTime, scalar_value
 
 WORDS = "an eyelet's node", "an eyelet at"
