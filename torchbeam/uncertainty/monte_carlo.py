@@ -101,6 +101,7 @@ def monte_carlo(
         theta: (n, p) samples of your own in place of a design; `laws` are then names alone, or laws
             that are not used
         design: "sobol", or "plain": independent samples
+        seed: a whole number, by which samples are the same again
         replicates: independent Sobol sequences that the n are shared out to, from whose scatter
             intervals come: 16 are a good number, and each best a power of two. None: one sequence,
             whose intervals are those of independent samples, too wide
