@@ -6,6 +6,8 @@ from typing import Any
 
 import griffe
 
+from torchbeam.core.docstrings import with_entries
+
 GROUP = re.compile(r"^    (\*{0,2}\w+(?:, \*{0,2}\w+)+): (.*(?:\n {5,}.*)*)", re.M)
 
 
@@ -52,6 +54,20 @@ class WhatIsWrapped(griffe.Extension):
                     if other is not None:
                         function.parameters, function.returns = other.parameters, other.returns
                         function.docstring = other.docstring
+
+
+class WhatRecordsSay(griffe.Extension):
+    """A function under `@with_arguments_of(records)` with what these say of its arguments."""
+
+    def on_package(self, *, pkg: griffe.Module, loader: griffe.GriffeLoader, **kwargs: Any) -> None:
+        for function in _functions(pkg):
+            for decorator in function.decorators:
+                call = decorator.value
+                if isinstance(call, griffe.ExprCall) and str(call.function) == "with_arguments_of":
+                    for record in call.arguments:
+                        said = loader.modules_collection[record.canonical_path].docstring.value
+                        text = with_entries(function.docstring.value, said)
+                        function.docstring.value = text
 
 
 def _functions(scope: griffe.Object) -> Iterator[griffe.Function]:

@@ -30,12 +30,13 @@ ABOUT = (
 
 
 class HouseNumber(NamedTuple):
-    """A number, and what it is to be at most; the worst of those that are counted."""
+    """A number, and what it is to be at most; the worst of those that are counted, and all."""
 
     what: str
     now: int
     aim: int
     worst: str = ""
+    above: tuple[str, ...] = ()
 
 
 @cache
@@ -94,10 +95,10 @@ def bound() -> Counter[str]:
 
 
 def over(what: str, counts: dict[str, int], most: int) -> HouseNumber:
-    """How many are above it."""
-    worst = max(counts, key=lambda name: counts[name])
-    number = sum(count > most for count in counts.values())
-    return HouseNumber(f"{what} {most}", number, 0, f"{worst} ({counts[worst]})" * bool(number))
+    """How many are above it, and which, the worst first."""
+    names = sorted(counts, key=lambda name: -counts[name])
+    above = tuple(f"{name} ({counts[name]})" for name in names if counts[name] > most)
+    return HouseNumber(f"{what} {most}", len(above), 0, next(iter(above), ""), above)
 
 
 def rows() -> Iterator[HouseNumber]:
@@ -119,7 +120,11 @@ def study(options: Namespace) -> Report:
     numbers = list(rows())
     shown: Callable[[int], str] = "{:,}".format
     lines = ((row.what, shown(row.now), shown(row.aim), row.worst) for row in numbers)
-    return Report([ABOUT, table("what | now | at most | worst", lines, 1)], numbers)
+    parts = [ABOUT, table("what | now | at most | worst", lines, 1)]
+    if options.all:
+        each = [(row.what, name) for row in numbers for name in row.above]
+        parts.append(table("what | which", each, 2))
+    return Report(parts, [row._replace(above=()) for row in numbers])
 
 
 main = Study(
@@ -128,6 +133,7 @@ main = Study(
     "bases.",
     "Counts what the library is made of, beside what it is to become.",
     study,
+    options={"--all": dict(action="store_true", help="name all that are above, not the worst")},
     out=False,
     dtype=None,
 )

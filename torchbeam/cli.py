@@ -50,17 +50,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def commands() -> dict[str, EntryPoint]:
-    """Every installed command, by name; `info` is there even where torchbeam runs without being
-    installed.
-    """
+    """Every installed command, by name; `info` even where torchbeam is not installed."""
     here = {"info": EntryPoint("info", "torchbeam.cli:info", GROUP)}
     return {**here, **{entry.name: entry for entry in entry_points(group=GROUP)}}
 
 
 def info(argv: Sequence[str]) -> None:
-    """Versions, precision and threads: what a bug report should say; or what a scene has and
-    needs.
-    """
+    """Versions, precision, threads: what a bug report should say; or what a scene has and needs."""
     parser = argparse.ArgumentParser(prog="python -m torchbeam info", description=info.__doc__)
     parser.add_argument(
         "scene",

@@ -145,4 +145,4 @@ def test_diagrams_are_drawn(site):
     diagrams = site.beside("diagrams")
     files = {path.name for path in (ROOT / "docs/figures/diagrams").glob("*")}
     assert files == {diagrams.picture_of(source).name for source in diagrams.diagrams()}
-    assert "mermaid" not in site.with_diagrams((ROOT / "docs/architecture.md").read_text())
+    assert "mermaid" not in site.with_diagrams((ROOT / "docs/compiled_engine.md").read_text())

@@ -1,6 +1,7 @@
 """The harness of studies: what a declared study reads, goes on from, writes and refuses."""
 
 import json
+import re
 from dataclasses import dataclass
 
 import pytest
@@ -8,6 +9,11 @@ import pytest
 from studies.__main__ import COMMANDS, MODULES
 from studies.harness import Refused, Report, Study
 from studies.house import main as house
+
+# folders of the library whose files, functions and classes are not all within bounds yet
+UNDER_WAY = tuple(
+    f"torchbeam/{folder}" for folder in ("engine", "statics", "analysis/identification")
+)
 
 
 @dataclass
@@ -113,7 +119,11 @@ def test_every_command_is_a_study(name, capsys):
 
 
 def test_house(capsys):
-    """Numbers that are there, and that are told beside their aims."""
-    assert house([]) == 0
+    """Numbers that are there, beside their aims; what is reached in the folders that are done stays
+    so: no file, function or list of bases there is above its bound.
+    """
+    assert house(["--all"]) == 0
     text = capsys.readouterr().out
     assert "| lines of torchbeam/ | " in text and "names `own`" in text
+    above = re.findall(r"are more than \d+ \| (torchbeam.*)", text)
+    assert [row for row in above if not row.replace(".", "/").startswith(UNDER_WAY)] == []

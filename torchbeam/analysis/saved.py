@@ -99,10 +99,10 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
         return what
     what = _map(lambda x: x.to(scene.device), what)
     _fits(what, scene)
-    own = {} if known is None else _digests(scene)
+    digests = {} if known is None else _digests(scene)
     differ = [
         name
-        for name, digest in own.items()
+        for name, digest in digests.items()
         if None not in (known.get(name, ""), digest) and known.get(name, "") != digest
     ]
     if differ:

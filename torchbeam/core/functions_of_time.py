@@ -90,7 +90,7 @@ def _called(function: Callable[[Tensor], Any], t: Tensor) -> Any:
         ) from error
 
 
-def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
+def at_time(function: Callable[[Tensor], Any], t: Tensor, axes: int = 1) -> Any:
     """function(t) for t (...): a tensor of the leading axes of t and of what the function returns,
     then its `own` axes; or a tuple of such and None, as it returns. The function gets a
     0-dimensional t.
@@ -112,7 +112,7 @@ def at_time(function: Callable[[Tensor], Any], t: Tensor, own: int = 1) -> Any:
     size = count if count <= MANY else 1  # the first tells how large an answer is
     while first < count:
         values = _each(present, instants[first : first + size])
-        picked = _picked(values, picked, first, place, t.shape, own)
+        picked = _picked(values, picked, first, place, t.shape, axes)
         first += size
         size = max(1, ROOM // max(1, *(v[0].numel() for v in values)))
     rest = iter(picked)
@@ -136,7 +136,7 @@ def _picked(
     first: int,
     place: Tensor | None,
     shape: torch.Size,
-    own: int,
+    axes: int,
 ) -> list[Tensor]:
     """Each sample's own entry of values (instants, ..., own axes), those of the instants from
     `first` on; the others' as `found`. `place` (...): numbers of the samples' instants; None = they
@@ -148,15 +148,15 @@ def _picked(
     inside = (here >= 0) & (here < len(values[0]))
     picked = []
     for k, value in enumerate(values):
-        lead, last = value.shape[1 : value.ndim - own], value.shape[value.ndim - own :]
+        lead, last = value.shape[1 : value.ndim - axes], value.shape[value.ndim - axes :]
         full = broadcast_shapes(shape, lead)
         value = value.reshape(len(value), *(1,) * (len(full) - len(lead)), *lead, *last).expand(
             -1, *full, *last
         )
-        at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * own)]
+        at = here.clamp(0, len(value) - 1).expand(full)[(None, ..., *(None,) * axes)]
         entry = value.gather(0, at.expand(1, *full, *last))[0]
         if chosen is not None:
-            entry = torch.where(inside[(..., *(None,) * own)], entry, chosen[k])
+            entry = torch.where(inside[(..., *(None,) * axes)], entry, chosen[k])
         picked.append(entry)
     return picked
 

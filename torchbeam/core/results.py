@@ -19,9 +19,11 @@ PACKAGES = ("torchbeam", "torch", "torchdiffeq", "gymnasium", "numpy")
 
 def measured_on(dtype: str | None = "float64", threads: int | None = None) -> dict[str, Any]:
     """Heading of a result file: machine, cores, threads and dtype (None: several), versions."""
-    own = _processor()
+    processor = _processor()
     heading = {
-        "machine": ", ".join(filter(None, (f"{platform.system()} {platform.machine()}", own))),
+        "machine": ", ".join(
+            filter(None, (f"{platform.system()} {platform.machine()}", processor))
+        ),
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads() if threads is None else threads,
         "dtype": dtype,

@@ -19,6 +19,11 @@ class SlowPathWarning(UserWarning):
     """
 
 
+def goes(name: str, instead: str) -> None:
+    """Warns of a public name that is deprecated; instead: what is to be written."""
+    warn(f"{name} goes in the next minor version: {instead}", DeprecationWarning)
+
+
 def warn(sentence: str, category: type[Warning] = RuntimeWarning) -> None:
     """Warns of `sentence` at the innermost line that is neither torchbeam's own, its environments',
     Gymnasium's nor torch's.

@@ -53,7 +53,7 @@ RUN, LIMIT = 3.0, 7.0
 RUN_OF_FIRST, LIMIT_OF_FIRST = 1.0, 1.0
 
 
-class Proof(NamedTuple):
+class ErrorCheck(NamedTuple):
     """States (n, ...) at all times that were looked at; 2^level (...) parts of each step; the
     largest error (...) in units of the tolerance; how many of the instants asked for come before it
     is too large; status (...).
@@ -66,15 +66,13 @@ class Proof(NamedTuple):
     status: Tensor
 
 
-class Adapted(NamedTuple):
-    """States (time, ...) at the instants asked for, the event that a sample stopped at, the steps,
-    and their proof.
-    """
+class AdaptiveRun(NamedTuple):
+    """States (time, ...) at the instants asked for; where a sample stopped; steps; their check."""
 
     states: State
     event: Event | None
     steps: Controlled
-    proof: Proof
+    proof: ErrorCheck
 
 
 @dataclass
@@ -131,7 +129,7 @@ def adaptive(
     events: Events,
     most: int,
     first: float | None,
-) -> Adapted:
+) -> AdaptiveRun:
     """A motion from `start` (...) at the instants t (n,) s."""
     stack = functorch.get_interpreter_stack() or ()
     if any(level.key() == torch._C._functorch.TransformType.Vmap for level in stack):
@@ -154,7 +152,7 @@ def adaptive(
         sequence = steps.sequence.between(stops)
         states = _again(runs, sequence, proof.level, _times(steps._replace(sequence=sequence), t))
     event = _event(states[count + CHECKS :], steps, events, runs.motion)
-    return Adapted(_held(states[:count], start, t, steps, proof, event), event, steps, proof)
+    return AdaptiveRun(_held(states[:count], start, t, steps, proof, event), event, steps, proof)
 
 
 def _times(steps: Controlled, t: Tensor) -> Tensor:
@@ -176,10 +174,8 @@ def _times(steps: Controlled, t: Tensor) -> Tensor:
 
 def _proof(
     runs: _Runs, steps: Controlled, times: Tensor, tolerance: Tolerance, count: int, most: int
-) -> Proof:
-    """Runs by ever smaller parts of the steps until the error is proved to be within the
-    tolerance.
-    """
+) -> ErrorCheck:
+    """Runs by ever smaller parts of the steps until the error is proved to be within tolerance."""
     sequence, counts = steps.sequence, steps.sequence.counts
     remaining = counts > 0
     level, status = torch.zeros_like(counts), steps.status.clone()
@@ -212,13 +208,11 @@ def _proof(
         lost = torch.where(broken, fine[2].status.amax(0), torch.where(spent, TOO_MANY, SUCCESS))
         status = torch.where(leaving & (lost != SUCCESS), lost, status)
         remaining, previous, coarse = remaining & ~leaving, limit, fine
-    return Proof(states, level, error, good, status)
+    return ErrorCheck(states, level, error, good, status)
 
 
 def _again(runs: _Runs, sequence: StepSequence, level: Tensor, times: Tensor) -> State:
-    """The states of the proof, from the last two runs of each sample, with what derivatives are
-    recorded.
-    """
+    """The states of the proof, from each sample's last two runs, with recorded derivatives."""
     states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
     for last in level.unique().tolist():
         if last > 0:
@@ -274,11 +268,14 @@ def _event(
 
 
 def _held(
-    states: State, start: State, t: Tensor, steps: Controlled, proof: Proof, event: Event | None
+    states: State,
+    start: State,
+    t: Tensor,
+    steps: Controlled,
+    proof: ErrorCheck,
+    event: Event | None,
 ) -> State:
-    """States (time, ...) with the initial one first, those of a sample that has stopped held, and
-    their status.
-    """
+    """States (time, ...) with the initial one first, stopped samples held, and their status."""
     index = (...,) + (None,) * proof.status.ndim
     times, first = t.detach()[index].expand(states.status.shape), start.map(lambda x: x[None])
     states = states.map(lambda x, y: torch.cat((y.expand(1, *x.shape[1:]), x[1:])), first)

@@ -20,7 +20,7 @@ from ..nodal.model import Model
 from ..state.state import State
 from .method import WHOLE, Composition, Scheme
 from .step_inputs import together
-from .step_solver import Made, Span, StepSolver
+from .step_solver import Span, StepResult, StepSolver
 
 # fields whose mean is taken
 LINEAR = (
@@ -38,7 +38,7 @@ LINEAR = (
 )
 
 
-def step(solver: StepSolver, model: Model, span: Span) -> Made:
+def step(solver: StepSolver, model: Model, span: Span) -> StepResult:
     """A step of the model, or of a part of its batch."""
     result_of_all = None
     for scheme, samples in solver.method.schemes(model, span.dt):
@@ -47,7 +47,7 @@ def step(solver: StepSolver, model: Model, span: Span) -> Made:
         result_of_all = (
             result
             if result_of_all is None
-            else Made(
+            else StepResult(
                 result.state.where(who, result_of_all.state),
                 torch.where(who, result.status, result_of_all.status),
                 torch.where(who, result.iterations, result_of_all.iterations),
@@ -56,7 +56,7 @@ def step(solver: StepSolver, model: Model, span: Span) -> Made:
     return result_of_all
 
 
-def _mean(scheme: Scheme, solver: StepSolver, model: Model, span: Span) -> Made:
+def _mean(scheme: Scheme, solver: StepSolver, model: Model, span: Span) -> StepResult:
     """The mean of compositions; a sample has failed where one of them has."""
     state, dt, _, inputs, moving, _ = span
     if scheme.solves > 1 and solver.compiled is not None and model is solver.model:
@@ -70,7 +70,7 @@ def _mean(scheme: Scheme, solver: StepSolver, model: Model, span: Span) -> Made:
         if result is not None:
             good = moved & (result.status == SUCCESS)
             after = replace(state, **result.fields, t=torch.where(good, state.t + dt, state.t))
-            return Made(
+            return StepResult(
                 after if concrete(good).all() else after.where(good, state),
                 result.status,
                 result.iterations,
@@ -86,7 +86,7 @@ def _mean(scheme: Scheme, solver: StepSolver, model: Model, span: Span) -> Made:
         good = good & (status == SUCCESS)
         begin = replace(state, stress=result.state.stress)  # what the next one starts from
     after = replace(result.state, **_weighted(scheme, model, ends))
-    return Made(after.where(good, state), status, iterations)
+    return StepResult(after.where(good, state), status, iterations)
 
 
 def _weighted(
@@ -104,7 +104,7 @@ def _weighted(
     return after
 
 
-def _composed(composition: Composition, solver: StepSolver, model: Model, span: Span) -> Made:
+def _composed(composition: Composition, solver: StepSolver, model: Model, span: Span) -> StepResult:
     """Solves one after the other, those of a sample until one fails."""
     (state, dt, t, inputs, moving, last), instant = span, solver.method.INSTANT
     if composition is WHOLE:
@@ -122,7 +122,9 @@ def _composed(composition: Composition, solver: StepSolver, model: Model, span: 
         if not concrete(good).any():
             break
     after = replace(now, t=state.t + dt, reaction=reaction)
-    return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
+    return StepResult(
+        after if concrete(good).all() else after.where(good, state), status, iterations
+    )
 
 
 def natively(
@@ -166,9 +168,7 @@ def natively(
 
 
 def _stacked(steps: list[Steps]) -> Steps:
-    """Steps one after the other as one of K; a sample that has failed has its status from then
-    on.
-    """
+    """Steps one after the other as one of K; a sample that failed has its status from then on."""
     fields = {name: torch.stack([step.fields[name] for step in steps]) for name in steps[0].fields}
     status, well = torch.stack([step.status for step in steps]), all(step.well for step in steps)
     for k in range(1, 1 if well else len(steps)):

@@ -15,7 +15,7 @@ from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.status import FAILED
 from ..core.validation import shown
-from ..core.warning import warn
+from ..core.warning import goes
 from ..nodal.rates import refuse_forces_between_nodes
 from ..scene.scene import Scene
 from ..state.instant import Instant
@@ -91,11 +91,7 @@ class ExplicitStepper:
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
         """As `Stepper.merge`: deprecated."""
-        warn(
-            "ExplicitStepper.merge goes in the next minor version: merge the scenes, by "
-            "BatchSubset.merge, and make an ExplicitStepper of what comes out",
-            DeprecationWarning,
-        )
+        goes("ExplicitStepper.merge", "merge the scenes, and make an ExplicitStepper of these")
         merged = copy(self)
         merged.scene = few.merge(self.scene, part.scene)
         return merged
@@ -108,9 +104,7 @@ class ExplicitStepper:
         return mixed_forms().rest(self.scene, self.form, shape)
 
     def __call__(self, state: Instant, *, active: Tensor | None = None, **inputs: Any) -> Instant:
-        """The state one interval later; `active`, a failing sample and its status as in
-        `Stepper`.
-        """
+        """The state one interval later; `active`, a failing sample and status as in `Stepper`."""
         values = self.scene.tensors(inputs)
         moving = state.status == 0
         if active is not None:

@@ -98,9 +98,7 @@ class Failure(NamedTuple):
         return iterates
 
     def _in_motion(self) -> Iterator[tuple[str, Callable[[Any], Tensor]]]:
-        """The loads (..., N+1, w) that depend on how the beam stands or moves, as functions of the
-        unknowns.
-        """
+        """The loads (..., N+1, w) that depend on how the beam stands or moves, by the unknowns."""
         problem, model = self.problem, self.problem.model
         for load in (*model.loads[0], *model.scene.interactions):
             now = conditions(model, problem.t, problem.inputs, loads=(load,))
@@ -156,9 +154,7 @@ class Failure(NamedTuple):
         return bool(concrete(good | ~self.failed[..., None, None]).all())
 
     def _jumps(self, value: Callable[[Tensor], Tensor]) -> bool:
-        """Whether `value`, a function of a share (...) from 0 to 1, has a jump in a failed sample:
-        by halves.
-        """
+        """Whether `value`, of a share (...) from 0 to 1, jumps in a failed sample: by halves."""
         low = torch.zeros_like(self.problem.start.work)
         high = torch.ones_like(low)
         before, after = value(low), value(high)

@@ -4,7 +4,8 @@ digits for the steps between them.
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -66,6 +67,37 @@ def check_digits(step: float, latest: float | Tensor, dtype: torch.dtype) -> Non
             f"steps of {step:g} s at t = {latest:g} s were given, where numbers of {dtype} lie "
             f"up to {apart:.2g} s apart; instants nearer to 0{wider} are wanted"
         )
+
+
+class StepEnd(NamedTuple):
+    """An instant t (...) s at an end of a step, none of its samples later than `latest` s; the
+    shortest length of that step s, and whether it was the stepper's own.
+    """
+
+    t: Tensor
+    latest: float
+    step: float
+    usual: bool
+
+    @classmethod
+    def of(
+        cls, known: StepEnd | None, t: Tensor, lengths: Tensor, usual: bool
+    ) -> tuple[StepEnd, float]:
+        """That from which steps of `lengths` (...) s go on, by what is `known` of it; the longest
+        of them. Raises ValueError as `check_digits`.
+        """
+        if known is not None and usual and known.usual:
+            step = longest = known.step
+        else:
+            step = concrete(lengths).detach().amin().item() if lengths.numel() else math.inf
+            longest = largest(lengths)
+        latest = known.latest if known else largest(t)
+        check_digits(step, latest, t.dtype)
+        return cls(t, latest, step, usual), longest
+
+    def later(self, t: Tensor, longest: float) -> StepEnd:
+        """The other end of that step."""
+        return self._replace(t=t, latest=self.latest + longest)
 
 
 def explicit_instants(

@@ -62,7 +62,7 @@ class StepPlan(NamedTuple):
         )
 
 
-class Reached(NamedTuple):
+class EndState(NamedTuple):
     """A state that steps have come to: public; in the space's coordinates, None = to be found of
     that. Each is made where it is asked for.
     """
@@ -77,7 +77,7 @@ class MadeSteps(NamedTuple):
     """
 
     states: Callable[[], State]
-    last: Reached
+    last: EndState
     iterations: Tensor
     stopped: bool
 
@@ -86,7 +86,7 @@ def make_steps(stepper: Any, state: State, plan: StepPlan) -> Iterator[MadeSteps
     """The steps of a plan by a `Stepper`, from a public state on, some at a time. A sample whose
     step fails keeps its state, with a status, and makes none of those that follow.
     """
-    done, steps, start = 0, len(plan.dt), Reached(lambda: state)
+    done, steps, start = 0, len(plan.dt), EndState(lambda: state)
     size = AT_ONCE if stepper.compiled is not None else 1
     while done < steps:
         few = plan.part(done, min(done + size, steps))
@@ -107,6 +107,18 @@ def states_after(stepper: Any, state: State, plan: StepPlan) -> State:
     )
 
 
+def last_state(
+    stepper: Any, state: State, begins: Tensor, held: StepInputs, active: Tensor | None
+) -> State:
+    """The public state after steps of the usual length from `begins` (steps, ...) s on."""
+    count, made = len(begins), None
+    wanted = [False] * (count - 1) + [True]
+    plan = StepPlan(stepper.dt.expand(count), begins, lambda i, j: held, active, wanted)
+    for made in make_steps(stepper, state, plan):
+        stepper.iterations = made.iterations[-1]
+    return made.last.public()
+
+
 def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> MadeSteps:
     """The first step, by whatever makes it, in parts where it fails."""
     dt, begin = plan.dt[0], plan.t[0]
@@ -124,11 +136,11 @@ def _one(stepper: Any, state: State, plan: StepPlan, inputs: StepInputs) -> Made
     stepper.latest = after.t
     asked = 1 if plan.wanted is None else int(plan.wanted[0])
     states = lambda: stepper.reduced(after).map(lambda x: x[None][:asked])  # noqa: E731
-    return MadeSteps(states, Reached(lambda: after), stepper.iterations[None], True)
+    return MadeSteps(states, EndState(lambda: after), stepper.iterations[None], True)
 
 
 def _natively(
-    stepper: Any, reached: Reached, plan: StepPlan, inputs: StepInputs
+    stepper: Any, reached: EndState, plan: StepPlan, inputs: StepInputs
 ) -> MadeSteps | None:
     """As many of the steps as native code makes at once and all samples make well; those that fail
     too where no failed step is made in parts, and nobody asks why. None where the first is to be
@@ -202,7 +214,7 @@ def _natively(
 
     return MadeSteps(
         lambda: after(asked, _rows(places, count), len(places)),
-        Reached(lambda: stepper.known(reduced(), well=False), reduced),
+        EndState(lambda: stepper.known(reduced(), well=False), reduced),
         result.iterations[:count],
         stopped,
     )
@@ -219,9 +231,7 @@ def _spacing(wanted: list[bool]) -> int:
 
 
 def _rows(places: list[int], count: int) -> slice | list[int]:
-    """Rows at these places among so many: by a slice where they are evenly spaced, which copies
-    nothing.
-    """
+    """Rows at these places: by a slice, which copies nothing, where they are evenly spaced."""
     gaps = {b - a for a, b in pairwise(places)}
     if not places or len(gaps) > 1:
         return places

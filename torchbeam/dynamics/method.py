@@ -29,9 +29,7 @@ class Composition(NamedTuple):
         return tuple(sum(self.fractions[:k]) for k in range(len(self.fractions)))
 
     def instants(self, part: float) -> tuple[float, ...]:
-        """Where each takes loads and inputs, this part of it having passed, as a share of the
-        step.
-        """
+        """Where each takes loads and inputs, this part having passed, as a share of the step."""
         return tuple(
             begin + part * share for begin, share in zip(self.begins, self.fractions, strict=True)
         )
@@ -41,9 +39,7 @@ WHOLE = Composition((1.0,))
 
 
 class Scheme(NamedTuple):
-    """A step as the mean of compositions that all start where it does, with `weights` whose sum is
-    1.
-    """
+    """A step as the mean of compositions that all start where it does, by `weights` of sum 1."""
 
     compositions: tuple[Composition, ...] = (WHOLE,)
     weights: tuple[float, ...] = (1.0,)
@@ -90,16 +86,12 @@ class Method:
 
     @classmethod
     def of(cls, name: str, conserve: bool, rho_inf: float | None) -> Method:
-        """The method of that name, from a user's options. Raises ValueError for one that it does
-        not have.
-        """
+        """The method of that name, by a user's options. Raises ValueError for one it has not."""
         raise NotImplementedError
 
     @property
     def solves(self) -> tuple[str, dict[str, Any]]:
-        """Name of the method whose step a solve is, and its options: what an engine is asked
-        for.
-        """
+        """Name of the method whose step a solve is, and its options: what engines are asked for."""
         return self.SOLVES, {
             name: value for name, value in self.options.items() if value is not False
         }
@@ -133,9 +125,7 @@ class Method:
         return schemes[0][0] if len(schemes) == 1 else None
 
     def stress_at(self, model: Model, dt: Tensor) -> Tensor | float:
-        """Share (...) of a step of dt (...) at which its stress is: the middle of the last solve,
-        whose mean it is.
-        """
+        """Share (...) of a step of dt (...) at which its stress is: the last solve's middle."""
         place: Tensor | float = 0.5
         for scheme, samples in self.schemes(model, dt):
             last = scheme.compositions[-1]
@@ -146,9 +136,7 @@ class Method:
     def begin(
         self, state: State, model: Model, dt: Tensor, trial: Callable[[State], State]
     ) -> State:
-        """`state` with what the method remembers beside it, and no more; trial(state): the state a
-        midpoint step later.
-        """
+        """`state` with what the method remembers; trial(state): the state a midpoint step later."""
         return state if type(state) is State else plain(state)
 
 

@@ -14,7 +14,7 @@ from ..core.leaves import own_leaves, wants_gradient
 from ..core.memory import SMALL, check_memory
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, changing, inputs_at
-from ..scene.scene import merge_inputs
+from ..scene.inputs import merge_inputs
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .instants import begins_of, exact

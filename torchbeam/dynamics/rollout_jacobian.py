@@ -13,7 +13,7 @@ from torch import Tensor
 from ..core.arguments import count, function, instance
 from ..core.leaves import own_leaves, with_values
 from ..engine.chain.cotangents import rows_of_steps, rows_of_sums
-from ..scene.scene import merge_inputs
+from ..scene.inputs import merge_inputs
 from ..state.reduced import whole_of
 from ..state.state import State
 from .make_steps import make_steps

@@ -32,8 +32,8 @@ from ..scene.scene import Scene
 from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
 from ..state.start import on_supports
-from ..state.state import State, resting, with_optional_fields
-from ..state.state_check import check_state
+from ..state.state import State, resting
+from ..state.state_check import check_state, with_optional_fields
 from .adaptive import adaptive
 from .events import Events
 from .failure import Failures
@@ -93,9 +93,7 @@ def implicit_run(
     def carry_out(
         begin: int, end: int, state: State
     ) -> tuple[list[State], Callable[[], State], Tensor]:
-        """States that are wanted of a part of the plan, in the space's coordinates; the last, a
-        public one; iterations.
-        """
+        """States that are wanted of a part of the plan, reduced; the last, public; iterations."""
         nonlocal reported
         states, iterations, done = [], [], begin
         for few in make_steps(stepper, state, steps.part(begin, end)):

@@ -10,11 +10,13 @@ from torch import Tensor
 from ..core.arguments import boolean, choice, instance, keywords, non_default, not_here
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
+from ..core.docstrings import with_arguments_of
 from ..core.status import STATUS
 from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
-from ..scene.scene import Scene, merge_inputs
+from ..scene.inputs import merge_inputs
+from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.solution import Solution
 from .forms import FORMS, mixed_forms
@@ -30,6 +32,46 @@ SWITCHES = "throw", "lumped", "conserve", "checkpoint", "adjoint", "project"
 OF_ALL = "form", "inputs", "throw", "accuracy"  # keywords that are no options of a method
 
 
+class StepOptions:
+    """Of implicit methods, whose steps have a given length or, with `rtol` or `atol`, are adaptive.
+
+    Args:
+        step: s, of implicit methods; each interval of t is split into ceil(interval/step) equal
+            steps. None: the shortest interval, or 1/200 of the whole, whichever is less.
+        rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`). The
+            largest error of a position over the run is to be at most atol m + rtol times the length
+            of the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on
+            positions; rotations in undamped twist were off by up to 4.1 of it); numbers, or (...).
+            Of torchdiffeq's: numbers, None = 1e-6 and 1e-8.
+        events: with adaptive steps: a function of the state that gives one number (...) a sample,
+            of that sample alone, or a list of such: a sample stops where one crosses zero, and
+            `sol.event` says which, when and how.
+        max_steps: adaptive steps in a run, at most.
+        first_step: s, of adaptive steps; None = found by a trial.
+        engine, lumped, conserve, rho_inf, tolerance, iterations, halvings: of implicit methods, see
+            `Stepper`.
+        checkpoint: keep the graph at sqrt(steps) instants and compute the rest again in backward:
+            long horizons then fit in memory, for one more forward. Nothing under
+            torch.autograd.forward_ad, whose derivatives go forward with the steps: they are right,
+            and need no memory of the past.
+        progress: called with (steps done, steps in all) after each step of a given length.
+    """
+
+
+class IntegratorOptions:
+    """Of torchdiffeq's methods.
+
+    Args:
+        options, adjoint: of torchdiffeq's methods, see
+            `torchbeam.dynamics.torchdiffeq_bridge.integrate`.
+        begin: of torchdiffeq's methods: (...) s, the instant of each sample from which t counts;
+            None = t is that of all.
+        project, solver: of the form "block_rate", see
+            `torchbeam.mixed.simulate.simulate_mixed`.
+    """
+
+
+@with_arguments_of(StepOptions, IntegratorOptions)
 def simulate(
     scene: Scene,
     t: Any,
@@ -88,30 +130,6 @@ def simulate(
             takes it at mid step, "midpoint4" at that of each solve, "generalized_alpha" at its end;
             or, for these, `PerInterval`: values (..., time - 1, size), each held over one of the
             intervals of t.
-        step: s, of implicit methods; each interval of t is split into ceil(interval/step) equal
-            steps. None: the shortest interval, or 1/200 of the whole, whichever is less.
-        rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`). The
-            largest error of a position over the run is to be at most atol m + rtol times the length
-            of the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on
-            positions; rotations in undamped twist were off by up to 4.1 of it); numbers, or (...).
-            Of torchdiffeq's: numbers, None = 1e-6 and 1e-8.
-        events: with adaptive steps: a function of the state that gives one number (...) a sample,
-            of that sample alone, or a list of such: a sample stops where one crosses zero, and
-            `sol.event` says which, when and how.
-        max_steps: adaptive steps in a run, at most.
-        first_step: s, of adaptive steps; None = found by a trial.
-        engine, lumped, conserve, rho_inf, tolerance, iterations, halvings: of implicit methods, see
-            `Stepper`. checkpoint: keep the graph at sqrt(steps) instants and compute the rest again
-            in backward: long horizons then fit in memory, for one more forward. Nothing under
-            torch.autograd.forward_ad, whose derivatives go forward with the steps: they are right,
-            and need no memory of the past.
-        progress: called with (steps done, steps in all) after each step of a given length.
-        options, adjoint: of torchdiffeq's methods, see
-            `torchbeam.dynamics.torchdiffeq_bridge.integrate`.
-        begin: of torchdiffeq's methods: (...) s, the instant of each sample from which t counts;
-            None = t is that of all.
-        project, solver: of the form "block_rate", see
-            `torchbeam.mixed.simulate.simulate_mixed`.
         throw: raise where a sample fails; otherwise `sol.status` and a warning say so, and it keeps
             its last good state.
         accuracy: of the whole motion, in place of method and step: relative, as of `converge`, of
@@ -133,8 +151,15 @@ def simulate(
         (torch.Size([11, 3]), tensor(0))
         >>> sure = tb.simulate(scene, [0.0, 0.1], rtol=1e-2)  # steps by an error bound
     """
-    asked = locals()
-    not_here("accuracy", accuracy, "torchbeam.simulate")
+    return _simulated(locals())
+
+
+def _simulated(asked: dict[str, Any]) -> Solution:
+    """`simulate` of its arguments by name."""
+    scene, initial, form, method, throw = (
+        asked[name] for name in ("scene", "initial", "form", "method", "throw")
+    )
+    not_here("accuracy", asked["accuracy"], "torchbeam.simulate")
     choice("form", form, FORMS)
     method = ("midpoint" if form == "nodal" else "dopri5") if method is None else method
     if not isinstance(method, str) or method not in (*IMPLICIT_METHODS, *ODE_METHODS):
@@ -143,12 +168,13 @@ def simulate(
     instance("a scene", scene, Scene)
     for name in SWITCHES:
         boolean(name, asked[name])
-    asked["begin"] = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
+    begin = asked["begin"]
+    begin = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
     names = [name for name in keywords(simulate) if name not in OF_ALL]
-    selected = non_default(simulate, {name: asked[name] for name in names})
-    t, digits = instants_of(t, scene)
+    selected = non_default(simulate, {name: asked[name] for name in names} | dict(begin=begin))
+    t, digits = instants_of(asked["t"], scene)
     run = _run_of(form, method, selected)
-    inputs = merge_inputs(inputs, {})
+    inputs = merge_inputs(asked["inputs"], {})
     if run in (adaptive_run, implicit_run):
         return _judged(
             run(scene, t, digits, initial, method, inputs, **selected), throw, warned=True
@@ -158,7 +184,7 @@ def simulate(
             f"a PerInterval input was given to {method!r}; 'midpoint' and 'generalized_alpha' of "
             "the nodal form take it, and ExplicitStepper holds inputs over its steps"
         )
-    t = explicit_instants(scene, t, digits, asked["begin"], options)
+    t = explicit_instants(scene, t, digits, begin, asked["options"])
     if run is explicit_run:
         return _judged(run(scene, t, initial, method, inputs, **selected), throw)
     return _judged(run(scene, t, form, initial, method, inputs=inputs, **selected), throw)

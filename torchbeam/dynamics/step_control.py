@@ -245,9 +245,7 @@ class _Run:
         self.going = going & ~done & (self.counts < self.limit)
 
     def _adapt(self, taken: Tensor, allowed: Tensor, error: Tensor, h: Tensor) -> None:
-        """Lengths of the next steps, from the largest error of those taken, or that of the one
-        refused.
-        """
+        """Lengths of the next steps, from the largest error of those taken, or the one refused."""
         going, K, k = self.going, len(error), 1 / (self.order + 1)
         refused = going & (taken < allowed)
         at = torch.arange(K, device=h.device).reshape(-1, *(1,) * h.ndim)

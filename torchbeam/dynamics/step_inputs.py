@@ -110,9 +110,7 @@ def inputs_of_steps(
     lengths: Tensor,
     intervals: Sequence[int],
 ) -> StepInputs:
-    """Of steps of these lengths from the times `begins` on, in these intervals, for inputs as
-    `simulate` takes them.
-    """
+    """Of steps of these lengths from `begins` on, in these intervals, as `simulate` has them."""
     if changes_within(inputs, method):
 
         def within(k: int) -> Callable[[float], Inputs]:

@@ -5,7 +5,7 @@ and the inputs.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -87,17 +87,16 @@ def diagonal(rows: Tensor) -> Tensor:
 
 
 def step_jacobian(
-    step: Callable[[State, Inputs], State],
-    space: Spatial,
-    coordinates: Coordinates,
-    state: State,
-    inputs: Inputs,
+    stepper: Any, coordinates: Coordinates, state: State, inputs: Inputs, dt: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """A (..., n, n) and B (..., n, m) of one step(state, inputs) of public states: dz after = A dz
-    before + B d(inputs, side by side).
+    """A (..., n, n) and B (..., n, m) of one step of dt (...) s from a public state: dz after = A
+    dz before + B d(inputs, side by side, in the scene's order).
 
     Constants: no derivatives go through them.
     """
+    space = stepper.model.space
+    state = space.to_public(stepper.reduced(state))
+    state = state.broadcast(broadcast("a state and dt", state.status.shape, dt.shape))
     if not hasattr(coordinates, "reads"):
         raise refusal(f"model = {shown(coordinates)}", "what `linearize` returns")
     start = space.to_reduced(state.detach())
@@ -108,11 +107,11 @@ def step_jacobian(
         *(u.shape[:-1] for u in inputs.values()),
     )
     _, _, slopes = step_slopes(
-        lambda before, held: (step(before, held), None),
+        lambda before, held: (stepper.advance(before, held, dt=dt), None),
         space,
         coordinates,
         start.broadcast(lead),
-        inputs,
+        {name: inputs[name] for name in stepper.scene.inputs},
     )
     A, B = slopes
     return A, torch.cat(B, -1) if B else A[..., :0]

@@ -51,9 +51,7 @@ class StepSequence(Tree):
         )
 
     def bracket(self, t: Tensor, level: int) -> Tensor:
-        """Number (n, ...) of the part of a step, of 2^level of each, that the times t (n, ...) fall
-        into.
-        """
+        """Number (n, ...) of the part of a step, of 2^level, that times t (n, ...) fall into."""
         parts, last = 2**level, self.counts - 1
         series = self.instants.movedim(0, -1).contiguous()
         at = (

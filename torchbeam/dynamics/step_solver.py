@@ -55,10 +55,8 @@ class Span(NamedTuple):
     last: bool
 
 
-class Made(NamedTuple):
-    """What a step has made: the state after it, of a failed sample that before; status and
-    iterations (...).
-    """
+class StepResult(NamedTuple):
+    """The state after a step, of a failed sample that before; status and iterations (...)."""
 
     state: State
     status: Tensor
@@ -74,9 +72,7 @@ def mixes_ends(model: Model) -> bool:
 
 
 class StepSolver:
-    """Solves the problem of a method for a model; engine, tolerance and limit (of iterations): see
-    `Stepper`.
-    """
+    """Solves a method's problem for a model; engine, tolerance, limit: see `Stepper`."""
 
     def __init__(
         self, model: Model, method: Method, engine: str, tolerance: float | None, limit: int
@@ -155,7 +151,7 @@ class StepSolver:
         other._decided = self.compiled is None or not self.model.touching.present
         return other
 
-    def solve(self, model: Model, span: Span) -> Made:
+    def solve(self, model: Model, span: Span) -> StepResult:
         """A solve with loads as at t of the model or of a part of its batch."""
         state, dt, t, inputs, moving, last = span
         if self.compiled is not None and model is self.model:
@@ -168,7 +164,7 @@ class StepSolver:
                 after = replace(
                     state, **solution.fields, t=torch.where(good, state.t + dt, state.t)
                 )
-                return Made(after, solution.status, solution.iterations)
+                return StepResult(after, solution.status, solution.iterations)
         self.use.eagerly()
         problem = self.method.problem(model, state, dt, t, inputs)
         x, reaction, status, iterations = newton(
@@ -202,14 +198,14 @@ class StepSolver:
                 )
             x, reaction = implicit_gradient(problem, x, good)
         after = problem.finish(x, reaction)
-        return Made(after if concrete(good).all() else after.where(good, state), status, iterations)
+        return StepResult(
+            after if concrete(good).all() else after.where(good, state), status, iterations
+        )
 
     def natively(
         self, span: Span, K: int | None = None, every: int = 1, mixture: Tensor | None = None
     ) -> Steps | None:
-        """A solve with loads as at t, or K, see `CompiledStep`; None where they are to be made
-        eagerly.
-        """
+        """A solve with loads as at t, or K, see `CompiledStep`; None = to be made eagerly."""
         compiled = self.compiled
         if compiled is None:  # another thread has given it up
             return None
@@ -259,9 +255,7 @@ class StepSolver:
     def _in_double(
         self, span: Span, K: int | None, every: int, mixture: Tensor | None
     ) -> Steps | None:
-        """The same in float64, whose tangents are the law's own where float32 makes ordinary strips
-        of metal softer.
-        """
+        """The same in float64, as float32 makes ordinary strips of metal softer in tangents."""
 
         def wide(x: Tensor | None) -> Tensor | None:
             return None if x is None else x.to(torch.float64)
@@ -293,7 +287,5 @@ class StepSolver:
 
     @property
     def _least(self) -> float:
-        """Cosine of half the angle that a node may turn by up to where the unknown of its rotation
-        is.
-        """
+        """Cosine of half the angle that a node may turn by up to where its unknown is."""
         return math.cos(TURN * self.method.PART / 2)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,22 +15,23 @@ from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.leaves import with_values
 from ..core.status import DIVERGED, SUCCESS
-from ..core.validation import as_tensor, axis_last, broadcast, concrete, positive, real
-from ..core.warning import warn
+from ..core.validation import broadcast, concrete, positive, real
+from ..core.warning import goes
 from ..engine.chain.compiled_step import CompiledStep
 from ..engine.chain.coverage import ENGINES
 from ..math.concrete import mapped
 from ..nodal.discretise import discretise
 from ..scene.effects import Inputs
+from ..scene.inputs import by_name
 from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.start import on_supports
-from ..state.state import State, rest, with_optional_fields
-from ..state.state_check import check_state, of_mesh
+from ..state.state import State, rest
+from ..state.state_check import check_state, of_mesh, with_optional_fields
 from .composition import in_parts, natively, step
 from .failure import Failures
-from .instants import begins_of, check_digits, exact, largest, rounded
-from .make_steps import StepPlan, make_steps
+from .instants import StepEnd, begins_of, exact, rounded
+from .make_steps import last_state
 from .method import Method
 from .methods import METHODS
 from .state_cache import StateCache
@@ -40,17 +40,6 @@ from .step_jacobian import Coordinates, step_jacobian
 from .step_solver import Span, StepSolver
 
 HALVINGS = 6  # a failed step is made again in at most 2^6 parts
-
-
-class Checked(NamedTuple):
-    """An instant t (...) s at an end of a step, none of its samples later than `latest` s; the
-    shortest length of that step s, and whether it was the stepper's own.
-    """
-
-    t: Tensor
-    latest: float
-    step: float
-    own: bool
 
 
 class Stepper:
@@ -131,7 +120,7 @@ class Stepper:
         self.iterations: Tensor | None = None  # (...) of the last step
         self._last: StateCache | None = None
         self.latest: Tensor | None = None  # (...) s, of the state that was made last
-        self._checked: tuple[Checked, ...] = ()  # before and after the last step
+        self._checked: tuple[StepEnd, ...] = ()  # before and after the last step
         self.failures: Failures | None = Failures()  # None = nobody asks why a step has failed
 
     def __getstate__(self) -> dict[str, Any]:
@@ -194,24 +183,14 @@ class Stepper:
         `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
         """
         t = getattr(state, "t", None)
-        known = next((checked for checked in self._checked if checked.t is t), None)
+        known = next((end for end in self._checked if end.t is t), None)
         if known is None:
             state = of_mesh(state, self.scene, "a state")
         if mapped(state.t):
             return self.advance(state, inputs, active=active, dt=dt)
-        if known is not None and dt is None and known.own:
-            step = longest = known.step
-        else:
-            lengths = self._length(dt)
-            step = concrete(lengths).detach().amin().item() if lengths.numel() else math.inf
-            longest = largest(lengths)
-        latest = known.latest if known else largest(state.t)
-        check_digits(step, latest, state.t.dtype)
+        start, longest = StepEnd.of(known, state.t, self._length(dt), dt is None)
         after = self.advance(state, inputs, active=active, dt=dt)
-        self._checked = (
-            Checked(state.t, latest, step, dt is None),
-            Checked(after.t, latest + longest, step, dt is None),
-        )
+        self._checked = start, start.later(after.t, longest)
         return after
 
     def advance(
@@ -261,10 +240,9 @@ class Stepper:
             remembered = torch.where(moving, status, SUCCESS)
             self.failures.remember(self.method, self.model, span, remembered)
         now = exact(state.t, self.latest)
-        good = moving & (status == SUCCESS)
         after = replace(
             after,
-            t=torch.where(good, now + dt, now),
+            t=torch.where(moving & (status == SUCCESS), now + dt, now),
             status=torch.where(moving, status, state.status),
         )
         if now.shape != after.status.shape:  # functions of time have brought axes along
@@ -301,27 +279,10 @@ class Stepper:
                 "method='generalized_alpha' was given to jacobian; a midpoint method is wanted, "
                 "whose states remember nothing beside z"
             )
-        sizes = self.scene.inputs
-        if u is not None and not isinstance(u, dict):
-            whole = as_tensor(u, self.scene.dtype, self.scene.device)
-            u = dict(
-                zip(
-                    sizes,
-                    axis_last("u", whole, sum(sizes.values())).split(tuple(sizes.values()), -1),
-                    strict=True,
-                )
-            )
-        values, alone = self.scene.tensors(u), copy(self)
+        values, alone = self.scene.tensors(by_name(self.scene, u)), copy(self)
         alone._last, alone.failures = None, Failures()
-        state = self.model.space.to_public(self.reduced(of_mesh(state, self.scene, "a state")))
-        lead = broadcast("a state and dt", state.status.shape, self._length(dt).shape)
-        return step_jacobian(
-            lambda before, inputs: alone.advance(before, inputs, dt=dt),
-            self.model.space,
-            model,
-            state.broadcast(lead),
-            {name: values[name] for name in sizes},
-        )
+        state = of_mesh(state, self.scene, "a state")
+        return step_jacobian(alone, model, state, values, self._length(dt))
 
     def repeat(
         self, state: State, count: int, inputs: dict[str, Any], active: Tensor | None = None
@@ -329,18 +290,10 @@ class Stepper:
         """The state `count` steps later, with the inputs held: as so many calls."""
         if count == 1:
             return self.advance(state, inputs, active=active)
-        held = StepInputs(self.scene.tensors(inputs))
         t = exact(state.t, self.latest)
-        t = shared(t) if self._changes else t
+        begins = begins_of(shared(t) if self._changes else t, self.dt, count)
         active = None if active is None else mask("active", active, state.status)
-        begins = begins_of(t, self.dt, count)
-        made = None
-        plan = StepPlan(
-            self.dt.expand(count), begins, lambda i, j: held, active, [False] * (count - 1) + [True]
-        )
-        for made in make_steps(self, state, plan):
-            self.iterations = made.iterations[-1]
-        return made.last.public()
+        return last_state(self, state, begins, StepInputs(self.scene.tensors(inputs)), active)
 
     def _quickly(
         self, state: State, well: bool, dt: Tensor, t: Tensor | None, inputs: HeldInputs
@@ -379,9 +332,7 @@ class Stepper:
         return None if last is None else last.if_same(state)
 
     def reduced(self, state: State) -> State:
-        """A state in the space's coordinates, with all that the scene has, and the batch's axes on
-        every field.
-        """
+        """A state in the space's coordinates, with all that the scene has, fields broadcast."""
         known = self._known(state)
         if known is not None:
             return known.reduced
@@ -405,12 +356,9 @@ class Stepper:
         """Of a step, s."""
         if dt is None:
             return self.dt
-        length = (
-            positive("dt", real(dt))
-            if isinstance(dt, Tensor)
-            else self.dt.new_tensor(step_size("dt", dt))
-        )
-        return length.to(self.dt)
+        if isinstance(dt, Tensor):
+            return positive("dt", real(dt)).to(self.dt)
+        return self.dt.new_tensor(step_size("dt", dt))
 
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
         """`state` to start from: with what supports that stand hold exactly where they have it (see
@@ -418,11 +366,8 @@ class Stepper:
         with what the method remembers beside it.
         """
         if not self.scene.has_prescribed_motion:
-            state = on_supports(
-                with_optional_fields(check_state(state, self.scene), self.scene),
-                self.scene,
-                self.dt,
-            )
+            state = with_optional_fields(check_state(state, self.scene), self.scene)
+            state = on_supports(state, self.scene, self.dt)
         return self._begin(state, self._length(dt), **inputs)
 
     def _begin(self, state: State, dt: Tensor | None = None, **inputs: Any) -> State:
@@ -444,11 +389,7 @@ class Stepper:
 
         Deprecated: merge the scenes, and make a stepper of what comes out.
         """
-        warn(
-            "Stepper.merge goes in the next minor version: merge the scenes, by BatchSubset.merge, "
-            "and make a Stepper of what comes out",
-            DeprecationWarning,
-        )
+        goes("Stepper.merge", "merge the scenes, by BatchSubset.merge, and make a Stepper of these")
         merged = copy(self)
         merged.scene, merged.model = few.merge((self.scene, self.model), (part.scene, part.model))
         merged.solver = self.solver.of(merged.model)

@@ -108,9 +108,7 @@ def integrate(
 
 
 def _solved(solve: _Solve, t: Tensor) -> tuple[Tensor, Tensor]:
-    """ys (T, ..., n) and status (T, samples), see `integrate`, run again without each sample that
-    failed.
-    """
+    """ys (T, ..., n) and status (T, samples), see `integrate`, without each sample that failed."""
     y0, method = solve.y0, solve.method
     good: dict[int, Tensor] = {}  # failed sample -> its outputs, held from the failure on
     status = torch.zeros(len(t), y0.shape[:-1].numel(), dtype=torch.long, device=y0.device)
@@ -179,9 +177,7 @@ def known_options(method: str) -> list[str]:
 
 
 class _Solve:
-    """One integration: what torchdiffeq calls, and what is needed to name the sample that stopped
-    it.
-    """
+    """One integration: what torchdiffeq calls, and what tells which sample has stopped it."""
 
     def __init__(self, rhs, y0, method, tolerances, options, adjoint, parameters, after) -> None:
         from torchdiffeq import odeint, odeint_adjoint
@@ -287,9 +283,7 @@ def _sentence(method: str, rows: Tensor, t: Tensor, shape: torch.Size) -> str:
 
 @torch.no_grad()
 def _check_reconstruction(solve: _Solve, ys: Tensor, t: Tensor) -> None:
-    """Integrate back over each output interval, as the continuous adjoint does, and compare with
-    what was stored.
-    """
+    """Integrate back over each output interval, as adjoints do, and compare with what is stored."""
     from torchdiffeq import odeint
 
     scale = solve.tolerances["atol"] + ys.abs().amax(tuple(range(ys.ndim - 1)))

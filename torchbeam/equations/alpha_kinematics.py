@@ -69,9 +69,7 @@ class EndKinematics(NamedTuple):
 
 @dataclass(frozen=True)
 class EndMotion:
-    """Nodes from `start` (an `AlphaState`) over h (..., 1, 1) s, any number of them, their centres
-    of mass in them.
-    """
+    """Nodes from `start` (an `AlphaState`) over h (..., 1, 1) s, centres of mass in them."""
 
     inertia: Inertia
     start: State

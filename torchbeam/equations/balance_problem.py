@@ -63,9 +63,7 @@ class BalanceProblem(Tree):
 
     @property
     def least(self) -> tuple[Tensor, ...]:
-        """Terms, as of elements or of nodes, that the balance is measured against beside its
-        own.
-        """
+        """Terms, of elements or nodes, that the balance is measured against beside its own."""
         return ()
 
     @property
@@ -96,9 +94,7 @@ class BalanceProblem(Tree):
     def node_tangent(
         self, kinematics: Any, inertia: InertiaForces | None
     ) -> tuple[Any, Matrix | None]:
-        """Derivatives of the motion, and those of inertia less loads, by the nodes' moves;
-        None = none.
-        """
+        """Derivatives of the motion, and of inertia less loads, by nodes' moves; None = none."""
         raise NotImplementedError
 
     def element_loads(self, kinematics: Any) -> tuple[Tensor, ...] | None:
@@ -130,9 +126,7 @@ class BalanceProblem(Tree):
         raise NotImplementedError
 
     def node_motion(self, kinematics: Any, nodes: Any = None) -> NodeMotion:
-        """What acts between nodes sees; nodes: the derivatives of the motion, where these are
-        known.
-        """
+        """What acts between nodes sees; nodes: the motion's derivatives, where these are known."""
         raise NotImplementedError
 
     def idle(self, kinematics: Any) -> Tensor:
@@ -141,9 +135,7 @@ class BalanceProblem(Tree):
         return element_loads.far(self.model, way, self.conditions).all(-1)
 
     def passed(self, kinematics: Any) -> Tensor | None:
-        """(...) bool: whether the beam would pass through what it touches; None = it moves through
-        nothing.
-        """
+        """(...) bool: whether the beam would pass through what it touches; None = it does not."""
         return None
 
     def element_balance(self, x: Any, kinematics: Any) -> ElementBalance:

@@ -19,14 +19,19 @@ EPS = 64  # roundings: beside the largest inertia, one that is none
 
 
 def conserved(
-    model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float, free: list[list[Base]]
+    model: Rows,
+    start: State,
+    after: State,
+    dt: Tensor,
+    eigenstrain: Tensor | float,
+    free: list[list[Base]],
 ) -> State:
     """`after`, with the work of this step alone, and its velocities scaled so that kinetic + strain
     energy changes by that work less what damping takes, see `projected`. `own`: the strain that the
     beam takes by itself over this step, which holds no energy. free: the pieces that nothing holds.
     """
     kinetic, rise = kinetic_rise(model, start, after)
-    rise = rise + strain_rise(model, start, after, dt, own) - after.work
+    rise = rise + strain_rise(model, start, after, dt, eigenstrain) - after.work
     velocity, spin = rigid = rigid_motion(model, after, free)
     kinetic = kinetic - model.kinetic_energy(after.rotation, *rigid)
     scale, defect = projected(start.defect + rise, kinetic)
@@ -75,10 +80,12 @@ def kinetic_rise(model: Rows, start: State, after: State) -> tuple[Tensor, Tenso
     return kinetic, kinetic - model.kinetic_energy(start.rotation, start.velocity, start.spin)
 
 
-def strain_rise(model: Rows, start: State, after: State, dt: Tensor, own: Tensor | float) -> Tensor:
+def strain_rise(
+    model: Rows, start: State, after: State, dt: Tensor, eigenstrain: Tensor | float
+) -> Tensor:
     """(...) J: what the strain energy rises by, and damping takes."""
-    rise = model.strain_energy(after.position, after.rotation, own) - model.strain_energy(
-        start.position, start.rotation, own
+    rise = model.strain_energy(after.position, after.rotation, eigenstrain) - model.strain_energy(
+        start.position, start.rotation, eigenstrain
     )
     if not model.law.damped:
         return rise

@@ -76,9 +76,7 @@ class AlphaState(State):
 
 
 class EndUnknowns(NamedTuple):
-    """The unknowns: u (..., N+1, p) m and m (..., N+1, ...) from the start to the end, stress
-    (..., N, k) N and N m.
-    """
+    """u (..., N+1, p) m and m (..., N+1, ...) over the step, stress (..., N, k) N and N m."""
 
     u: Tensor
     m: Tensor
@@ -87,9 +85,7 @@ class EndUnknowns(NamedTuple):
 
 @dataclass(frozen=True)
 class GeneralizedAlphaProblem(StepProblem):
-    """A step of length dt (0-dim or (...)) from `start`, with loads as at time t, its end, and
-    inputs held over it.
-    """
+    """A step of dt (0-dim or (...)) from `start`, loads as at time t, its end, inputs held."""
 
     start: AlphaState
     rho_inf: float = 0.8

@@ -39,9 +39,7 @@ from .step_problem import StepProblem
 
 
 class MidpointUnknowns(NamedTuple):
-    """The unknowns: u (..., N+1, p) m, m (..., N+1, ...) from R_n to R_mid, stress (..., N, k) N
-    and N m.
-    """
+    """u (..., N+1, p) m, m (..., N+1, ...) from R_n to R_mid, stress (..., N, k) N and N m."""
 
     u: Tensor
     m: Tensor

@@ -32,9 +32,7 @@ from .steady_motion import AtRest, steady_motion
 
 
 class Configuration(NamedTuple):
-    """position (..., N+1, p) m, rotation (..., N+1, ...), stress (..., N, k) N and N m, in the
-    space's coordinates.
-    """
+    """position (..., N+1, p) m, rotation (..., N+1, ...), stress (..., N, k) N and N m; reduced."""
 
     position: Tensor
     rotation: Tensor
@@ -94,8 +92,8 @@ class SteadyProblem(BalanceProblem):
     @cached
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself, as far as it is raised."""
-        own = self.conditions.eigenstrain
-        return own if isinstance(own, float) else self.load_factor[..., None, None] * own
+        strain = self.conditions.eigenstrain
+        return strain if isinstance(strain, float) else self.load_factor[..., None, None] * strain
 
     def update(self, x: Configuration, move: Tensor, dstress: Tensor) -> Configuration:
         space = self.model.space
@@ -119,9 +117,7 @@ class SteadyProblem(BalanceProblem):
         )
 
     def under(self, factor: Tensor, load: str | None) -> SteadyProblem:
-        """The same with a factor (...) of all loads, or of the input `load` beside loads that
-        stay.
-        """
+        """The same with a factor (...) of all loads, or of the input `load` beside others."""
         if load is None:
             return replace(self, load_factor=factor)
         inputs = {**self.inputs, load: factor[..., None] * self.inputs[load]}
@@ -148,9 +144,7 @@ class SteadyProblem(BalanceProblem):
         return nodes._replace(internal=start, dt=torch.full_like(self.t, STEADY))
 
     def holding(self, x: Configuration, internal: Tensor | None) -> SteadyProblem:
-        """The same with the internal states of the loads held: at these, or (None) where they come
-        to rest at x.
-        """
+        """The same with loads' internal states held: at these, or (None) at rest at x."""
         if internal is None:
             internal = external.internal(
                 self.model, self.nodes(x), self.conditions, x.position.shape[:-2]
@@ -168,9 +162,7 @@ class SteadyProblem(BalanceProblem):
         return self.frame.velocity(torch.zeros_like(x.position), x.position), self.frame.spin(spin)
 
     def load(self, x: Configuration) -> Tensor | float:
-        """Loads less the inertia of the nodes, as far as they are raised, (..., N+1, w); 0.0 where
-        there is none.
-        """
+        """Loads less the inertia of nodes, as far as they are raised, (..., N+1, w); 0.0 = none."""
         load = external.external(
             self.model, self.nodes(x), self.conditions, total=self.conditions.dead
         )
@@ -262,9 +254,9 @@ class SteadyProblem(BalanceProblem):
             position = set_node(position, at, r)
             rotation = rotation if q is None else set_node(rotation, at, q)
         for at, axis in self.model.constraints.hinges:
-            own, beam = space.of_nodes(at), self.model.scene.beam
-            _, q = own.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
-            rotation = set_node(rotation, at, own.hinged(rotation[..., at, :], q, axis))
+            node_space, beam = space.of_nodes(at), self.model.scene.beam
+            _, q = node_space.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
+            rotation = set_node(rotation, at, node_space.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)
 
 

@@ -25,9 +25,7 @@ from ..topology.protocols import Matrix
 
 @dataclass(frozen=True)
 class AtRest:
-    """Nodes at rest, or moved alike: no inertia. position (..., N+1, p), rotation
-    (..., N+1, ...).
-    """
+    """Nodes at rest, or moved alike: no inertia. position (..., N+1, p), rotation (..., N+1, *)."""
 
     inertia: Inertia
     frame: FixedFrame

@@ -48,9 +48,9 @@ class StepElement(BalancedElement):
         """
         reach = sum(r.detach().abs().sum(-1) for r in self.start[: len(self.start) // 2])
         eps, length = torch.finfo(self.length.dtype).eps, self.length.detach()[..., 0]
-        own = eps * (ROUNDING + DIGITS * (reach + 1) / length)[..., None]
-        own = own.expand(*own.shape[:-1], self.law.S.shape[-2])
-        felt = self.law.effective_strain(own, lambda: self.rate[..., 0].detach().abs() * own)
+        error = eps * (ROUNDING + DIGITS * (reach + 1) / length)[..., None]
+        error = error.expand(*error.shape[:-1], self.law.S.shape[-2])
+        felt = self.law.effective_strain(error, lambda: self.rate[..., 0].detach().abs() * error)
         return felt.detach().abs().amax(-1)
 
     def _effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
@@ -82,7 +82,7 @@ class MidpointElement(StepElement):
         by_r, *by_spin = space.interpolation.by_spins(
             space.strain_operator(balance.end, self.length), space.dims.position
         )
-        turned = (by @ own for by, own in zip(by_spin, half(), strict=True))
+        turned = (by @ half_turn for by, half_turn in zip(by_spin, half(), strict=True))
         E = self.law.effective_strain_by(space.interpolation.by_numbers(by_r, *turned), self.rate)
         return self._tangent(
             balance.acting, stress, space.strain_operator(balance.acting, self.length), E

@@ -52,9 +52,7 @@ class StepKinematics(NamedTuple):
 
 @dataclass(frozen=True)
 class MidpointMotion:
-    """Nodes from `start` over h (..., 1, 1) s, any number of them; frame a at mid step; clamps that
-    move.
-    """
+    """Nodes from `start` over h (..., 1, 1) s; frame a at mid step; clamps that move."""
 
     inertia: Inertia
     start: State
@@ -180,9 +178,7 @@ class MidpointMotion:
         )
 
     def _rate(self, rate: Callable[..., Tensor], before: Tensor, after: Tensor) -> Tensor:
-        """The rate by a frame's `rate` of a vector over the step: by its difference and its
-        mean.
-        """
+        """The rate by a frame's `rate` of a vector over the step: by its difference and mean."""
         return rate((after - before) / self.h, lambda: (after + before) / 2)
 
 

@@ -24,9 +24,7 @@ class SupportPose(NamedTuple):
 
 
 class ClampMotion(NamedTuple):
-    """Absolute velocity (..., p), frame a, and spin (..., s), section axes, of a clamp at the end
-    of the step.
-    """
+    """Velocity (..., p), frame a, and spin (..., s), section axes, of a clamp at a step's end."""
 
     node: int
     velocity: Tensor
@@ -49,9 +47,9 @@ def support_motions(
     """From `start` to where supports are at the end; u and m lead a part (1/2 or 1) of the way."""
     poses, clamps = [], []
     for support in supports:
-        at, own = support.node, space.of_nodes(support.node)
+        at, node_space = support.node, space.of_nodes(support.node)
         if support.pose is not None:
-            position, rotation = own.pose(*support.pose)
+            position, rotation = node_space.pose(*support.pose)
             m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
             whole = bool(support.fixed[space.dims.position :].all())
             poses.append(

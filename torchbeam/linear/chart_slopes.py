@@ -124,9 +124,7 @@ def _triangular(A: Tensor, below: Tensor, states: int) -> Tensor:
 
 
 def _rate_of_turn(space: Spatial, q: Tensor, spin: Tensor) -> Tensor:
-    """Derivative (..., s, s) by a turn from the left of what the spin (..., s) makes of the
-    logarithm of q.
-    """
+    """Derivative (..., s, s) by a left turn of what a spin (..., s) makes of the logarithm of q."""
     lead, s = broadcast_shapes(q.shape[:-1], spin.shape[:-1]), space.dims.spin
     with torch.enable_grad():
         x = spin.new_zeros(s, *lead, s, requires_grad=True)

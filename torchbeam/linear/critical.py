@@ -32,8 +32,8 @@ from ..core.summary import kind, lines, span
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
+from ..math.eigen_derivatives import upright
 from ..math.first_derivative import Once
-from ..math.quadratic_eigen import upright
 from ..scene.in_double import SINGLE, narrowed
 from ..scene.scene import Scene
 from .load_path import DIVERGENCE, FLUTTER, STABLE, Factored, LoadPath
@@ -237,9 +237,7 @@ def _critical_load(
 
 
 def _first(factors: Tensor, kind: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The bracket of the first factor (P, ...) that is not stable, and its kind; where all are, the
-    last one twice.
-    """
+    """The bracket of the first unstable factor (P, ...), and its kind; without one the last."""
     lost = kind != STABLE
     any_lost = lost.any(0)
     at = torch.where(any_lost, lost.to(torch.int8).argmax(0), len(kind) - 1)[None]

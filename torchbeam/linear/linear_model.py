@@ -275,9 +275,7 @@ def _twice(X: Tensor) -> Tensor:
 
 
 def _balance(A: Tensor) -> Tensor:
-    """Scales d (..., n) that make rows and columns of diag(1/d) A diag(d) alike in size
-    (Osborne 1960); constants.
-    """
+    """Scales d (..., n) that balance rows and columns of diag(1/d) A diag(d) (Osborne 1960)."""
     size = A.detach().abs()
     size = size - torch.diag_embed(size.diagonal(dim1=-2, dim2=-1))
     scale = torch.ones_like(size[..., 0])

@@ -57,9 +57,7 @@ def others(places: Tensor, count: int) -> Tensor:
 
 
 def following(G: Tensor, dependent: Tensor) -> Tensor:
-    """(..., n, n - m) all moves by those that are not `dependent` (m,), where G (..., m, n) moves =
-    0.
-    """
+    """(..., n, n - m) moves by those not `dependent` (m,), where G (..., m, n) moves = 0."""
     n = G.shape[-1]
     free = others(dependent, n)
     eye = torch.eye(n, dtype=G.dtype, device=G.device)[:, free]

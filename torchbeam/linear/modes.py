@@ -20,7 +20,8 @@ from ..core.leaves import wants_gradient
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete, shown
 from ..core.warning import warn
-from ..math.quadratic_eigen import DOUBT, Pairs, attach, slowest, slowest_of_chain, upright
+from ..math.eigen_derivatives import attach, upright
+from ..math.quadratic_eigen import DOUBT, Pairs, slowest, slowest_of_chain
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.in_double import in_double
@@ -74,9 +75,7 @@ class Modes:
 
     @property
     def damping_ratio(self) -> Tensor:
-        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, negative for growth; 0 of a
-        rigid motion.
-        """
+        """(..., count) -real part / |eigenvalue|: 1 for no oscillation, below 0 for growth."""
         size = self.eigenvalue.abs()
         return -self.eigenvalue.real / torch.where(size == 0, 1, size)
 

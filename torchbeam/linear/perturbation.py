@@ -81,9 +81,7 @@ class Perturbation:
         return full.index_copy(-2, self.free, self.axes)
 
     def depends_on(self) -> Tensor:
-        """(..., n, w (N+1)): q of the nodes' moves, the inverse of `moves` where q are all free
-        ones.
-        """
+        """(..., n, w (N+1)): q of the nodes' moves, the inverse of `moves` where q are all free."""
         moves = self.model.node_count * self.model.space.unknowns
         full = torch.zeros(
             *self.axes.shape[:-1], moves, dtype=self.axes.dtype, device=self.axes.device

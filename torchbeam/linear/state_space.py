@@ -5,10 +5,7 @@ in `modes` and G, Y, Y_v the derivatives of loads and sensors:
 
     M q'' + D q' + K q = G du        dy = Y q + Y_v q' + Y_u du
 
-Coordinates q_0 without inertia (turns of a section without rotary inertia) have no equation of
-motion. Undamped they follow the others, K_00 q_0 = G_0 du - K_01 q_1; damped they creep,
-D_00 q_0' = G_0 du - K_00 q_0 - K_01 q_1 - D_01 q_1'. Internal states of loads are such coordinates,
-see `system_matrices`; they also follow accelerations, - M_01 q_1'' on the right.
+What becomes of coordinates without inertia is in `first_order`.
 
 Of a structure q are those of the moves by which the others follow, q_d = -G_d^-1 G_i q, with G the
 derivatives of the joints' constraints; the joints' forces are what the others' balances lack,
@@ -42,12 +39,11 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from .chart import Chart
+from .first_order import SmallMotions, first_order
 from .linear_model import Linear
 from .minimal_moves import following, others, pivots
 from .perturbation import Perturbation, Sensor
 from .system_matrices import at_rest, augmented, dense, of_nodes, rigid_constraints
-
-SINGULAR = 1e-13
 
 
 def linearize(
@@ -161,18 +157,9 @@ def _linear(
     sensed = Y.shape[-2]  # behind the sensors: all free moves
     Y, Y_v = torch.cat((Y, _free(Y, free)), -2), pad(Y_v, (0, 0, 0, free))
     Y_u = pad(Y_u, (0, 0, 0, free))
-    turned = T.mT @ loads
-    A, B, C, D, creeps, mass = _assemble(M, D, K, turned, Y, Y_v, Y_u, massless, states)
-    by = (model.inertia.rotary, *(() if creeps else scene.dampings))
-    if (
-        wants_gradient(*by)
-        and (turned.detach()[..., : len(massless), :][..., massless, :] != 0).any()
-    ):
-        raise ValueError(
-            "a derivative by the rotary inertia, or damping, of turns that have none was given to "
-            "linearize, where an Input turns these and they would follow its rate; a small rotary "
-            "inertia is wanted"
-        )
+    small = SmallMotions(M, D, K, T.mT @ loads, Y, Y_v, Y_u)
+    A, B, C, D, creeps, mass = first_order(small, massless, states)
+    _refuse_rates(model, small.G, massless, creeps)
     if forces is not None and sensed:
         by_z, by_u = _out_of_balance(nodal, T, loads, A, B, C[..., sensed:, :], D[..., sensed:, :])
         Y_force = pad(Y_force @ forces, (0, 0, 0, free))
@@ -180,23 +167,9 @@ def _linear(
             C + Y_force @ by_z[..., : forces.shape[-1], :],
             D + Y_force @ by_u[..., : forces.shape[-1], :],
         )
-    massive = (~massless).nonzero()[:, 0]
-    first = torch.cat((massive, massless.nonzero()[:, 0])) if creeps else massive
-    zero = torch.zeros_like(moves)
-    reads = torch.cat(
-        (
-            torch.cat((moves, zero), -1)[..., first, :],
-            torch.cat((zero, moves), -1)[..., massive, :],
-        ),
-        -2,
-    )
-    writes = near.moves() @ C[..., sensed:, :]
-    writes = torch.cat((writes, writes @ A), -2)
+    reads, writes = _by_moves(moves, near.moves() @ C[..., sensed:, :], A, massless, creeps, states)
     if states:
-        internal = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
-        writes = torch.cat((writes, internal.expand(*writes.shape[:-2], -1, -1)), -2)
         state = replace(state, internal=near.state.internal.expand(*state.batch_shape, states))
-        reads = _both(reads, torch.eye(states, dtype=K.dtype, device=K.device))
     return Linear(
         A,
         B,
@@ -212,6 +185,41 @@ def _linear(
         mass=mass,
         moves=writes,
     )
+
+
+def _refuse_rates(model: Model, G: Tensor, massless: Tensor, creeps: bool) -> None:
+    """ValueError for derivatives that an input G (..., n + Z, m) would make follow its rate."""
+    by = (model.inertia.rotary, *(() if creeps else model.scene.dampings))
+    if wants_gradient(*by) and (G.detach()[..., : len(massless), :][..., massless, :] != 0).any():
+        raise ValueError(
+            "a derivative by the rotary inertia, or damping, of turns that have none was given to "
+            "linearize, where an Input turns these and they would follow its rate; a small rotary "
+            "inertia is wanted"
+        )
+
+
+def _by_moves(
+    moves: Tensor, writes: Tensor, A: Tensor, massless: Tensor, creeps: bool, states: int
+) -> tuple[Tensor, Tensor]:
+    """How z is read from the nodes' moves and their rates, and how it gives these: by how free
+    moves are read (..., n, w (N+1)) and written (..., w (N+1), z).
+    """
+    massive = (~massless).nonzero()[:, 0]
+    first = torch.cat((massive, massless.nonzero()[:, 0])) if creeps else massive
+    zero = torch.zeros_like(moves)
+    reads = torch.cat(
+        (
+            torch.cat((moves, zero), -1)[..., first, :],
+            torch.cat((zero, moves), -1)[..., massive, :],
+        ),
+        -2,
+    )
+    writes = torch.cat((writes, writes @ A), -2)
+    if states:
+        internal = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
+        writes = torch.cat((writes, internal.expand(*writes.shape[:-2], -1, -1)), -2)
+        reads = _both(reads, torch.eye(states, dtype=A.dtype, device=A.device))
+    return reads, writes
 
 
 def _warn_of_rounding(A: Tensor) -> None:
@@ -283,117 +291,6 @@ def _out_of_balance(
     if damping is not None:
         by_z, by_u = by_z - damping @ rate, by_u - damping @ (T @ C @ B)
     return by_z, by_u
-
-
-def _assemble(
-    M: Tensor,
-    D: Tensor,
-    K: Tensor,
-    G: Tensor,
-    Y: Tensor,
-    Y_v: Tensor,
-    Y_u: Tensor,
-    massless: Tensor,
-    states: int,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, bool, Tensor | None]:
-    """Matrices A, B, C, D of the model; whether coordinates without inertia creep; mass of the
-    first half of z, or None. massless (n,) bool, of the moves; behind them come `states` internal
-    states. Raises ValueError as `linearize`.
-    """
-    massive, light = (~massless).nonzero()[:, 0], massless.nonzero()[:, 0]
-    internal = torch.arange(len(massless), len(massless) + states, device=massless.device)
-    creeps = len(light) > 0 and bool((D[..., light, :].detach() != 0).any())
-    if len(light) and not creeps:  # q_0 = follow u - lead q
-        rest = torch.cat((massive, internal))
-        if any(_coupled(X[..., internal, :], light, massive) for X in (D, M)):
-            raise ValueError(
-                "internal states of a load that follow the rate of a turn without inertia were "
-                "given; a section with rotary inertia, or damping, is wanted"
-            )
-        K00, K10 = K[..., light, :][..., light], K[..., rest, :][..., light]
-        lead, follow = solve(
-            K00, torch.cat((K[..., light, :][..., rest], G[..., light, :]), -1)
-        ).split((len(rest), G.shape[-1]), -1)
-        Y_u = Y_u + Y[..., light] @ follow
-        Y, Y_v = (X[..., rest] - X[..., light] @ lead for X in (Y, Y_v))
-        G = G[..., rest, :] - K10 @ follow
-        back = solve(K00.mT, K10.mT).mT
-        M, D, K = (_condensed(X, rest, light, lead, back) for X in (M, D, K))
-        massive, light = torch.arange(len(massive), device=massive.device), light[:0]
-        internal = len(massive) + torch.arange(states, device=massive.device)
-    elif creeps:
-        least, most = torch.linalg.svdvals(D[..., light, :][..., light].detach()).aminmax(dim=-1)
-        if (least <= SINGULAR * most).any():
-            raise ValueError(
-                "damping of some strains alone was given for a section without rotary inertia; "
-                "damping of all of them, or a rotary inertia, is wanted"
-            )
-    light = torch.cat((light, internal))
-
-    def parts(X: Tensor) -> list[Tensor]:
-        return [X[..., i, :][..., j] for i in (massive, light) for j in (massive, light)]
-
-    K11, K10, K01, K00 = parts(K)
-    D11, D10, D01, D00 = parts(D)
-    M11, M10, M01, M00 = parts(M)
-    G1, G0 = G[..., massive, :], G[..., light, :]
-    Y1, Y0, V1, V0 = Y[..., massive], Y[..., light], Y_v[..., massive], Y_v[..., light]
-    eye = torch.eye(len(massive), dtype=K.dtype, device=K.device).expand_as(K11)
-    if not len(light):
-        rows = solve(M11, torch.cat((-K11, -D11, G1), -1))
-        A = torch.cat(
-            (torch.cat((torch.zeros_like(K11), eye), -1), rows[..., : 2 * len(massive)]), -2
-        )
-        B = torch.cat((torch.zeros_like(G1), rows[..., 2 * len(massive) :]), -2)
-        return A, B, torch.cat((Y1, V1), -1), Y_u, False, M11
-    creep = solve(D00, torch.cat((-K01, -K00, -D01, G0, -M01), -1))
-    creep, pushed = creep[..., : -len(massive)], creep[..., -len(massive) :]
-    zero = torch.zeros_like(K11)
-    right = torch.cat((-K11, -K10, -D11, G1), -1) - D10 @ creep
-    rows = solve(M11 + D10 @ pushed, right)
-    creep = creep + pushed @ rows
-    n = 2 * len(massive) + len(light)
-    top = torch.cat((zero, torch.zeros_like(K10), eye), -1)
-    # they are 0, and their derivatives are not: q_0'' is that of the creep
-    if wants_gradient(M00, M10):
-        whole = torch.cat((torch.cat((top, torch.zeros_like(G1)), -1), creep, rows), -2)
-        turns = creep[..., :n] @ whole
-        late = solve(D00, M00 @ turns)
-        less = solve(M11 + D10 @ pushed, M10 @ turns - D10 @ late)
-        creep, rows = creep - late - pushed @ less, rows - less
-    A = torch.cat((top, creep[..., :n], rows[..., :n]), -2)
-    B = torch.cat((torch.zeros_like(G1), creep[..., n:], rows[..., n:]), -2)
-    C = torch.cat((Y1, Y0, V1), -1) + V0 @ creep[..., :n]
-    first = n - len(massive) - states
-    order = torch.tensor(
-        [*range(first), *range(first + states, n), *range(first, first + states)], device=A.device
-    )
-    return (
-        A[..., order, :][..., order],
-        B[..., order, :],
-        C[..., order],
-        Y_u + V0 @ creep[..., n:],
-        creeps,
-        None,
-    )
-
-
-def _condensed(X: Tensor, rest: Tensor, none: Tensor, lead: Tensor, back: Tensor) -> Tensor:
-    """[I, -back] X [I; -lead] of the coordinates `rest`, where those of `none` follow as -lead q
-    (Guyan 1965). What M and D have of `none` is 0, and its derivative is not: of a rotary inertia,
-    or damping, that is 0.
-    """
-    upper, lower = X[..., rest, :], X[..., none, :]
-    upper, lower = (x[..., rest] - x[..., none] @ lead for x in (upper, lower))
-    return upper - back @ lower
-
-
-def _coupled(rows: Tensor, light: Tensor, massive: Tensor) -> bool:
-    """Whether the columns `none` of some rows are more than rounding beside the columns `one`."""
-    rows = rows.detach().abs()
-    return rows.numel() > 0 and bool(
-        (rows[..., light] > SINGULAR * rows[..., massive].amax((-1, -2), keepdim=True)).any()
-    )
 
 
 def _both(X: Tensor, Y: Tensor) -> Tensor:

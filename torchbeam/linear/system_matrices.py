@@ -117,9 +117,7 @@ def augmented(
 def of_nodes(
     model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
 ) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
-    """The same of all nodes (D None without damping or rotation), and what loads with internal
-    states add.
-    """
+    """The same of all nodes (D None: no damping, rotation), and what internal states add."""
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
@@ -168,8 +166,8 @@ def of_nodes(
         motion = problem.node_motion(x)
         for one in model.interactions:
             K = one.matrix(K, x.stress, motion)
-            own = one.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
-            D = D if own is None else own
+            damping = one.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
+            D = D if damping is None else damping
     return M, D, K, lagging
 
 
@@ -179,9 +177,7 @@ def _zeros(model: Model, x: Configuration) -> Matrix:
 
 
 def _resists(load: Any) -> bool:
-    """Whether it may depend on rates at an instant: contact without friction and damping does so in
-    a step alone.
-    """
+    """Whether it may depend on rates at an instant: lossless contact does so in a step alone."""
     return load.lossy if isinstance(load, ContactTerms) else True
 
 

@@ -12,16 +12,16 @@ def basis(breaks: Tensor, x: Tensor, degree: int, order: int = 0) -> Tensor:
     """
     knots = torch.cat((breaks[:1].expand(degree), breaks, breaks[-1:].expand(degree)))
     k = (torch.searchsorted(breaks, x.contiguous(), right=True) - 1).clamp(0, len(breaks) - 2)
-    own = torch.nn.functional.one_hot(k + degree, len(knots) - 1).to(x)
+    values = torch.nn.functional.one_hot(k + degree, len(knots) - 1).to(x)
     for d in range(1, degree + 1):
         width = knots[d:] - knots[:-d]
-        share = torch.where(width > 0, own / torch.where(width > 0, width, 1), 0)
+        share = torch.where(width > 0, values / torch.where(width > 0, width, 1), 0)
         if d > degree - order:
-            own = d * (share[:, :-1] - share[:, 1:])
+            values = d * (share[:, :-1] - share[:, 1:])
         else:
             left, right = x[:, None] - knots[: -d - 1], knots[d + 1 :] - x[:, None]
-            own = left * share[:, :-1] + right * share[:, 1:]
-    return own
+            values = left * share[:, :-1] + right * share[:, 1:]
+    return values
 
 
 def penalty(breaks: Tensor, degree: int, order: int) -> Tensor:

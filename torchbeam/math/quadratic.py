@@ -37,14 +37,6 @@ def gauss_points(count: int) -> tuple[Tensor, Tensor]:
     return tuple(map(torch.from_numpy, np.polynomial.legendre.leggauss(count)))
 
 
-def values_at(x: Tensor, order: int) -> Tensor:
-    """N_i (points, order + 1) of the linear or the quadratic interpolation."""
-    each = (
-        ((1 - x) / 2, (1 + x) / 2) if order == 1 else (x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2)
-    )
-    return torch.stack(each, -1)
-
-
 def threes(x: Tensor, axes: int = 1) -> tuple[Tensor, ...]:
     """Values (..., 2 n + 1, *) at a chain of places, with `axes` axes of their own -> (..., n, *)
     at the three of each part.

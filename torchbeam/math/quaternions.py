@@ -32,6 +32,11 @@ def skew(v: Tensor) -> Tensor:
     return (v @ _HAT.to(v)).unflatten(-1, (3, 3))
 
 
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    """a x b of vectors (..., 3) whose axes broadcast."""
+    return torch.linalg.cross(*torch.broadcast_tensors(a, b))
+
+
 def identity(
     shape: tuple[int, ...], dtype: torch.dtype, device: torch.device | None = None
 ) -> Tensor:

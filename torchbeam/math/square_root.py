@@ -62,9 +62,9 @@ def conditioned(rows: Tensor, error: Tensor) -> Conditioned:
     """
     m = error.shape[-1]
     whole = triangle(rows)
-    own, shared = whole[..., :m, :m], whole[..., :m, m:]
-    unit = torch.linalg.solve_triangular(own.mT, error[..., None], upper=False)
-    return Conditioned(unit[..., 0], own, shared, whole[..., m:, m:])
+    common, shared = whole[..., :m, :m], whole[..., :m, m:]
+    unit = torch.linalg.solve_triangular(common.mT, error[..., None], upper=False)
+    return Conditioned(unit[..., 0], common, shared, whole[..., m:, m:])
 
 
 class Later(NamedTuple):

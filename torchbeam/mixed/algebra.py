@@ -75,9 +75,7 @@ def crossing(theta: Tensor, root: Tensor) -> Tensor | None:
 
 
 def rotation_nodes(theta: Tensor, root: Tensor, other: Tensor | None) -> Tensor:
-    """`forward` for rotation parameters: theta^_i as element i sees it, and the tip,
-    (..., N+1, 3).
-    """
+    """`forward` for rotation parameters: theta^_i as element i sees it; the tip, (..., N+1, 3)."""
     if other is None:
         return forward(root, theta)
     nodes = [root]
@@ -90,9 +88,7 @@ def rotation_nodes(theta: Tensor, root: Tensor, other: Tensor | None) -> Tensor:
 
 
 def chart_jump(arriving: Tensor, other: Tensor | None) -> Tensor | None:
-    """d(shadow(n))/dn = -16 (I - 2 n n^T/q)/q (..., N, 3, 3) where a chart is crossed, I elsewhere;
-    None = nowhere.
-    """
+    """d(shadow(n))/dn = -16 (I - 2 n n^T/q)/q where a chart is crossed, else I; None = nowhere."""
     if other is None:
         return None
     n = torch.where(other[..., None], arriving, torch.ones_like(arriving))

@@ -105,9 +105,7 @@ class BlockRate:
 
     @property
     def drift(self) -> Tensor:
-        """Violation of the undifferentiated equations f_u, f_psi, f_F, f_M of each node
-        (..., N+1, 4, 3).
-        """
+        """Violation of the undifferentiated f_u, f_psi, f_F, f_M of each node (..., N+1, 4, 3)."""
         return residual(self.model, self.t, self.x)
 
 

@@ -59,9 +59,7 @@ def at_rest(model: MixedModel, t: Tensor) -> tuple[Tensor, ...]:
 
 
 def drift(model: MixedModel, t: Tensor, x: Fields) -> Tensor:
-    """(...) largest violation of the undifferentiated equations, in N, N m, m and rotation
-    parameters alike.
-    """
+    """(...) largest violation of the undifferentiated equations: N, N m, m, rotation parameters."""
     return residual(model, t, x).detach().abs().amax((-3, -2, -1))
 
 
@@ -83,9 +81,7 @@ def rescaled(model: MixedModel, t: Tensor, theta: Tensor) -> Tensor | None:
 
 
 def observe(model: MixedModel, t: Tensor, x: Fields, strain: Tensor, status: Tensor) -> MixedState:
-    """Positions, velocities, rotations and spins of the nodes, and the reaction: frame a,
-    absolute.
-    """
+    """Positions, velocities, rotations, spins of nodes, and the reaction: frame a, absolute."""
     k = motion(model, t, x.u, x.theta, x.V, x.Omega)
     at = nodes(model, t, x.u, x.theta)
     u_dot, theta_dot = node_rates(model, t, k, at.jump)

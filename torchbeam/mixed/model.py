@@ -26,8 +26,9 @@ from ..scene.effects import (
     inputs_at,
     value_at,
 )
+from ..scene.inputs import merge_inputs
 from ..scene.prescribed_motion import PrescribedMotion, turning
-from ..scene.scene import Scene, merge_inputs
+from ..scene.scene import Scene
 from ..scene.section import STRAINS
 from .algebra import mv
 
@@ -161,9 +162,7 @@ class MixedModel:
         )
 
     def loads(self, t: Tensor, at: Places, effects: tuple | None = None) -> tuple[Tensor, Tensor]:
-        """[force; moment] along the elements (..., N, 6), per length, and on the nodes
-        (..., N+1, 6), frame a.
-        """
+        """[force; moment] of elements (..., N, 6), per length, and nodes (..., N+1, 6), frame a."""
         N, zero = self.count, self.nodes.new_zeros(3)
         inputs = inputs_at(self.inputs, t, zero)
         line, nodal = self.nodes.new_zeros(N, 6), self.nodes.new_zeros(N + 1, 6)
@@ -197,9 +196,7 @@ class MixedModel:
         return line, nodal
 
     def load_rates(self, t: Tensor, at: Places, rates: Places) -> tuple[Tensor, Tensor]:
-        """d/dt of `loads` along the motion, by forward mode: of their values in t, and of what they
-        read as it moves.
-        """
+        """d/dt of `loads` along the motion, by forward mode: by t, and by what they read."""
         if not self.changing:
             return self.nodes.new_zeros(self.count, 6), self.nodes.new_zeros(self.count + 1, 6)
         both = (

@@ -147,9 +147,7 @@ Blocks = list[tuple[list[int], list[int], Tensor]]  # block rows, block columns,
 
 
 def block_rows(model: MixedModel, x: Fields, s: Terms) -> Blocks:
-    """The blocks of A: four rows a node (f_u, f_psi, f_F, f_M), then u', theta', V', Omega' of the
-    elements.
-    """
+    """Blocks of A: four rows a node (f_u, f_psi, f_F, f_M), then u', theta', V', Omega'."""
     N, e = model.count, s.e
     S11, S12, S21, S22 = _quarters(model.S)
     M11, M12, M21, M22 = _quarters(model.Mass)
@@ -216,9 +214,7 @@ def block_system(model: MixedModel, x: Fields, s: Terms) -> tuple[Tensor, Tensor
 
 
 def _right_hand_side(x: Fields, s: Terms) -> Tensor:
-    """c^-/+ = +/- (R)' y + h line' - T at both ends, a at both ends, and the rates that are
-    known.
-    """
+    """c^-/+ = +/- (R)' y + h line' - T at both ends, a at both ends, and known rates."""
     line, nodal = halves(s.e.h * s.line), halves(s.nodal[..., 1:, :])
     plus, minus = [], []
     for E, T, f, load in zip((s.EF, s.EM), (s.T_u, s.T_psi), line, nodal, strict=True):

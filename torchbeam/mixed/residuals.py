@@ -82,9 +82,7 @@ def f_M(side: int, e: Element, x: Fields) -> Tensor:
 
 
 def f_P(e: Element, x: Fields, u_dot: Tensor, v: Tensor, omega: Tensor) -> Tensor:
-    """R V - v - ~omega u - u_dot;  v m/s is the frame's velocity at the element's reference
-    place.
-    """
+    """R V - v - ~omega u - u_dot; v m/s is the frame's velocity at the element's reference."""
     return mv(e.R, x.V) - v - cross(omega, x.u) - u_dot
 
 
@@ -162,9 +160,7 @@ def _arriving(plus: Tensor, other: Tensor | None) -> Tensor:
 
 
 def jump_at(model: MixedModel, x: Fields, e: Element, t: Tensor) -> Tensor | None:
-    """Derivative of the change of chart on entering each element from the one before; None = no
-    change.
-    """
+    """Derivative of the change of chart on entering each element; None = no change."""
     _, root = model.root(t)
     other = crossing(x.theta, root)
     if other is None:

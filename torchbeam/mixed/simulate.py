@@ -66,23 +66,7 @@ def simulate_mixed(
 
     Raises ValueError for what the form does not take; RuntimeError where every sample failed.
     """
-    choice("form", form, ("block_rate", "minimal"))
-    choice("solver", solver, ("sweep", "dense"))
-    if boolean("project", project) and form == "minimal":
-        raise ValueError(
-            "project=True was given for the minimal form; only 'block_rate' has something to "
-            "project"
-        )
-    if initial is not None and not isinstance(initial, MixedState):
-        raise ValueError(
-            f"initial of type {type(initial).__name__} was given; the mixed forms want a "
-            "MixedState, see consistent_state"
-        )
-    if initial is not None and initial.u.shape[-2] != scene.beam.station_count:
-        raise ValueError(
-            f"initial with {initial.u.shape[-2]} elements was given; the beam has "
-            f"{scene.beam.station_count}"
-        )
+    _check(scene, form, initial, project, solver)
     model = MixedModel(scene, form, {} if inputs is None else inputs)
     t = increasing("t", as_tensor(t, scene.dtype, scene.device))
     instants = t if begin is None else [begin + now for now in t]
@@ -116,20 +100,31 @@ def simulate_mixed(
     )
     states = [problem.observe(*point) for point in zip(instants, ys, status, strict=True)]
     state = MixedState.stack(states)
-    reason = {
-        FAILED: f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"
-    }
-    return Solution(
-        t,
-        state,
-        _energy(model, state),
-        Stats(
-            evaluations=evaluations,
-            drift=problem.drift(instants, ys),
-            reason=reason if status.any() else {},
-            engine="eager",
-        ),
-    )
+    why = f"{method}: the step shrank to nothing, or the rates were not finite; {ADVICE}"
+    reason, off = {FAILED: why} if status.any() else {}, problem.drift(instants, ys)
+    stats = Stats(evaluations=evaluations, drift=off, reason=reason, engine="eager")
+    return Solution(t, state, _energy(model, state), stats)
+
+
+def _check(scene: Scene, form: str, initial: Any, project: bool, solver: str) -> None:
+    """ValueError for what a form does not take."""
+    choice("form", form, ("block_rate", "minimal"))
+    choice("solver", solver, ("sweep", "dense"))
+    if boolean("project", project) and form == "minimal":
+        raise ValueError(
+            "project=True was given for the minimal form; only 'block_rate' has something to "
+            "project"
+        )
+    if initial is not None and not isinstance(initial, MixedState):
+        raise ValueError(
+            f"initial of type {type(initial).__name__} was given; the mixed forms want a "
+            "MixedState, see consistent_state"
+        )
+    if initial is not None and initial.u.shape[-2] != scene.beam.station_count:
+        raise ValueError(
+            f"initial with {initial.u.shape[-2]} elements was given; the beam has "
+            f"{scene.beam.station_count}"
+        )
 
 
 def rest(scene: Scene, form: str, shape: tuple[int, ...]) -> MixedState:
@@ -209,9 +204,7 @@ class _BlockRate:
 
 
 def _energy(model: MixedModel, state: MixedState) -> Energy:
-    """Kinetic sum h z.Mass z, strain sum h e.S^-1 e (2 h is the element's length); the loads' work
-    is not integrated.
-    """
+    """Kinetic sum h z.Mass z, strain sum h e.S^-1 e; the loads' work is not integrated."""
     z = torch.cat((state.V, state.Omega), -1)
     kinetic, strain = (
         (model.h * v * mv(matrix, v)).sum((-2, -1))

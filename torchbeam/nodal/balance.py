@@ -69,9 +69,7 @@ class Residual(NamedTuple):
         return length.square() * forces + moments
 
     def _left(self) -> tuple[Tensor, Tensor]:
-        """(..., n, *) what is left of the forces and the moments of nodes that nothing holds,
-        beyond rounding.
-        """
+        """(..., n, *) what is left of forces and moments of free nodes, beyond rounding."""
         left = self.nodes.detach().abs() - self.rounding
         free = self.constraints.unknowns.select(left).clamp(min=0)
         p = (free.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
@@ -134,9 +132,7 @@ class CondensedTangent(NamedTuple):
 
 
 class Linearisation(NamedTuple):
-    """The condensed tangent; constants (detached) of one Newton step or of the implicit function
-    theorem.
-    """
+    """The condensed tangent; constants of one Newton step or of the implicit function theorem."""
 
     assembly: Assembly
     constraints: Constraints
@@ -193,16 +189,12 @@ class Linearisation(NamedTuple):
 
 
 def same_law(C: Tensor, law: Tensor) -> Tensor:
-    """(...) bool: whether C of a tangent is that of the law in all elements
-    (..., N or 1, k, k or 1).
-    """
+    """(...) bool: whether C of a tangent is the law's in all elements (..., N or 1, k, k or 1)."""
     return (C == law.detach()).flatten(-3).all(-1)
 
 
 def pushed_by(force_operator: Tensor, stiffness: Tensor, g_strain: Tensor) -> Tensor:
-    """h B^T C g_eps (..., N, p + 2 s): what an element's constitutive residual asks of its
-    nodes.
-    """
+    """h B^T C g_eps (..., N, p + 2 s): what an element's constitutive residual asks of nodes."""
     return (force_operator.mT @ times(stiffness, g_strain[..., None]))[..., 0]
 
 
@@ -212,23 +204,25 @@ def dstress(stiffness: Tensor, strain_by_move: Tensor, g_strain: Tensor, move: T
 
 
 def restrained_forces(
-    model: Rows, kinematics: Any, own: Tensor | float, h: Tensor
+    model: Rows, kinematics: Any, eigenstrain: Tensor | float, h: Tensor
 ) -> Tensor | float:
     """Element forces that the beam's eigenstrain would take to hold back: what it is measured
     against where nothing else acts; 0.0 where there is none.
     """
-    if isinstance(own, float):
-        return own
-    stress = model.law.stress(own)
+    if isinstance(eigenstrain, float):
+        return eigenstrain
+    stress = model.law.stress(eigenstrain)
     return model.space.forces(
         kinematics, stress.expand(*broadcast_shapes(stress.shape, (model.station_count, 1))), h
     )
 
 
-def size_of_strain(followed: Tensor, own: Tensor | float) -> Tensor:
+def size_of_strain(followed: Tensor, eigenstrain: Tensor | float) -> Tensor:
     """(...) the largest term in the strain law."""
     size = most(followed.detach())
-    return size if isinstance(own, float) else torch.maximum(size, most(own.detach()))
+    return (
+        size if isinstance(eigenstrain, float) else torch.maximum(size, most(eigenstrain.detach()))
+    )
 
 
 def most(x: Tensor) -> Tensor:

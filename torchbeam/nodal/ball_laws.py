@@ -33,7 +33,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from .joint_laws import CoordinateStep, Losses, limit_slope
 from .rotation_vector import Turn, arc, arc_slope, axial, changes
 
@@ -159,11 +159,11 @@ class BallLaws(Losses):
             force = self.friction[..., None] / size
             push = push + force * r
             if by is not None:
-                y, own = turn.y[..., None, :], r[..., None, :]
+                y, axis = turn.y[..., None, :], r[..., None, :]
                 dphi = f[..., None, None] * dy + (f_by[..., None] * dc)[..., None] * y
                 dr = twice[..., None] * dphi
-                across = (own * dr).sum(-1, keepdim=True) / size[..., None, :] ** 2
-                dpush = dpush + force[..., None, :] * (dr - across * own)
+                across = (axis * dr).sum(-1, keepdim=True) / size[..., None, :] ** 2
+                dpush = dpush + force[..., None, :] * (dr - across * axis)
         if step.torque is not None:
             push = push - step.torque
         if not isinstance(push, float):
@@ -196,7 +196,7 @@ class BallLaws(Losses):
 def _swing(D: Tensor, e: Tensor) -> Tensor:
     """(...) rad between an axis e (..., 3) and D e."""
     turned = (D @ e[..., None])[..., 0]
-    across = torch.linalg.cross(*torch.broadcast_tensors(e, turned))
+    across = cross(e, turned)
     square = (across * across).sum(-1)
     some = square > 0
     sine = torch.where(some, torch.sqrt(torch.where(some, square, 1.0)), 0.0)

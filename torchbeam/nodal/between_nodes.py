@@ -78,9 +78,7 @@ class NodeMotion(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Places where forces act, after a step, and before it (None = at an instant); of: the motion
-    of nodes.
-    """
+    """Places where forces act, after a step, and before it (None: no step); nodes' motion."""
 
     acting: Any
     end: Any
@@ -154,7 +152,5 @@ class BetweenNodes(Tree):
         return None
 
     def passed(self, motion: NodeMotion) -> Tensor | None:
-        """(...) bool: whether parts pass through each other over the step; None = there are
-        none.
-        """
+        """(...) bool: whether parts pass through each other over the step; None = no parts."""
         return None

@@ -67,13 +67,13 @@ def nearest(
     curve: x is then nearest to one of these, where |c - x| - r is least; None = they are alike. t
     has the derivatives of the nearest place.
     """
-    before, own, after = nodes.unbind(-2)
-    left = (((before + own) / 2 - x) * (own - before)).sum(-1)
-    right = (((own + after) / 2 - x) * (after - own)).sum(-1)
+    before, middle, after = nodes.unbind(-2)
+    left = (((before + middle) / 2 - x) * (middle - before)).sum(-1)
+    right = (((middle + after) / 2 - x) * (after - middle)).sum(-1)
     if radii is not None:
         rises = radii.diff(dim=-1)
-        left = left - norm((before + own) / 2 - x)[..., 0] * rises[..., 0]
-        right = right - norm((own + after) / 2 - x)[..., 0] * rises[..., 1]
+        left = left - norm((before + middle) / 2 - x)[..., 0] * rises[..., 0]
+        right = right - norm((middle + after) / 2 - x)[..., 0] * rises[..., 1]
     within = ((left <= 0) | ends[..., 0]) & ((right > 0) | ends[..., 1])
     C_0, C_1, C_2 = (control @ nodes).unbind(-2)
     y, e, g = C_0 - x, C_1 - C_0, C_0 - 2 * C_1 + C_2

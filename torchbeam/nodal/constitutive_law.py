@@ -46,9 +46,7 @@ class ElasticLaw(Tree):
     damped = False
 
     def effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
-        """The strain (..., N, k) that stress answers to; rate() is its rate, asked for where it
-        matters.
-        """
+        """The strain (..., N, k) that stress answers to; rate(): its rate, where it matters."""
         return strain
 
     def effective_strain_by(self, strain_by_move: Tensor, rate_by_strain: Tensor) -> Tensor:
@@ -179,9 +177,7 @@ def _surrounding_stiffness(
 
 @dataclass(frozen=True)
 class ViscoelasticLaw(ElasticLaw):
-    """With a retardation time (Kelvin and Voigt's law): s, (..., 1, 1, 1), or a matrix in the form
-    of S.
-    """
+    """With a retardation time (Kelvin, Voigt): s, (..., 1, 1, 1), or a matrix in the form of S."""
 
     retardation_time: Tensor = leaf(3)
 
@@ -262,9 +258,7 @@ def _residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
 
 
 def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice(None)) -> Tensor:
-    """The strain (..., n, 6) of the sections in the middle of elements with this strain, less
-    eigenstrain.
-    """
+    """The strain (..., n, 6) of sections in elements' middles with this one, less eigenstrain."""
     if not beam.linked_interpolation:
         return strain
     S = beam.compliance

@@ -56,9 +56,7 @@ class Constraints:
         dtype: torch.dtype,
         device: torch.device,
     ) -> Constraints:
-        """rows: of each support its node and `fixed`; p of a node's w unknowns are its
-        position's.
-        """
+        """rows: of each support its node and `fixed`; p of a node's w unknowns are of position."""
         nodes = tuple(node for node, _ in rows)
         fixed = torch.tensor([row for _, row in rows], dtype=dtype, device=device).reshape(
             len(rows), w

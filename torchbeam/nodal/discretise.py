@@ -147,9 +147,7 @@ def in_double(model: Model) -> Model:
 
 
 def _in_a_plane(scene: Scene, lumped: bool, topology: Topology | None) -> Model:
-    """In the first plane that everything fits, if there is one and nothing but numbers acts; else
-    in 3D.
-    """
+    """In the first plane that everything fits, where nothing but numbers acts; else in 3D."""
     for name in PLANES if only_numbers(scene) else ():
         with suppress(ValueError):
             return discretise(replace(scene, plane=name), lumped, topology)

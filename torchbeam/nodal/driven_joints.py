@@ -129,9 +129,7 @@ class DrivenJoints(Joints):
         return nodes, stacked(gap, self.held * (product - driven.offset))
 
     def efforts(self, now: Any) -> Tensor | None:
-        """Sizes of efforts as joints are drawn, those that are given and those by limits that
-        exclude this.
-        """
+        """Sizes of efforts as joints are drawn: given ones, and of limits that exclude this."""
         values: JointValues = now.joints
         drawn = torch.zeros_like(self.c)
         laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
@@ -150,9 +148,7 @@ class DrivenJoints(Joints):
         by_end = self.coordinate_by(placed.end, driven.step.after)  # (..., J, m, 12)
 
         def more(v: Vector, push: Tensor) -> Tensor:
-            """By the coordinate after the step: of the effort, and of the direction in which forces
-            act.
-            """
+            """By the coordinate after the step: of the effort, and of the forces' direction."""
             middle = self._middle(driven.step) + torch.pi / 2 * self.angles
             across = self._gradient(v, self.turned(middle).at(placed.acting))
             turning = force[..., None] * (self.angles[..., None] * across)
@@ -181,9 +177,7 @@ class DrivenJoints(Joints):
         return self.balls.to_joints(M, -2, self.count)
 
     def _ball_stiffness(self, motion: Placed, rate: float) -> Tensor:
-        """(..., J, 12, 12): of what they add to the balances of both ends, by half the moves of
-        the ends.
-        """
+        """(..., J, 12, 12): what they add to the balances of both ends, by half the ends' moves."""
         by = self.balls.moment_by(self._ball_step(motion), motion.acting, motion.end, rate)
         none = torch.zeros_like(by[..., :3])
         by = torch.cat((none, by[..., :3], none, by[..., 3:]), -1)
@@ -211,8 +205,8 @@ class DrivenJoints(Joints):
         force = self._forces(stress, driven)
         if self.acting_balls is not None:  # as on a, in its axes
             M = self.balls.of(self._ball_moment(motion), -2)[..., None]
-            own = (self.balls.axes(motion.end).a.mT @ M)[..., 0] @ self.moves[:, 3:].mT
-            force = force + self.balls.to_joints(own, -2, self.count)
+            moments = (self.balls.axes(motion.end).a.mT @ M)[..., 0] @ self.moves[:, 3:].mT
+            force = force + self.balls.to_joints(moments, -2, self.count)
         last = stress.shape[-2] - self.behind
         parts = stress.narrow(-2, 0, last - self.count), force, stress.narrow(-2, last, self.behind)
         return stacked(*parts), driven.acting
@@ -226,8 +220,10 @@ class DrivenJoints(Joints):
 
     def held_rows(self, pose: Pose) -> Tensor:
         by = self._gradient(self.v.at(pose), self.w.at(pose))
-        own = self.coordinate_by(pose, self.coordinate(pose))
-        return self._at_nodes(self.held, torch.where(self.prescribed[..., None] > 0, own, by))
+        coordinate_by = self.coordinate_by(pose, self.coordinate(pose))
+        return self._at_nodes(
+            self.held, torch.where(self.prescribed[..., None] > 0, coordinate_by, by)
+        )
 
     def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
         wanted = self.given(joints)
@@ -257,12 +253,12 @@ class DrivenJoints(Joints):
             if value is None:
                 continue
             if rows is None:  # of a torque its numbers, in the rows of turns
-                own = value_at(value, t, inputs, self.c) @ self.moves[:, 3:].mT
-                own = own[..., None, :]
+                numbers = value_at(value, t, inputs, self.c) @ self.moves[:, 3:].mT
+                numbers = numbers[..., None, :]
             else:
-                own = scalar_at("what acts in a joint", value, t, inputs, self.c)
-                own = own[..., None, None] * rows
-            part = own * (torch.arange(self.count, device=own.device) == k)[:, None]
+                numbers = scalar_at("what acts in a joint", value, t, inputs, self.c)
+                numbers = numbers[..., None, None] * rows
+            part = numbers * (torch.arange(self.count, device=numbers.device) == k)[:, None]
             total = part if total is None else total + part
         return total
 

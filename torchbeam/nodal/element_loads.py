@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.quadratic import X, gauss_points, values_at
+from ..math.element_shapes import SHAPES
+from ..math.quadratic import X, gauss_points
 from ..math.shapes import stacked
 from ..scene.effects import Contact, LoadPoint
 from ..scene.effects.load_point import POSITION, SPIN, VELOCITY
@@ -38,8 +39,8 @@ def element_loads(rows: Rows, nodes: Nodes, now: Conditions) -> tuple[Tensor, ..
     for acting, point in _points(rows, nodes, now):
         weights, shares = point_weights(rows, acting), _shares(rows, acting)
         f = weights * wrench(rows.space, acting.load, point, now.t, now.inputs)
-        own = shares.mT @ f.unflatten(-2, (-1, len(shares)))  # (..., N, nodes, w)
-        total = total + _padded(rows, acting, own, 2)
+        forces = shares.mT @ f.unflatten(-2, (-1, len(shares)))  # (..., N, nodes, w)
+        total = total + _padded(rows, acting, forces, 2)
     return total.unbind(-2)
 
 
@@ -215,12 +216,12 @@ def load_point(
 def _points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingLoad, LoadPoint]]:
     told, row = nodes.told.get("elements"), 0
     for acting in now.between:
-        own = None
+        told_here = None
         if acting.load.rubs and told is not None:
             elements = range(rows.topology.element_count)[_elements(rows, acting)]
-            own = told.narrow(-2, row, count := len(elements) * acting.load.points)
+            told_here = told.narrow(-2, row, count := len(elements) * acting.load.points)
             row += count
-        point = load_point(rows, acting, nodes, now, own)
+        point = load_point(rows, acting, nodes, now, told_here)
         if acting.functions and not tried(acting.functions):
             check_samples(acting.load, point, now.t, now.inputs)
         yield at_points(rows, acting), point
@@ -243,14 +244,14 @@ def _of_node(rows: Rows, acting: ActingLoad, x: Tensor, b: int) -> Tensor:
     """
     if x.shape[-3] == 1:
         return x
-    own = rows.topology.gather(x, 2)[b][..., _elements(rows, acting), :, :]
-    return own.repeat_interleave(acting.load.points, -3)
+    of_elements = rows.topology.gather(x, 2)[b][..., _elements(rows, acting), :, :]
+    return of_elements.repeat_interleave(acting.load.points, -3)
 
 
 def _shares(rows: Rows, acting: ActingLoad) -> Tensor:
     """N_a (points, nodes) of one element."""
     x, _ = gauss_points(acting.load.points)
-    return values_at(x, rows.space.interpolation.order).to(rows.length)
+    return SHAPES[rows.space.interpolation.order].values(x).to(rows.length)
 
 
 def point_weights(rows: Rows, acting: ActingLoad) -> Tensor:
@@ -259,7 +260,7 @@ def point_weights(rows: Rows, acting: ActingLoad) -> Tensor:
     """
     x, weights = (part.to(rows.length) for part in gauss_points(acting.load.points))
     length = rows.length if acting.node is None else rows.length[..., acting.node, :]
-    if rows.space.interpolation.order == 1:
+    if not SHAPES[rows.space.interpolation.order].midside:
         slopes = length / 2 * torch.ones_like(x)
     else:
         first, second = length.unflatten(-2, (-1, 2)).unbind(-2)

@@ -58,9 +58,7 @@ class FixedFrame(Tree):
     spin_rate_by = rate  # of columns (..., s, n)
 
     def orientation(self, start: Tensor | None, dt: Tensor) -> Tensor | None:
-        """Frame a -> inertial axes, dt (...) s after `start`; None where the frame does not
-        turn.
-        """
+        """Frame a -> inertial axes, dt (...) s after `start`; None where it does not turn."""
         return start
 
     def steady_acceleration(self, velocity: Tensor) -> dict[str, Tensor]:
@@ -70,9 +68,7 @@ class FixedFrame(Tree):
         return {}
 
     def steady_jacobian(self) -> dict[str, Tensor]:
-        """Derivatives by the moves of points that stand in the frame, see
-        `loads.MotionJacobian`.
-        """
+        """Derivatives by the moves of points fixed in the frame, see `loads.MotionJacobian`."""
         return {}
 
     def moving_jacobian(self, eye: Tensor, spins: Tensor) -> dict[str, Tensor]:

@@ -96,9 +96,7 @@ class Inertia(Tree):
         )
 
     def momenta(self, rotation: Tensor, centre_velocity: Tensor, spin: Tensor) -> Momenta:
-        """Of nodes whose centres move with v_c (frame a), and which turn with Omega
-        (section axes).
-        """
+        """Of nodes whose centres move with v_c (frame a) and turn with Omega (section axes)."""
         return Momenta(
             self.translational.momentum(centre_velocity), self.rotary.momentum(rotation, spin)
         )
@@ -122,9 +120,7 @@ class Inertia(Tree):
         return self.offset.prepared(self.translational.matrix(Z), self.space.dims.spin)
 
     def matrix(self, rotation: Tensor, lever: NoMassOffset) -> Matrix:
-        """The mass matrix by [acceleration of the node; angular acceleration], frame a, as the
-        levers.
-        """
+        """The mass matrix by [acceleration; angular acceleration] of nodes, frame a."""
         eye = torch.eye(self.space.dims.position, dtype=self.mass.dtype, device=self.mass.device)
         return self.rotary.matrix(
             lever.matrix(self.masses(eye), lambda: lever.A), lambda: self.rotary.in_frame(rotation)
@@ -225,8 +221,8 @@ def _shared_by_nodes(beam: Beam, assembly: Assembly) -> tuple[Tensor, Tensor]:
         parts = tuple(_turned(parts[0], turn) for turn in turns)
     mass = assembly.shared(parts, 2)
     if not interpolation.positive:
-        own = concrete(mass.diagonal(dim1=-2, dim2=-1))
-        if (own < -NEGATIVE * own.abs().amax(-2, keepdim=True)).any():
+        diagonal = concrete(mass.diagonal(dim1=-2, dim2=-1))
+        if (diagonal < -NEGATIVE * diagonal.abs().amax(-2, keepdim=True)).any():
             raise ValueError(
                 "a mass or inertia that changes more than threefold within an element of order "
                 f"{beam.order} was given; more elements are wanted"

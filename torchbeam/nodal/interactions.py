@@ -41,13 +41,13 @@ def points(
     row = 0
     for k, acting in enumerate(now.interactions):
         at, place, load = list(acting.node), {"dt": inner.dt}, acting.load
-        own, row = row, row + bool(load.unknowns)
+        unknowns_row, row = row, row + bool(load.unknowns)
         if constrained not in (None, bool(load.unknowns)):
             continue
         if nodes.frame is not None:
             place["axes"] = axes_of(space.public_frame(nodes.frame)).mT
         if load.unknowns:
-            place["own"] = inner.own[..., own, : load.unknowns]
+            place["own"] = inner.own[..., unknowns_row, : load.unknowns]
         if load.memory:
             memory = nodes.position.new_zeros(k + 1, load.memory)
             memory = memory if inner.memory is None else inner.memory
@@ -128,10 +128,10 @@ class Couplings(BetweenNodes):
 
     def inner(self, stress: Tensor | None, motion: NodeMotion) -> Inner:
         """Own unknowns are of the stress, None = there are none."""
-        own = stress
+        unknowns = stress
         if stress is not None:
-            own = stress.narrow(-2, stress.shape[-2] - self.count, self.count)
-        return Inner(own, None if motion.state is None else motion.state.memory, motion.dt)
+            unknowns = stress.narrow(-2, stress.shape[-2] - self.count, self.count)
+        return Inner(unknowns, None if motion.state is None else motion.state.memory, motion.dt)
 
     def balance(
         self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion
@@ -206,8 +206,8 @@ class Couplings(BetweenNodes):
         if not any(act.reads.intersection(moved) for act in motion.now.interactions):
             return None
         inner = self.inner(None, motion)
-        own = self._tied(matrix(), motion, moved, -1.0, inner)
-        return self._tied(own, motion, motion.by(motion.now.reads), 1.0, inner)
+        damped = self._tied(matrix(), motion, moved, -1.0, inner)
+        return self._tied(damped, motion, motion.by(motion.now.reads), 1.0, inner)
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None

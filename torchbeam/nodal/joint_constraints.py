@@ -86,9 +86,9 @@ class End:
     def direction(self, e: Tensor) -> Vector:
         """What at rest is e (..., 3), frame a."""
         zero = torch.zeros_like(e)
-        own = e if self.ground else (self.R.mT @ e[..., None])[..., 0]
+        local = e if self.ground else (self.R.mT @ e[..., None])[..., 0]
         place = 0 if self.ground else 2 if self.second else 1
-        constant, in_a, in_b = (own if k == place else zero for k in range(3))
+        constant, in_a, in_b = (local if k == place else zero for k in range(3))
         there = tuple(float(k == place) for k in range(3))
         return Vector(constant, zero[..., 0], in_a, in_b, there)
 
@@ -136,12 +136,12 @@ def _as_drawn(
         return torch.stack(torch.broadcast_tensors(*parts), -1 - axes).unflatten(-1 - axes, (J, m))
 
     def factor(name: str) -> Factor:
-        own = [getattr(row, name) for rows in each for row in rows]
-        arms = (stacked([getattr(x, name) for x in own], 1) for name in ("in_a", "in_b"))
+        factors = [getattr(row, name) for rows in each for row in rows]
+        arms = (stacked([getattr(x, name) for x in factors], 1) for name in ("in_a", "in_b"))
         fixed = torch.stack(torch.broadcast_tensors(*arms), -3)
         return Factor(
-            stacked([x.constant for x in own], 1),
-            stacked([x.shift for x in own], 0)[..., None],
+            stacked([x.constant for x in factors], 1),
+            stacked([x.shift for x in factors], 0)[..., None],
             fixed,
         )
 
@@ -271,7 +271,7 @@ def _balls(scene: Scene) -> Balls | None:
     eye = torch.eye(3, dtype=like.dtype, device=like.device)
     axes = quat.matrix(scene.beam.frames).mT
     ends = ([eye if end is None else axes[..., end, :, :] for end in x.ends] for x in joints)
-    own = [torch.stack(torch.broadcast_tensors(*both), -3) for both in ends]
+    end_axes = [torch.stack(torch.broadcast_tensors(*both), -3) for both in ends]
     laws = {}
     for field in dataclasses.fields(BallLaws):
         values = [getattr(x, field.name) if k in at else None for k, x in enumerate(joints)]
@@ -282,9 +282,9 @@ def _balls(scene: Scene) -> Balls | None:
     else:
         size = torch.linalg.vector_norm(laws["axis"], dim=-1, keepdim=True)
         laws["axis"] = laws["axis"] / torch.where(size > 0, size, 1.0)
-    own = torch.stack(torch.broadcast_tensors(*own), -4)
+    end_axes = torch.stack(torch.broadcast_tensors(*end_axes), -4)
     torques = any(joints[k].torque is not None for k in at)
-    return Balls(at, like.new_tensor(ground), own, BallLaws(**laws), torques)
+    return Balls(at, like.new_tensor(ground), end_axes, BallLaws(**laws), torques)
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:

@@ -101,9 +101,7 @@ class JointLaws(Losses):
     limit_stiffness: Tensor | None = leaf(2)
 
     def effort(self, step: CoordinateStep) -> tuple[Tensor, Tensor]:
-        """Effort (..., J, w) N or N m along the coordinates, and its derivative by those after the
-        step.
-        """
+        """Effort (..., J, w) N or N m, and its derivative by coordinates after the step."""
         total = by = torch.zeros_like(step.after)
         slope, slope_by = self._slope(step.after, step.before)
         if step.dt is None:

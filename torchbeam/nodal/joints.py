@@ -31,7 +31,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
 from ..topology.framework import Framework
 from .balls import Balls
@@ -175,19 +175,17 @@ class Joints(BetweenNodes):
         push, moment = (
             torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
         )
-        moment = moment - _cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
+        moment = moment - cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor(
             [pair[1] is None for pair in self.framework.joints], device=force.device
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
-        moved = _cross(apart.value[..., 0, :], first[..., :3])
+        moved = cross(apart.value[..., 0, :], first[..., :3])
         first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
         return torch.where(ground, -first, second)
 
     def after(self, motion: Placed) -> Tensor:
-        """(..., J, w) the coordinates, counted over turns where it is known how many there were
-        before.
-        """
+        """(..., J, w) the coordinates, counted over turns where those before are known."""
         return self.coordinate(motion.end, self._near(motion.of.state))
 
     def _near(self, state: Any) -> Tensor | None:
@@ -201,9 +199,7 @@ class Joints(BetweenNodes):
         return Factor(c * self.w.constant + s * self.across.constant, self.w.shift, fixed)
 
     def coordinate(self, pose: Pose, near: Tensor | None = None) -> Tensor:
-        """(..., J, w) m, or rad within half a turn of `near`, None = of how it is drawn; 0 in rows
-        of others.
-        """
+        """(..., J, w) m, or rad within half a turn of `near`, None = as drawn; else 0."""
         v, w, across = (factor.at(pose).value for factor in (self.v, self.w, self.across))
         product = (v * w).sum(-1)
         turns = self.angles > 0
@@ -216,9 +212,7 @@ class Joints(BetweenNodes):
         return angle + self.travels * (product - self.c)
 
     def coordinate_by(self, pose: Pose, coordinate: Tensor) -> Tensor:
-        """(..., J, w, 12) its derivative by displacement and spin of both nodes, where it is
-        that.
-        """
+        """(..., J, w, 12) its derivative by displacement and spin of both nodes, where it is."""
         v, across = self.v.at(pose), self.across.at(pose).value
         w = self.turned(coordinate * self.angles).at(pose)
         turns = self.angles > 0
@@ -239,9 +233,7 @@ class Joints(BetweenNodes):
         return self._at_nodes(self.held, self._gradient(self.v.at(pose), self.w.at(pose)))
 
     def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
-        """(..., m) m or rad by which they are open; what is prescribed is to be as in `joints`
-        (..., J, 12).
-        """
+        """(..., m) m or rad by which they are open; prescribed ones are to be as in `joints`."""
         return self._flat(self.gap(pose))
 
     def _flat(self, rows: Tensor) -> Tensor:
@@ -249,25 +241,19 @@ class Joints(BetweenNodes):
         return rows.flatten(-2)[..., self.held.flatten().nonzero()[:, 0]]
 
     def _at_nodes(self, which: Tensor, by: Tensor) -> Tensor:
-        """(..., r, w nodes) of the rows `which` (J, w), by displacement and spin of both ends
-        (..., J, w, 12).
-        """
+        """(..., r, w nodes) of rows `which` (J, w), by displacement and spin of both ends."""
         by = by @ torch.block_diag(self.moves, self.moves).mT
         columns = by.unflatten(-1, (2, -1)).movedim(-2, -3)  # (..., J, 2, m, w)
         rows = self.framework.by_nodes(columns)
         return rows.index_select(-2, which.flatten().nonzero()[:, 0])
 
     def coordinates(self, pose: Pose, near: Tensor) -> Tensor:
-        """(..., c) m, or rad within half a turn of readings `near` (..., J, 12): those of
-        `coordinate_rows`.
-        """
+        """(..., c) m, or rad within half a turn of readings `near`: those of `coordinate_rows`."""
         q = self.coordinate(pose, self.turns(near))
         return q.flatten(-2)[..., (self.angles + self.travels).flatten().nonzero()[:, 0]]
 
     def rate(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
-        """(..., J, w) m/s or rad/s of nodes that move so (..., N+1, *), frame a; 0 in rows of
-        others.
-        """
+        """(..., J, w) m/s or rad/s of nodes that move so, frame a; 0 in rows of others."""
         motion = self._moving(velocity, spin)
         by = self.coordinate_by(pose, self.coordinate(pose))
         return (by @ motion.flatten(-2)[..., None])[..., 0]
@@ -346,19 +332,19 @@ class Joints(BetweenNodes):
         force_by = (push * held @ E.mT).mT.unflatten(-2, (2, -1))
         rows = stacked(stiffness, force_by[..., None, :, :], axis=-3)
         none = torch.diag_embed(1 - self.held)[:, None]  # forces that a joint has not are zero
-        own = stacked(constraint, none, axis=-3)
-        return stacked(rows, own[..., None, :, :, :], axis=-4)
+        last_row = stacked(constraint, none, axis=-3)
+        return stacked(rows, last_row[..., None, :, :, :], axis=-4)
 
     def _spins(self, half: Tensor) -> Tensor:
         """(..., J, 2, w, w): what of a node's move its end takes, over `rate`."""
-        own = self.framework.at_joints(half.flatten(-2)).unflatten(-1, half.shape[-2:])
-        return end_moves(own, self.space.dims.position)
+        half_turns = self.framework.at_joints(half.flatten(-2)).unflatten(-1, half.shape[-2:])
+        return end_moves(half_turns, self.space.dims.position)
 
     def _gradient(self, v: Vector, w: Vector) -> Tensor:
         """dg/dq (..., J, m, 12): by displacement and spin of the first node, then of the second."""
         apart = self.v.shift * w.value + self.w.shift * v.value
         a, b = (
-            _cross(turning_v, w.value) + _cross(turning_w, v.value)
+            cross(turning_v, w.value) + cross(turning_w, v.value)
             for turning_v, turning_w in zip(v.turning.unbind(-3), w.turning.unbind(-3), strict=True)
         )
         return torch.cat((-apart, a, apart, b), -1)
@@ -398,8 +384,3 @@ class Joints(BetweenNodes):
 def _along(vector: Tensor, by: Tensor) -> Tensor:
     """vector (..., 3) times by (..., 3, n)."""
     return (vector[..., None, :] @ by)[..., 0, :]
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    """a x b, of batch axes that broadcast."""
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

@@ -51,9 +51,7 @@ class LinearInterpolation:
 
     @staticmethod
     def slopes(x_i: Tensor, x_j: Tensor) -> Tensor:
-        """What a station's motion is expressed by of values (..., N, *) at its nodes: their
-        difference.
-        """
+        """What a station's motion is of values (..., N, *) at its nodes: their difference."""
         return x_j - x_i
 
     @staticmethod
@@ -71,9 +69,7 @@ class LinearInterpolation:
 
     @staticmethod
     def numbers(moves: tuple[Tensor, ...], p: int) -> Tensor:
-        """Moves of the nodes of elements (..., N, w) -> numbers of the stations
-        (..., N, p + 2 s).
-        """
+        """Moves of elements' nodes (..., N, w) -> numbers of the stations (..., N, p + 2 s)."""
         (r_i, spin_i), (r_j, spin_j) = (x.split((p, x.shape[-1] - p), -1) for x in moves)
         return torch.cat((r_j - r_i, spin_i, spin_j), -1)
 

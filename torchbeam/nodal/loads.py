@@ -119,11 +119,8 @@ def tangent(
         derivatives = wrench_tangent(
             rows.space, acting.load, point, now.t, now.inputs, _of_node(acting, by)
         )
-        total = (
-            total
-            if isinstance(derivatives, float)
-            else total + _spread(rows, acting, derivatives, 2)
-        )
+        if not isinstance(derivatives, float):
+            total = total + _spread(rows, acting, derivatives, 2)
     return total
 
 
@@ -135,9 +132,7 @@ def telling(rows: Rows, nodes: Nodes, now: Conditions) -> Told:
 
 
 def added_mass(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | float:
-    """Mass (..., N+1, w, w) that loads add by their derivative by the accelerations; 0.0 where
-    there is none.
-    """
+    """Mass (..., N+1, w, w) that loads add by their derivative by accelerations; 0.0 = none."""
     total, loads = 0.0, tuple(acting for acting in now.loads if acting.reads.intersection(INERTIAL))
     for acting, point in load_points(rows, nodes, now, loads):
         blocks = acting.load.tangent(point, now.t, now.inputs)
@@ -179,11 +174,17 @@ def wrench(space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Input
 def wrench_tangent(
     space: Spatial, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, by: MotionJacobian
 ) -> Tensor | float:
-    """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 where there is
-    none.
-    """
+    """Derivative of `wrench` by the moves of the same nodes, (..., w, w); 0.0 = none."""
     blocks = wrench_blocks(space, load, point, t, inputs, by)
-    return sum((chained(space, name, block, by) for name, block in blocks.items()), 0.0)
+    return _by_moves(space, blocks, by, 0.0)
+
+
+def _by_moves(
+    space: Spatial, blocks: dict[str, Tensor], by: MotionJacobian, zero: Tensor | float
+) -> Tensor | float:
+    """Derivatives by motions, by name, as one by the moves; `zero` where these change none."""
+    moved = [name for name in blocks if changes(space, name, by)]
+    return sum((chained(space, name, blocks[name], by) for name in moved), zero)
 
 
 def wrench_blocks(
@@ -223,14 +224,19 @@ def chained(space: Spatial, name: str, block: Tensor, by: MotionJacobian) -> Ten
 
 def wrench_by(space: Spatial, name: str, block: Tensor) -> Tensor:
     """A load's derivative (..., 6, 3) by the motion `name`, as (..., w, w)."""
-    return space.project_map(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
+    return space.project_map(_beside(name, block))
+
+
+def _beside(name: str, block: Tensor) -> Tensor:
+    """(..., 6) of derivatives (..., 3) by the motion `name`: of displacement and turn."""
+    return pad(block, (3, 0) if name in ANGULAR else (0, 3))
 
 
 def internal(rows: Rows, nodes: Nodes, now: Conditions, shape: tuple[int, ...]) -> Tensor | None:
     """Internal states of user loads in equilibrium, (*shape, z); None where there are none."""
     states = [
         _flat(acting, acting.load.advance(point, point.internal, now.t, now.inputs, point.dt))
-        for acting, point in load_points(rows, nodes, now, _remembering(now))
+        for acting, point in _remembering(rows, nodes, now)
     ]
     states = [z.expand(*shape, z.shape[-1]) for z in states]
     return stacked(*states, axis=-1) if states else None
@@ -244,7 +250,7 @@ def advanced(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor | None:
             2 * acting.load.advance(point, point.internal, now.t, now.inputs, point.dt)
             - point.internal,
         )
-        for acting, point in load_points(rows, nodes, now, _remembering(now))
+        for acting, point in _remembering(rows, nodes, now)
     ]
     return stacked(*states, axis=-1) if states else None
 
@@ -253,7 +259,7 @@ def advanced_rates(rows: Rows, nodes: Nodes, now: Conditions) -> Tensor:
     """Rates (..., z) of the internal states."""
     rates = (
         _flat(acting, acting.load.rates(point, point.internal, now.t, now.inputs))
-        for acting, point in load_points(rows, nodes, now, _remembering(now))
+        for acting, point in _remembering(rows, nodes, now)
     )
     return stacked(*rates, axis=-1)
 
@@ -279,7 +285,7 @@ def lags(
     by moves and their rates.
     """
     space, parts = rows.space, []
-    for acting, point in load_points(rows, nodes, now, _remembering(now)):
+    for acting, point in _remembering(rows, nodes, now):
         load, by = acting.load, acting.load.rates_tangent(point, now.t, now.inputs)
         L = derivatives(
             lambda at, load=load: together(load.wrench(at, now.t, now.inputs), at.R),
@@ -287,30 +293,12 @@ def lags(
             (INTERNAL,),
         )[INTERNAL]
         L, G = space.project(L.mT).mT, by.pop(INTERNAL)
-        by = {
-            name: space.project(pad(block, (3, 0) if name in ANGULAR else (0, 3)))
-            for name, block in by.items()
-        }
+        by = {name: space.project(_beside(name, block)) for name, block in by.items()}
         zero = torch.zeros_like(space.project(G.new_zeros(*G.shape[:-1], 6)))
 
-        def total(
-            jacobian: MotionJacobian, by: dict[str, Tensor] = by, zero: Tensor = zero
-        ) -> Tensor:
-            return sum(
-                (
-                    chained(space, name, block, jacobian)
-                    for name, block in by.items()
-                    if changes(space, name, jacobian)
-                ),
-                zero,
-            )
-
-        H = total(_of_node(acting, still))
-        H = (
-            H,
-            total(_of_node(acting, moved)) - H,
-            sum((by[name] for name in INERTIAL if name in by), zero),
-        )
+        H = _by_moves(space, by, _of_node(acting, still), zero)
+        H_v = _by_moves(space, by, _of_node(acting, moved), zero) - H
+        H = H, H_v, sum((by[name] for name in INERTIAL if name in by), zero)
         if acting.along:
             shares = _shares(rows, acting)
             eye = torch.eye(shares.shape[-2], dtype=G.dtype, device=G.device)[:, None, :, None]
@@ -335,9 +323,12 @@ def lags(
     return Lags(torch.cat(L, -1), torch.cat(G, -2), *(torch.cat(x, -2) for x in H))
 
 
-def _remembering(now: Conditions) -> tuple[ActingLoad, ...]:
-    """Loads with internal states."""
-    return tuple(acting for acting in now.loads if acting.internal is not None)
+def _remembering(
+    rows: Rows, nodes: Nodes, now: Conditions
+) -> Iterator[tuple[ActingLoad, LoadPoint]]:
+    """Loads with internal states, and where they act."""
+    loads = tuple(acting for acting in now.loads if acting.internal is not None)
+    return load_points(rows, nodes, now, loads)
 
 
 def _flat(acting: ActingLoad, z: Tensor) -> Tensor:

@@ -52,9 +52,7 @@ class NoMassOffset(Tree):
         return node
 
     def acceleration_by(self, by_move: Tensor, by_spin: Callable[[], Tensor]) -> Tensor:
-        """A node's acceleration by its move (..., p, p) and, where its spin matters (..., p, s), by
-        both.
-        """
+        """A node's acceleration by its move (..., p, p) and, where its spin matters, by both."""
         return by_move
 
     def wrench(self, force: Tensor, moment: Tensor) -> Tensor:
@@ -62,15 +60,11 @@ class NoMassOffset(Tree):
         return torch.cat((force, moment), -1)
 
     def prepared(self, masses: Matrix, s: int) -> Matrix:
-        """What `matrix` and `tangent` take of p by p blocks: what can be done before the levers are
-        known.
-        """
+        """What `matrix` and `tangent` take of p by p blocks, before the levers are known."""
         return masses.each(lambda M: pad(M, (0, s, 0, s)))
 
     def matrix(self, masses: Matrix, moved: Callable[[], Tensor]) -> Matrix:
-        """[I; A^T] M [I, moved], w by w; moved (..., N+1, p, s): the move of the centres by the
-        nodes' spins.
-        """
+        """[I; A^T] M [I, moved], w by w; moved (..., N+1, p, s): centres' moves by nodes' spins."""
         return masses
 
     def tangent(

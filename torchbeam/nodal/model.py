@@ -50,9 +50,7 @@ class Model(Rows):
 
     @cached
     def acts(self) -> tuple[ActingLoad, ...]:
-        """All loads of the scene; of a structure in the pieces in which they act along its
-        parts.
-        """
+        """All loads of the scene; of a structure in the pieces that act along its parts."""
         scene = self.scene
         acts = acting(self, scene.loads, scene.internal_states)
         acts += acting(self, scene.interactions, (0,) * len(scene.interactions))
@@ -140,9 +138,7 @@ class Model(Rows):
         return frame_of(self.space, *self.prescribed_motion.frame(t))
 
     def orientation(self, t: Tensor) -> Tensor | None:
-        """Frame a -> inertial axes at time t, in the space's coordinates; None where it does not
-        turn.
-        """
+        """Frame a -> inertial axes at time t, in the space's coordinates; None = no turn."""
         frame = orientation(self.scene, t.shape, t)
         return None if frame is None else self.space.reduced_frame(frame)
 
@@ -175,18 +171,20 @@ class Model(Rows):
         for effect in self.scene.eigenstrains:
             for span in beam.spans(effect) or (None,):
                 elements = beam.element_count if span is None else span.element_count
-                own = beam.at_stations(
+                strain = beam.at_stations(
                     self.space.project_strain(effect.eigenstrain(t, inputs, self.length, elements)),
                     1,
                 )
                 if span is not None:
-                    own = own.expand(
-                        *own.shape[:-2], span.stations.stop - span.stations.start, own.shape[-1]
+                    strain = strain.expand(
+                        *strain.shape[:-2],
+                        span.stations.stop - span.stations.start,
+                        strain.shape[-1],
                     )
-                    own = pad(
-                        own, (0, 0, span.stations.start, beam.station_count - span.stations.stop)
+                    strain = pad(
+                        strain, (0, 0, span.stations.start, beam.station_count - span.stations.stop)
                     )
-                total = total + own
+                total = total + strain
         return total
 
     def tangent_stiffness(self, dt: Tensor | None = None) -> Tensor:

@@ -45,9 +45,7 @@ class Multipliers(Tree):
         return stress.narrow(-2, 0, N), stress.narrow(-2, N, self.count)
 
     def with_forces(self, stress: Tensor, forces: Tensor | None) -> Tensor:
-        """Stress of the elements, and behind it rows with the forces (..., m) of what they hold,
-        None = 0.
-        """
+        """Stress of elements, and behind it forces (..., m) of constraints, None = 0."""
         if self.held is None:
             return stress
         rows = torch.zeros_like(self.held).flatten()
@@ -85,8 +83,6 @@ class Multipliers(Tree):
 
 
 def measured(size: Tensor, apart: Tensor) -> Tensor:
-    """(...) a scaled residual, with the largest that is apart, over the size of the whole, or
-    turned.
-    """
+    """(...) a scaled residual, with the largest that is apart, over the whole's size, or turned."""
     rounding = ROUNDING * torch.finfo(apart.dtype).eps
     return torch.maximum(size, (apart - rounding).clamp(min=0) / CLOSED)

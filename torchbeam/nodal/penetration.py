@@ -66,11 +66,11 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
         if law.push_out or not len(near.point):
             continue
         pairs = part_contact.pairs(near)
-        found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
-        own, thick = pairs.radii_at(found.shares).sum(-1) / 2, law.thickness[..., None]
+        found = pairs.closest_point(pairs.points(of_nodes(near.nodes, motion)))
+        radius, thick = pairs.radii_at(found.shares).sum(-1) / 2, law.thickness[..., None]
         _refuse(
             torch.where(found.measure > 0, -found.gap, -torch.inf)[..., 0],
-            torch.where(own > 0, torch.minimum(own, thick), thick),
+            torch.where(radius > 0, torch.minimum(radius, thick), thick),
             state.status,
             lambda k, near=near: f"node {_node(model, int(near.nodes[k, 1]))} stands",
             f"in {_part(model, int(near.nodes[0, 4]))}, by a {law.called}",

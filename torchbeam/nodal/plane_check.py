@@ -12,7 +12,7 @@ from torch import Tensor
 from ..core.leaves import constant, with_values
 from ..core.validation import concrete
 from ..scene.effects import RootSpring
-from ..scene.effects.loads import GivenLoad
+from ..scene.effects.loads import LineLoad, PointLoad
 from . import interactions
 from .conditions import conditions
 from .coordinates.planar import Planar
@@ -44,8 +44,10 @@ def check_plane(model: Model) -> None:
             _refuse_vector(space, f"a {load.called} to a point", to)
     for effect in scene.eigenstrains:
         if constant(effect):
-            own = effect.eigenstrain(beam.nodes.new_zeros(()), {}, model.length, beam.element_count)
-            _refuse(space, effect.called, own, space.embed_strain(space.project_strain(own)))
+            strain = effect.eigenstrain(
+                beam.nodes.new_zeros(()), {}, model.length, beam.element_count
+            )
+            _refuse(space, effect.called, strain, space.embed_strain(space.project_strain(strain)))
     for tendon in scene.tendons:
         points = tendon.at(beam.nodes, beam.frames) - beam.nodes[..., :1, :]
         _refuse_vector(space, "a Tendon", points)
@@ -88,9 +90,9 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
     for acting in now.between:
         yield acting.load.called, at_nodes(whole, nodes, replace(now, between=(acting,)))
     for acting in now.interactions:
-        one, own = replace(now, interactions=(acting,)), acting.load.unknowns
-        inner = interactions.Inner(still.new_ones(1, own))
-        push = interactions.at_nodes(whole.space, nodes, one, 0.0, inner, bool(own))
+        one, unknowns = replace(now, interactions=(acting,)), acting.load.unknowns
+        inner = interactions.Inner(still.new_ones(1, unknowns))
+        push = interactions.at_nodes(whole.space, nodes, one, 0.0, inner, bool(unknowns))
         yield acting.load.called, push
 
 
@@ -101,7 +103,7 @@ def _inside(model: Model, load: Any) -> bool:
     space, scene = model.space, model.scene
     if isinstance(load, RootSpring):
         return scene.root is None and scene.frame is None
-    if not isinstance(load, GivenLoad) or load.depends:
+    if not isinstance(load, PointLoad | LineLoad) or load.depends:
         return False
     for x, normals in ((load.force, slice(2, None)), (load.moment, slice(2))):
         if x is not None and not isinstance(x, Tensor):

@@ -41,7 +41,7 @@ from torch.nn.functional import pad
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import broadcast_matrices
 from ..math.quadratic import at_points
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 
 
 class Kinematics(NamedTuple):
@@ -108,15 +108,13 @@ def forces(kin: Kinematics, stress: Tensor, length: Tensor) -> Tensor:
     n = F,   m_i = vec(w_i f + w_i' M),   by alpha_2 their sum: f.
     """
     F, M = (stress.unflatten(-1, (2, 3)) @ kin.R.mT).unbind(-2)
-    f = length * torch.linalg.cross(*torch.broadcast_tensors(F, kin.d))
+    f = length * cross(F, kin.d)
     m_1, m_3 = (_turned(kin.w, f) + _turned(kin.w_x, M))[..., 1:].unbind(-2)
     return torch.cat((F, m_1, f, m_3), -1)
 
 
 def strain_operator(kin: Kinematics, length: Tensor) -> Tensor:
-    """B (..., 2 N, 6, 12): d[gamma; kappa] = B (dr', beta_1, alpha_2, beta_3), frame a -> frame
-    B.
-    """
+    """B (..., 2 N, 6, 12): d[gamma; kappa] = B (dr', beta_1, alpha_2, beta_3), a -> B."""
     h, Rt = length[..., None], kin.R.mT
     turn, (A, A_x) = Rt @ skew(kin.d), (_turning(w)[..., 1:, :] for w in (kin.w, kin.w_x))
     by_r, by_spin, *by_spins = broadcast_matrices(
@@ -166,10 +164,10 @@ def geometric_stiffness(kin: Kinematics, stress: Tensor, length: Tensor) -> Tens
         _rows(w)[..., :, None, :, :] @ by[..., None, :, :, :]
         for w, by in ((kin.w, by_w), (kin.w_x, by_w_x))
     )
-    own = (m[..., :1, None] * eye - skew(m[..., 1:])) / 2
+    spin_part = (m[..., :1, None] * eye - skew(m[..., 1:])) / 2
     turn = df.mT - skew(m[..., 1:])
-    K11, K13 = K[..., 0, 0, :, :] + own[..., 0, :, :], K[..., 0, 1, :, :]
-    K33 = K[..., 1, 1, :, :] + own[..., 1, :, :]
+    K11, K13 = K[..., 0, 0, :, :] + spin_part[..., 0, :, :], K[..., 0, 1, :, :]
+    K33 = K[..., 1, 1, :, :] + spin_part[..., 1, :, :]
     (F1, F3), (Z1, Z3), (X1, X3) = (x.unbind(-3) for x in (dF, turn, df))
     rows = (
         (torch.zeros_like(X), F1, by_F, F3),

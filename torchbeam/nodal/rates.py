@@ -27,9 +27,7 @@ from .model import Model
 
 
 def forces_between_nodes(scene: Scene) -> str | None:
-    """What of a scene pushes between nodes that no element joins, of which rates know nothing; None
-    = nothing.
-    """
+    """What pushes between nodes that no element joins, which rates do not know; None = nothing."""
     if scene.joints:
         return f"a {scene.joints[0].called}"
     if scene.tendons:
@@ -119,9 +117,7 @@ class Rates:
 
     @cached
     def partly_held(self) -> Tensor | None:
-        """(n, w) 1 where the nodes with unknowns are free, 0 where they are held; None = they are
-        free.
-        """
+        """(n, w) 1 where the nodes with unknowns are free, 0 where they are held; None = free."""
         moving = self.model.constraints.moving[self.places[0]]
         return None if bool(moving.all()) else moving.to(self.model.length)
 

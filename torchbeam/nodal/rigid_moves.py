@@ -10,9 +10,7 @@ from torch.nn.functional import pad
 
 
 class Base(NamedTuple):
-    """A part that moves as a rigid one: its name, its nodes, and the one that its rotations are
-    about.
-    """
+    """A part that moves as a rigid one: name, nodes, and the one that rotations are about."""
 
     name: str
     nodes: slice
@@ -34,16 +32,17 @@ def bases_of(model: Any) -> list[Base]:
 
 
 def moves_of(nodes: Tensor, bases: list[Base]) -> tuple[Tensor, Tensor]:
-    """Displacements m and rotations (..., 6 of each part, N+1, 3) of all nodes by each rigid
-    motion.
-    """
+    """Displacements m and rotations (..., 6 of each part, N+1, 3) of nodes by rigid motions."""
     eye, parts = torch.eye(6).to(nodes), []
     for base in bases:
-        own = nodes[..., base.nodes, :]
+        moved_nodes = nodes[..., base.nodes, :]
         shift, turn = (
-            x[:, None].expand(*own.shape[:-2], 6, own.shape[-2], 3) for x in eye.split(3, -1)
+            x[:, None].expand(*moved_nodes.shape[:-2], 6, moved_nodes.shape[-2], 3)
+            for x in eye.split(3, -1)
         )
-        arm = (own - nodes[..., base.node : base.node + 1, :])[..., None, :, :].expand_as(turn)
+        arm = (moved_nodes - nodes[..., base.node : base.node + 1, :])[..., None, :, :].expand_as(
+            turn
+        )
         shift = length_of(nodes)[..., None, None, None] * shift + torch.linalg.cross(turn, arm)
         others = (0, 0, base.nodes.start, nodes.shape[-2] - base.nodes.stop)
         parts.append([pad(x, others) for x in (shift, turn)])
@@ -70,8 +69,8 @@ def free_pieces(model: Any) -> list[list[Base]]:
     named += [{pair.on, pair.partner} for pair in scene.pairs]
     pieces: list[set[str | None]] = [{base.name} for base in bases]
     for link in named:
-        piece = link.union(*(own for own in pieces if own & link))
-        pieces = [*(own for own in pieces if not own & piece), piece]
+        piece = link.union(*(other for other in pieces if other & link))
+        pieces = [*(other for other in pieces if not other & piece), piece]
     free = [[base for base in bases if base.name in piece] for piece in pieces if None not in piece]
     return [[base._replace(node=piece[0].nodes.start) for base in piece] for piece in free]
 

@@ -211,8 +211,8 @@ class Rope(Tree):
         log = pad(grip.log.cumsum(-1), (1, 0))
         if not derivative:
             return log, None
-        own = torch.eye(n, dtype=e.dtype, device=e.device)
-        turns = grip.turn[..., None, :] * (own[:-1] - own[1:])[..., None]  # (..., n - 1, n, 3)
+        eye = torch.eye(n, dtype=e.dtype, device=e.device)
+        turns = grip.turn[..., None, :] * (eye[:-1] - eye[1:])[..., None]  # (..., n - 1, n, 3)
         by = along_stretch(turns, e[..., None, :, :], after[..., None, :])
         if grip.slide is not None:
             beyond = torch.ones(n - 1, n, dtype=e.dtype, device=e.device).triu(1)[..., None]

@@ -60,9 +60,7 @@ class ElementRows(Tree):
 
 
 class Held(NamedTuple):
-    """What supports hold: of each its node and what is fixed (w) of it; nodes and axes of
-    hinges.
-    """
+    """What supports hold: of each its node and what is fixed (w) of it; hinges' nodes and axes."""
 
     nodes: tuple[int, ...]
     fixed: tuple[Tensor, ...]
@@ -220,7 +218,9 @@ class Rows(Tree):
     @cached
     def multipliers(self) -> Multipliers:
         """Unknowns of these, one after the other."""
-        every = [own for interaction in self.interactions if (own := interaction.multipliers).count]
+        every = [
+            forces for interaction in self.interactions if (forces := interaction.multipliers).count
+        ]
         if len(every) < 2:
             return every[0] if every else Multipliers()
         return Multipliers(torch.cat([rows.held for rows in every]), every[0].size)
@@ -257,8 +257,6 @@ class Rows(Tree):
     def strain_energy(
         self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0
     ) -> Tensor:
-        """(...) J; an impossible strain stores none, whatever a start or rounding has left of
-        it.
-        """
+        """(...) J; an impossible strain stores none, whatever a start or rounding has left."""
         e = self.strain(self.kinematics(position, rotation)) - eigenstrain
         return (self.length * self.law.energy(e)).sum((-1, -2))

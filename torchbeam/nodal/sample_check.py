@@ -64,7 +64,7 @@ def check_samples(
     """
     if functorch.peek_interpreter_stack() is not None or _get_current_dispatch_mode() is not None:
         return
-    trial = Trial.of(load, point, t, inputs, batch)
+    trial = SampleTrial.of(load, point, t, inputs, batch)
     if trial.batch.numel() < 2:
         return
     mixed = False
@@ -104,7 +104,7 @@ Values = dict[tuple[str, str], tuple[Tensor, int]]  # by whose they are, and nam
 
 
 @dataclass
-class Trial:
+class SampleTrial:
     """A load in some motions: tensors with their axes behind those of the batch (...)."""
 
     load: LoadEffect
@@ -115,7 +115,7 @@ class Trial:
     @classmethod
     def of(
         cls, load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, batch: tuple[int, ...]
-    ) -> Trial:
+    ) -> SampleTrial:
         along = load.node is None
         axes = {name: count + along for name, count in AT_SITES.items()} | OF_ALL
         axes |= OF_INTERACTION if load.kind == "interaction" else {}
@@ -126,7 +126,7 @@ class Trial:
         shapes = (x.shape[: x.ndim - axes] for x, axes in values.values())
         return cls(load, point, values, broadcast_shapes(batch, *shapes))
 
-    def of_few(self, count: int) -> Trial:
+    def of_few(self, count: int) -> SampleTrial:
         """The first of the samples along each axis, and the last."""
         trial = self
         for axis, size in enumerate(self.batch):
@@ -134,26 +134,26 @@ class Trial:
                 trial = trial.of_samples(axis, [*range(count - 1), size - 1])
         return trial
 
-    def of_samples(self, axis: int, samples: list[int]) -> Trial:
+    def of_samples(self, axis: int, samples: list[int]) -> SampleTrial:
         """These along one of the batch's axes."""
         back = len(self.batch) - axis
 
-        def taken(x: Tensor, own: int) -> Tensor:
-            at = x.ndim - own - back
+        def taken(x: Tensor, axes_count: int) -> Tensor:
+            at = x.ndim - axes_count - back
             if at < 0 or x.shape[at] == 1:
                 return x
             return x.index_select(at, torch.tensor(samples, device=x.device))
 
         values = {key: (taken(x, axes), axes) for key, (x, axes) in self.values.items()}
         batch = (*self.batch[:axis], len(samples), *self.batch[axis + 1 :])
-        return Trial(self.load, self.point, values, torch.Size(batch))
+        return SampleTrial(self.load, self.point, values, torch.Size(batch))
 
-    def drawn(self, size: float) -> Trial:
+    def drawn(self, size: float) -> SampleTrial:
         """Each sample in a motion of its own: moved by up to `size` of what is there."""
         generator = torch.Generator().manual_seed(0)
 
-        def moved(whose: str, name: str, x: Tensor, own: int) -> Tensor:
-            shape = (*self.batch, *x.shape[x.ndim - own :])
+        def moved(whose: str, name: str, x: Tensor, axes_count: int) -> Tensor:
+            shape = (*self.batch, *x.shape[x.ndim - axes_count :])
             shape = (*shape[:-1], 3) if name == "R" else shape
             shift = size * torch.rand(shape, dtype=x.dtype, generator=generator).to(x.device)
             if name == "R" and whose == "point":
@@ -169,7 +169,7 @@ class Trial:
             else (x, axes)
             for key, (x, axes) in self.values.items()
         }
-        return Trial(self.load, self.point, values, self.batch)
+        return SampleTrial(self.load, self.point, values, self.batch)
 
     def outputs(self) -> list[Tensor]:
         """What the load gives, (..., own axes)."""
@@ -177,9 +177,9 @@ class Trial:
         for (whose, name), (x, _) in self.values.items():
             named.setdefault(whose, {})[name] = x
         point, (t,) = replace(self.point, **named["point"]), named["time"].values()
-        inputs, own, load = named.get("input", {}), named.get("load", {}), self.load
-        if own:
-            load = with_values(load, **({"values": own} if isinstance(load, Load) else own))
+        inputs, of_load, load = named.get("input", {}), named.get("load", {}), self.load
+        if of_load:
+            load = with_values(load, **({"values": of_load} if isinstance(load, Load) else of_load))
         outputs = [together(load.wrench(point, t, inputs), point.R)]
         if load.internal and isinstance(load, Load):
             outputs.append(load.rates(point, point.internal, t, inputs))
@@ -192,13 +192,13 @@ class Trial:
         """Whether a sample is given something else among others than among copies of itself, or
         alone; not where no call is as the one before.
         """
-        whole, own = self.outputs(), 1 + (self.load.node is None)
+        whole, axes = self.outputs(), 1 + (self.load.node is None)
         for axis, size in enumerate(self.batch):
             for k in {0, size - 1} if size > 1 else ():
                 others = [self.of_samples(axis, [k] * size).outputs()]
                 with suppress(Exception):  # it holds what has a row for each
                     others.append(self.of_samples(axis, [k]).outputs())
-                back = own + len(self.batch) - axis
+                back = axes + len(self.batch) - axis
                 if any(
                     not _close(_row(x, back, k), _row(y, back, k), x)
                     for outputs in others
@@ -212,8 +212,8 @@ class Trial:
 def _of_load(load: Any) -> Values:
     """A load's own tensors that can be told apart by samples."""
     if isinstance(load, Load):
-        own = int(load.node is None)
-        return {("load", name): (x, own) for name, x in (load.values or {}).items()}
+        axes = int(load.node is None)
+        return {("load", name): (x, axes) for name, x in (load.values or {}).items()}
     if type(load).at_sites is not LoadEffect.at_sites:
         return {}
     return {("load", x.name): (x.value, x.axes) for x in own_leaves(load) if x.axes is not None}

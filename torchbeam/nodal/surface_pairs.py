@@ -22,14 +22,14 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import AXES, leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
 from ..scene.effects.contact_law import damped, potential, pressure
 from ..scene.effects.contact_path import leads_through
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY, jacobians
 from ..scene.effects.obstacle import Obstacle
-from .touching_pairs import Meeting, PairMotion, TouchingPairs
+from .touching_pairs import ContactPoint, PairMotion, TouchingPairs
 
 BODY = 4  # of the six nodes of a pair the body's; the two beside it are it again, and have nothing
 
@@ -53,9 +53,7 @@ class SurfacePairs(TouchingPairs):
     POINTS: ClassVar[tuple[int, ...]] = (0, 0, 0, 1, 1, 1)
 
     def of(self, shape: type[Obstacle] | None) -> TouchingPairs:
-        """Pairs of these constants whose surfaces have this shape; None = whose pieces are
-        curves.
-        """
+        """Pairs of these constants whose surfaces have this shape; None = pieces are curves."""
         if shape is not None:
             return replace(self, shape=shape)
         return TouchingPairs(
@@ -98,7 +96,7 @@ class SurfacePairs(TouchingPairs):
         way = torch.linalg.vector_norm(last - first, dim=-1)
         return (gaps - way) / 2 - self.thickness
 
-    def meeting(self, points: PairMotion) -> Meeting:
+    def closest_point(self, points: PairMotion) -> ContactPoint:
         seen = self._seen(points)
         gaps = [self.gap(y) for y in seen]
         n = self._surface.mean_gradient(*(y[..., None, :] for y in seen))
@@ -115,29 +113,29 @@ class SurfacePairs(TouchingPairs):
             slip = self._slip(points, self._lever(rho, u))
             rub = self._rub(points, p, slip)
         shares = torch.zeros_like(rho)
-        return Meeting(
+        return ContactPoint(
             shares, rho, (gaps[0] + gaps[1]) / 2, p, elastic, u, slip, rub, self.measure[..., None]
         )
 
     def parting(self, points: PairMotion, shares: Tensor | None = None) -> Tensor:
         x, v = points.position, points.velocity
         rho = x[..., 0, :] - x[..., 1, :]
-        return v[..., 0, :] - v[..., 1, :] - _cross(points.spin[..., 1, :], rho)
+        return v[..., 0, :] - v[..., 1, :] - cross(points.spin[..., 1, :], rho)
 
     def _slip(self, points: PairMotion, lever: Lever) -> Tensor:
         """(..., U, 3) m/s of the place's surface on the body's."""
         v, spin = points.velocity, points.spin
-        own = v[..., 0, :] + _cross(spin[..., 0, :], lever.place)
-        slip = own - v[..., 1, :] - _cross(spin[..., 1, :], lever.body)
+        surface = v[..., 0, :] + cross(spin[..., 0, :], lever.place)
+        slip = surface - v[..., 1, :] - cross(spin[..., 1, :], lever.body)
         n = lever.place
         size = n.square().sum(-1, keepdim=True)
         return slip - (slip * n).sum(-1, keepdim=True) * n / torch.where(size > 0, size, 1.0)
 
     def _actions(self, points: PairMotion) -> tuple[Tensor, Tensor, Tensor]:
         """Force (..., U, 3) N on the place, moments N m on it and on the body."""
-        meeting = self.meeting(points)
-        force, lever = meeting.force, self._lever(meeting.r, meeting.u)
-        return force, _cross(lever.place, force), -_cross(lever.body, force)
+        contact_point = self.closest_point(points)
+        force, lever = contact_point.force, self._lever(contact_point.r, contact_point.u)
+        return force, cross(lever.place, force), -cross(lever.body, force)
 
     def wrenches(self, motion: PairMotion) -> Tensor:
         force, place, body = torch.broadcast_tensors(*self._actions(self.points(motion)))
@@ -194,9 +192,7 @@ class SurfacePairs(TouchingPairs):
         return (through & (self.measure > 0)).any(-1)
 
     def _seen(self, points: PairMotion) -> tuple[Tensor, Tensor]:
-        """(..., U, 3) m: the place in the body's axes before and after a step; at an instant the
-        same twice.
-        """
+        """(..., U, 3) m: the place in the body's axes before and after a step; or it twice."""
         x, half = points.position, points.half
 
         def seen(x: Tensor, R: Tensor) -> Tensor:
@@ -215,8 +211,8 @@ class SurfacePairs(TouchingPairs):
 @cache
 def _made_of(shape: type[Obstacle]) -> tuple[tuple[str, int], ...]:
     """Names and axes of what a shape is made of on a body."""
-    own = [x for x in fields(shape) if AXES in x.metadata and x.default is MISSING]
-    return tuple((x.name, x.metadata[AXES]) for x in own)
+    declared = [x for x in fields(shape) if AXES in x.metadata and x.default is MISSING]
+    return tuple((x.name, x.metadata[AXES]) for x in declared)
 
 
 def count_of(shape: type[Obstacle]) -> int:
@@ -238,7 +234,3 @@ def with_numbers(shape: type[Obstacle], numbers: Tensor) -> Obstacle:
         values[name] = x.reshape(*x.shape[:-1], *(3,) * axes)
     vars(new).update(values)
     return new
-
-
-def _cross(a: Tensor, b: Tensor) -> Tensor:
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))

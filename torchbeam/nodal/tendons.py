@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import leaf
-from ..math.quaternions import skew
+from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
 from ..scene.effects.values import Inputs, scalar_at
 from ..topology.framework import Framework
@@ -105,7 +105,7 @@ class Tendons(BetweenNodes):
 
     def wrench(self, lever: Tensor, force: Tensor) -> Tensor:
         """(..., n, w) on nodes, of forces (..., n, 3) at eyelets."""
-        moment = torch.linalg.cross(*torch.broadcast_tensors(lever, force))
+        moment = cross(lever, force)
         return torch.cat((force.expand_as(moment), moment), -1) @ self.moves.mT
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
@@ -120,14 +120,14 @@ class Tendons(BetweenNodes):
         blocks, steps = [], self.steps(motion, given)
         for rope, step, part in zip(self.ropes, steps, self._parts, strict=True):
             acting, after = rope.tangent(step)
-            own = [k for k, node in enumerate(self.nodes[part]) if node is not None]
-            at = [part.start + k for k in own]
+            block = [k for k, node in enumerate(self.nodes[part]) if node is not None]
+            at = [part.start + k for k in block]
             by = (acting + rate * after).transpose(-3, -2)  # (..., m, m, 3, 3)
-            by = by[..., own, :, :, :][..., own, :, :]
-            force, lever = rope.forces(step)[..., own, :], motion.acting.lever[..., at, :]
-            own = self._blocks(by, force, lever, motion.end.lever[..., at, :])
-            own = own if spin is None else own @ spin[..., None, at, :, :]
-            blocks.append(own.flatten(-4, -3))
+            by = by[..., block, :, :, :][..., block, :, :]
+            force, lever = rope.forces(step)[..., block, :], motion.acting.lever[..., at, :]
+            block = self._blocks(by, force, lever, motion.end.lever[..., at, :])
+            block = block if spin is None else block @ spin[..., None, at, :, :]
+            blocks.append(block.flatten(-4, -3))
         return stacked(*blocks, axis=-3)
 
     def telling(self, motion: NodeMotion) -> Told:
@@ -137,8 +137,8 @@ class Tendons(BetweenNodes):
         for rope, step in zip(self.ropes, steps, strict=True):
             none = torch.zeros_like(step.after[..., :2])
             if rope.friction is not None and none.shape[-2] > 2:
-                own = rope.grips(step, Stretches.of(step)).told
-                none = pad(own, (0, 0, 1, 1))
+                told_here = rope.grips(step, Stretches.of(step)).told
+                none = pad(told_here, (0, 0, 1, 1))
             rows.append(none)
         return {"tendons": torch.cat(rows, -2)}
 
@@ -198,7 +198,7 @@ class Tendons(BetweenNodes):
         """(..., E, 3) m/s of the eyelets before the step, as seen in frame a."""
         moves = torch.cat([x[..., self._at, :] for x in motion.of.moving()], -1) @ self.moves
         velocity, spin = moves.split(3, -1)
-        turned = torch.linalg.cross(*torch.broadcast_tensors(spin, motion.start.lever))
+        turned = cross(spin, motion.start.lever)
         return torch.where(self._ground(velocity), 0.0, velocity + turned)
 
     def way(self, motion: Placed) -> Tensor:
@@ -216,9 +216,9 @@ class Tendons(BetweenNodes):
         to_node = torch.cat((eye.expand(*lever.shape, 3), skew(lever)), -2)  # (..., m, 6, 3)
         of_node = torch.cat((eye.expand(*end.shape, 3), -skew(end)), -1)  # (..., m, 3, 6)
         whole = to_node[..., :, None, :, :] @ by @ of_node[..., None, :, :, :]
-        own = pad(skew(force) @ skew(end), (3, 0, 3, 0))  # levers turn with the nodes
+        turned = pad(skew(force) @ skew(end), (3, 0, 3, 0))  # levers turn with the nodes
         same = torch.eye(end.shape[-2], dtype=by.dtype, device=by.device)[..., None, None]
-        whole = whole + same * own[..., :, None, :, :]
+        whole = whole + same * turned[..., :, None, :, :]
         return -(self.moves @ whole @ self.moves.mT)
 
     def _ground(self, like: Tensor) -> Tensor:

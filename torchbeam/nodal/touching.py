@@ -52,7 +52,7 @@ class Nearby(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Touching(Tree):
+class PartContact(Tree):
     """Places along one part, and the pieces of another, or of the same beam.
 
     contact   the law; pair: its place among the scene's; first: whether places are on its first
@@ -80,9 +80,9 @@ class Touching(Tree):
     def profiles(self) -> tuple[Tensor | Table, Tensor | Table]:
         """Radii as they are given, (...) m or a `Table`, of what has places first."""
         law = self.contact
-        own = self.s.new_zeros(()) if law.radius is None else law.radius
-        other = own if law.other_radius is None else law.other_radius
-        return (own, other) if self.first else (other, own)
+        first_radius = self.s.new_zeros(()) if law.radius is None else law.radius
+        other = first_radius if law.other_radius is None else law.other_radius
+        return (first_radius, other) if self.first else (other, first_radius)
 
     @property
     def radii(self) -> Tensor:
@@ -90,9 +90,7 @@ class Touching(Tree):
         return torch.stack(torch.broadcast_tensors(*map(widest, self.profiles)), -1)
 
     def _at_nodes(self, part: int, near: Nearby) -> Tensor | None:
-        """(..., U, 3) m of the nodes of places (0), or of pieces (1); None where it is the same all
-        along.
-        """
+        """(..., U, 3) m of nodes of places (0), or of pieces (1); None = the same all along."""
         profile, first = self.profiles[part], 3 * part
         if not isinstance(profile, Table):
             return None
@@ -121,16 +119,14 @@ class Touching(Tree):
         s, profile = self.s.detach(), self.profiles[0]
         if isinstance(profile, Table):
             first, nodes = self.along
-            own = profile.ramps(s).detach()[..., first : first + nodes]
-            radii = (own[..., :, None] + own[..., None, :]) / 2
+            radius = profile.ramps(s).detach()[..., first : first + nodes]
+            radii = (radius[..., :, None] + radius[..., None, :]) / 2
         else:
             radii = profile.detach()[..., None, None]
         return remembered(_allowed, *self.along, count, s, radii, self.contact.apart)
 
     def nearby(self, motion: PairMotion, skin: Tensor | float = 0.0) -> Nearby:
-        """Those with no more than a skin m of `slack`; all pairs where samples are seen one at a
-        time.
-        """
+        """Those with no more than a skin m of `slack`; all where samples are seen one at a time."""
         if mapped(motion.position):
             pairs = self._every
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
@@ -155,9 +151,7 @@ class Touching(Tree):
         return slack
 
     def ball_slack(self, motion: PairMotion) -> Tensor:
-        """(..., n, K) m: the same of balls about the nodes of places and of pieces, in which these
-        are.
-        """
+        """(..., n, K) m: the same of balls about the nodes of places and pieces that hold these."""
         x = concrete(motion.position.detach())
 
         def ball(triples: Tensor) -> tuple[Tensor, Tensor]:
@@ -177,8 +171,8 @@ class Touching(Tree):
         """(..., n, K) m/s by which they come nearer to each other, nodes at (..., nodes, 3) m with
         these velocities.
         """
-        own = ([node for _, node, _ in part] for part in self.nodes)
-        points, pieces = own
+        middles = ([node for _, node, _ in part] for part in self.nodes)
+        points, pieces = middles
         x, v = (a[..., points, None, :] - a[..., None, pieces, :] for a in (position, velocity))
         size = norm(x)[..., 0]
         return -(x * v).sum(-1) / torch.where(size > 0, size, 1.0)
@@ -189,8 +183,8 @@ class Touching(Tree):
 
         def of(x: Tensor) -> tuple[Tensor, Tensor]:
             x = concrete(x.detach())
-            own, other = near.nodes[:, :3], near.nodes[:, 3:]
-            return (shares * x[..., own, :]).sum(-2), x[..., other, :]
+            points, other = near.nodes[:, :3], near.nodes[:, 3:]
+            return (shares * x[..., points, :]).sum(-2), x[..., other, :]
 
         place, nodes = of(motion.position)
         slack = least_distance(place, self.control[near.piece] @ nodes) - self.reach[..., None]
@@ -241,9 +235,9 @@ class Touching(Tree):
         """Their constants."""
         law, places, (point, piece) = self.contact, self.places, near[:2]
         shares, radii = places.shares[..., point, :], self.radii[..., None, :]
-        own, taper = (self._at_nodes(part, near) for part in (0, 1))
-        if own is not None:
-            both = torch.broadcast_tensors((shares * own).sum(-1), radii[..., 1])
+        point_radii, taper = (self._at_nodes(part, near) for part in (0, 1))
+        if point_radii is not None:
+            both = torch.broadcast_tensors((shares * point_radii).sum(-1), radii[..., 1])
             radii = torch.stack(both, -1)
 
         def of_all(x: Tensor | None) -> Tensor | None:

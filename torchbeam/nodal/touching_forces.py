@@ -21,7 +21,7 @@ from ..topology.places import added
 from .between_nodes import BetweenNodes, NodeMotion, Rates, Told
 from .coordinates.spatial import Spatial
 from .surface_pairs import BODY
-from .touching import Touching
+from .touching import PartContact
 from .touching_pairs import PairMotion, TouchingPairs
 
 
@@ -34,7 +34,7 @@ def of_nodes(nodes: Tensor, motion: PairMotion, told: Tensor | None = None) -> P
     return PairMotion(*moves, told, axes)
 
 
-class Near(NamedTuple):
+class NearPairs(NamedTuple):
     """Pairs that may touch each other, their nodes (U, 6), and which of all pairs (U) they are."""
 
     pairs: TouchingPairs
@@ -48,7 +48,7 @@ class Near(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AnyTouching(BetweenNodes):
+class ContactPairs(BetweenNodes):
     """Parts that touch. moves (w, 6): displacement and spin in space of a node's moves. A subclass
     knows which pairs are `near`.
     """
@@ -100,7 +100,7 @@ class AnyTouching(BetweenNodes):
         where = (motion.before, motion.after) if over else (motion.after,)
         return tuple(self.space.axes(rotation) for _, rotation in where)
 
-    def near(self, motion: PairMotion) -> list[Near]:
+    def near(self, motion: PairMotion) -> list[NearPairs]:
         """Those that may touch over this motion."""
         raise NotImplementedError
 
@@ -134,16 +134,16 @@ class AnyTouching(BetweenNodes):
         now = PairMotion(position, None, still, still, axes=(axes,))
         return self._tied(matrix(), now, lambda near: self._by_rates(near, now, by))
 
-    def _tied(self, matrix: Any, now: PairMotion, blocks_of: Callable[[Near], Tensor]) -> Any:
+    def _tied(self, matrix: Any, now: PairMotion, blocks_of: Callable[[NearPairs], Tensor]) -> Any:
         """A matrix with blocks (..., U, 6, 6, w, w) of the pairs that have some."""
         nodes, blocks = [], []
         for near in self.near(now):
-            own, block = near.nodes, blocks_of(near)
+            pair_nodes, block = near.nodes, blocks_of(near)
             if not mapped(block) and not wants_gradient(block):  # zeros may carry derivatives
                 some = concrete(block.detach() != 0).flatten(-4).any(-1)
                 some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
-                own, block = own[some], block[..., some, :, :, :, :]
-            nodes.append(own)
+                pair_nodes, block = pair_nodes[some], block[..., some, :, :, :, :]
+            nodes.append(pair_nodes)
             blocks.append(block)
         if not sum(map(len, nodes)):
             return matrix
@@ -173,13 +173,13 @@ class AnyTouching(BetweenNodes):
         for near in self.near(now):
             if near.pairs.friction is not None:
                 far = near.pairs.far(of_nodes(near.nodes, way))[..., None]
-                own = near.pairs.telling(of_nodes(near.nodes, now, near.told(motion)))
-                own = torch.where(far, 0.0, own)
-                none = none.expand(*own.shape[:-2], -1, -1).index_copy(-2, near.rows, own)
+                told = near.pairs.telling(of_nodes(near.nodes, now, near.told(motion)))
+                told = torch.where(far, 0.0, told)
+                none = none.expand(*told.shape[:-2], -1, -1).index_copy(-2, near.rows, told)
         return {"pairs": none}
 
     def near_enough(self, motion: NodeMotion) -> Tensor | None:
-        return self._any(motion, lambda pairs, own: (~pairs.far(own)).any(-1))
+        return self._any(motion, lambda pairs, moves: (~pairs.far(moves)).any(-1))
 
     def passed(self, motion: NodeMotion) -> Tensor | None:
         return self._any(motion, lambda pairs, own: pairs.passed(own))
@@ -191,7 +191,7 @@ class AnyTouching(BetweenNodes):
         each = [what(pairs, of_nodes(nodes, way)) for pairs, nodes, _ in self.near(way)]
         return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
-    def by_moves(self, near: Near, motion: NodeMotion, now: PairMotion) -> Tensor:
+    def by_moves(self, near: NearPairs, motion: NodeMotion, now: PairMotion) -> Tensor:
         """(..., U, 6, 6, w, w): derivative of the balances of a pair's nodes by their moves, of a
         motion with these `moves_of`.
         """
@@ -205,7 +205,7 @@ class AnyTouching(BetweenNodes):
         change = change + self._rates(near, by, slopes)
         return self._balances(near.pairs.blocks(of_pairs, change))
 
-    def _by_rates(self, near: Near, now: PairMotion, by: dict[str, Tensor]) -> Tensor:
+    def _by_rates(self, near: NearPairs, now: PairMotion, by: dict[str, Tensor]) -> Tensor:
         """The same by velocities and spins alone."""
         of_pairs = of_nodes(near.nodes, now)
         slopes = near.pairs.slopes(of_pairs)
@@ -218,7 +218,7 @@ class AnyTouching(BetweenNodes):
         return -torch.einsum("vi,...abiw->...abvw", self.moves, blocks)
 
     def _rates(
-        self, near: Near, by: dict[str, Tensor], slopes: dict[str, Tensor]
+        self, near: NearPairs, by: dict[str, Tensor], slopes: dict[str, Tensor]
     ) -> Tensor | float:
         p, moves, whole = self.space.dims.position, self.moves, 0.0
         for name, slope in slopes.items():
@@ -227,11 +227,11 @@ class AnyTouching(BetweenNodes):
                 continue
             if name not in by:
                 continue
-            own, more = by[name], len(moves) - by[name].shape[-1]
+            rate_by, more = by[name], len(moves) - by[name].shape[-1]
             if name == VELOCITY:
-                rate = pad(moves[:p, :3].mT @ own, (0, more))
+                rate = pad(moves[:p, :3].mT @ rate_by, (0, more))
             else:
-                rate = pad(moves[p:, 3:].mT @ own, (more, 0))
+                rate = pad(moves[p:, 3:].mT @ rate_by, (more, 0))
             same = rate.shape[-3] == 1
             rate = rate[..., None, :, :, :] if same else rate[..., near.nodes, :, :]
             whole = whole + slope @ rate
@@ -239,10 +239,10 @@ class AnyTouching(BetweenNodes):
 
 
 @dataclass(frozen=True)
-class AllTouching(AnyTouching):
+class ScenePairs(ContactPairs):
     """All of a scene."""
 
-    each: tuple[Touching, ...]
+    each: tuple[PartContact, ...]
 
     @property
     def dissipative(self) -> bool:
@@ -256,18 +256,18 @@ class AllTouching(AnyTouching):
     def every(self) -> int:
         return sum(part_contact.every for part_contact in self.each)
 
-    def near(self, motion: PairMotion) -> list[Near]:
+    def near(self, motion: PairMotion) -> list[NearPairs]:
         near, first = [], 0
         for part_contact in self.each:
-            if len((own := part_contact.nearby(motion)).point):
-                rows = first + own.point * len(part_contact.pieces) + own.piece
-                near.append(Near(part_contact.pairs(own), own.nodes, rows))
+            if len((pairs := part_contact.nearby(motion)).point):
+                rows = first + pairs.point * len(part_contact.pieces) + pairs.piece
+                near.append(NearPairs(part_contact.pairs(pairs), pairs.nodes, rows))
             first += part_contact.every
         return near
 
 
 @dataclass(frozen=True)
-class OnePair(AnyTouching):
+class OnePair(ContactPairs):
     """Of six nodes, which are all that there are."""
 
     pairs: TouchingPairs
@@ -276,6 +276,6 @@ class OnePair(AnyTouching):
     reads = property(lambda self: self.pairs.reads)
     every = 1
 
-    def near(self, motion: PairMotion | None) -> list[Near]:
+    def near(self, motion: PairMotion | None) -> list[NearPairs]:
         nodes = torch.arange(6, device=self.moves.device)[None]
-        return [Near(self.pairs, nodes, nodes[:, 0])]
+        return [NearPairs(self.pairs, nodes, nodes[:, 0])]

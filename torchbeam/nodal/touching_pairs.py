@@ -25,6 +25,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import Tree, batch_shapes, leaf
+from ..math.quaternions import cross
 from ..math.shapes import broadcast_shapes
 from ..scene.effects.contact_law import damped, potential, pressure, rubbing, telling
 from ..scene.effects.drag import norm
@@ -51,7 +52,7 @@ class PairMotion(NamedTuple):
     axes: tuple[Tensor, ...] | None = None
 
 
-class Meeting(NamedTuple):
+class ContactPoint(NamedTuple):
     """Of U pairs: shares (..., U, 3) of the piece's nodes in its nearest place; r (..., U, 3) m;
     gap (..., U, 1) m; pressure N/m, p and p without damping (..., U, 1); u (..., U, 3), rub N/m,
     slip m/s (..., U, 3), None = there is no friction; measure (..., U, 1) m, 0 where another piece
@@ -146,7 +147,7 @@ class TouchingPairs(Tree):
         other = (shares * self.taper).sum(-1)
         return torch.stack(torch.broadcast_tensors(self.radii[..., 0], other), -1)
 
-    def meeting(self, points: PairMotion) -> Meeting:
+    def closest_point(self, points: PairMotion) -> ContactPoint:
         """Of the pairs, whose points move so."""
         x, half, velocity, spin, *_ = points
         t, within = self.nearest(x)
@@ -171,7 +172,7 @@ class TouchingPairs(Tree):
             slip = self._slip(shares, r, apart(velocity), spin)
             rub = self._rub(points, p, slip)
         measure = (self.measure * within)[..., None]
-        return Meeting(shares, r, norm(r) - (room - d), p, elastic, u, slip, rub, measure)
+        return ContactPoint(shares, r, norm(r) - (room - d), p, elastic, u, slip, rub, measure)
 
     def _rub(self, points: PairMotion, p: Tensor, slip: Tensor) -> Tensor:
         """(..., U, 3) N/m of friction on the place."""
@@ -181,22 +182,22 @@ class TouchingPairs(Tree):
     def telling(self, motion: PairMotion) -> Tensor:
         """(..., U, 6) what friction tells the next iteration."""
         points = self.points(motion)
-        return telling(self.meeting(points).slip, self.slip_speed[..., None], points.told)
+        return telling(self.closest_point(points).slip, self.slip_speed[..., None], points.told)
 
     def _slip(self, shares: Tensor, r: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., U, 3) m/s of the first part's surface on the second's."""
         levers = self._levers(shares)
         turn = (levers[..., None] * spin).sum(-2)
-        slip = velocity - torch.linalg.cross(*torch.broadcast_tensors(turn, r))
+        slip = velocity - cross(turn, r)
         size = norm(r)
         n = r / torch.where(size > 0, size, torch.ones_like(size))
         return slip - (slip * n).sum(-1, keepdim=True) * n
 
     def _levers(self, shares: Tensor) -> Tensor:
         """(..., U, 4): of each point its part's share in both radii, times its own in the place."""
-        own, other = self.radii_at(shares).unbind(-1)
-        both = own + other
-        first = torch.where(both > 0, own / torch.where(both > 0, both, 1.0), 0.5)[..., None]
+        radius, other = self.radii_at(shares).unbind(-1)
+        both = radius + other
+        first = torch.where(both > 0, radius / torch.where(both > 0, both, 1.0), 0.5)[..., None]
         rest = (1 - first) * shares
         return torch.cat((first.expand(*rest.shape[:-1], 1), rest), -1)
 
@@ -204,12 +205,12 @@ class TouchingPairs(Tree):
         """Force (..., U, 3) N on the place; moment N m of friction, divided by `_levers`,
         None = there is none; shares of the meeting.
         """
-        meeting = self.meeting(points)
-        force = meeting.force
-        if meeting.rub is None:
-            return force, None, meeting.shares
-        r, rub = torch.broadcast_tensors(meeting.r, force)
-        return force, -torch.linalg.cross(r, rub), meeting.shares
+        contact_point = self.closest_point(points)
+        force = contact_point.force
+        if contact_point.rub is None:
+            return force, None, contact_point.shares
+        r, rub = torch.broadcast_tensors(contact_point.r, force)
+        return force, -torch.linalg.cross(r, rub), contact_point.shares
 
     def wrenches(self, motion: PairMotion) -> Tensor:
         """(..., U, 6, 6) N and N m on the nodes, which move so."""
@@ -265,9 +266,9 @@ class TouchingPairs(Tree):
         by_force, *by_moment, by_shares = change.split(3, -2)
         moved = torch.cat((torch.zeros_like(by_shares[..., :1, :]), by_shares), -2)
 
-        def of_points(own: Tensor, by: Tensor, rest: Tensor, action: Tensor) -> Tensor:
+        def of_points(share: Tensor, by: Tensor, rest: Tensor, action: Tensor) -> Tensor:
             """(..., 4, 6, 3, w) of an action whose shares `own` change by `rest` (..., 6, 4, w)."""
-            whole = own[..., :, None, None, None] * by[..., None, :, :, :]
+            whole = share[..., :, None, None, None] * by[..., None, :, :, :]
             return whole + rest.transpose(-3, -2)[..., None, :] * action[..., None, None, :, None]
 
         rows = of_points(self._signed(shares), by_force, -moved, force)
@@ -288,9 +289,11 @@ class TouchingPairs(Tree):
     def energy(self, motion: PairMotion, side: float) -> Tensor:
         """(...) J at the end of a step (side 1), or at its start (-1)."""
         x, half, *_ = self.points(motion)
-        meeting = self.meeting(PairMotion(x if half is None else x + side * half, None, None, None))
+        contact_point = self.closest_point(
+            PairMotion(x if half is None else x + side * half, None, None, None)
+        )
         d, slope = self.thickness[..., None], self.slope[..., None]
-        return (meeting.measure * potential(d - meeting.gap, d, slope)).sum((-1, -2))
+        return (contact_point.measure * potential(d - contact_point.gap, d, slope)).sum((-1, -2))
 
     def work(self, motion: PairMotion, dt: Tensor | None) -> Tensor:
         """(...) J over a step of dt (...), None = of the potential alone."""
@@ -298,12 +301,14 @@ class TouchingPairs(Tree):
         if not self.lossy or dt is None:
             return done
         points = self.points(motion)
-        meeting = self.meeting(points)
-        apart = self.parting(points, meeting.shares)
-        power = (meeting.pressure - meeting.elastic) * (meeting.u * apart).sum(-1, keepdim=True)
-        if meeting.rub is not None:
-            power = power + (meeting.rub * meeting.slip).sum(-1, keepdim=True)
-        return done + dt * (meeting.measure * power).sum((-1, -2))
+        contact_point = self.closest_point(points)
+        apart = self.parting(points, contact_point.shares)
+        power = (contact_point.pressure - contact_point.elastic) * (contact_point.u * apart).sum(
+            -1, keepdim=True
+        )
+        if contact_point.rub is not None:
+            power = power + (contact_point.rub * contact_point.slip).sum(-1, keepdim=True)
+        return done + dt * (contact_point.measure * power).sum((-1, -2))
 
     def parting(self, points: PairMotion, shares: Tensor) -> Tensor:
         """(..., U, 3) m/s of the place as seen from where it is nearest, by shares of the piece."""
@@ -322,11 +327,11 @@ class TouchingPairs(Tree):
         when = -(r * change).sum(-1) / torch.where(size > 0, size, torch.ones_like(size))
         when = when.clamp(-1.0, 1.0)[..., None, None]
         middle = x + when * half
-        meeting = self.meeting(PairMotion(middle, None, None, None))
+        contact_point = self.closest_point(PairMotion(middle, None, None, None))
         t, _ = self.nearest(middle)
         before, after = (_across(t, self.control, x + side * half, middle) for side in (-1.0, 1.0))
         turned = (before * after).sum(-1) < 0
-        near = (meeting.gap < 0) & (meeting.measure > 0)
+        near = (contact_point.gap < 0) & (contact_point.measure > 0)
         return (near[..., 0] & turned).any(-1)
 
 

@@ -14,8 +14,8 @@ from ..scene.scene import Scene
 from .between_nodes import BetweenNodes
 from .centreline import control_shares, piece_nodes
 from .coordinates.spatial import Spatial
-from .touching import Touching
-from .touching_forces import AllTouching
+from .touching import PartContact
+from .touching_forces import ScenePairs
 from .touching_surface import TouchingSurface
 
 
@@ -29,10 +29,10 @@ def touching_of(scene: Scene, space: Spatial, s: Tensor) -> BetweenNodes:
         for part_contact in _both(scene, pair, k, s)
     ]
     eye = torch.eye(space.unknowns, dtype=scene.dtype, device=scene.device)
-    return AllTouching(space, space.embed(eye), tuple(each))
+    return ScenePairs(space, space.embed(eye), tuple(each))
 
 
-def _both(scene: Scene, pair: ContactTerms, k: int, s: Tensor) -> list[Touching]:
+def _both(scene: Scene, pair: ContactTerms, k: int, s: Tensor) -> list[PartContact]:
     """From each of two beams to the other, of which each has half of the force; from a body to a
     beam, or to a body; from a beam to itself.
     """
@@ -73,11 +73,11 @@ def _one(
     share: float,
     is_first: bool = True,
     surface: Obstacle | None = None,
-) -> Touching:
+) -> PartContact:
     """Places along the first nodes, and pieces of the second, or the surface of a body there."""
     ends = s.new_zeros(len(second), 2)
     ends[0, 0] = ends[-1, 1] = 1.0
-    kind = Touching if surface is None else partial(TouchingSurface, surface=surface)
+    kind = PartContact if surface is None else partial(TouchingSurface, surface=surface)
     return kind(
         contact=pair,
         pair=k,

@@ -14,7 +14,7 @@ DENSITY = 2.0  # places in half of the length along which two that cross touch
 
 
 class Places(NamedTuple):
-    """P places along a part, `count` in each of its pieces; see `Touching`."""
+    """P places along a part, `count` in each of its pieces; see `PartContact`."""
 
     count: int
     shares: Tensor

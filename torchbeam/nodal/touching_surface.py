@@ -1,4 +1,4 @@
-"""A part that touches the surface of a body: `Touching` whose one piece is that surface."""
+"""A part that touches the surface of a body: `PartContact` whose one piece is that surface."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..scene.effects.load_point import ROTATION, SPIN, VELOCITY
 from ..scene.effects.obstacle import Obstacle
 from ..scene.stations import Table
 from .surface_pairs import SurfacePairs, numbers_of
-from .touching import Nearby, PairLaw, Touching
+from .touching import Nearby, PairLaw, PartContact
 from .touching_pairs import TouchingPairs
 
 POINTS = 2  # places in a piece of a beam, as of an obstacle
 
 
 @dataclass(frozen=True)
-class TouchingSurface(Touching):
+class TouchingSurface(PartContact):
     """Places along a beam, or the centre of a ball, and the surface of a body, in its axes. Which
     of them may touch is asked of the ball about the body that its surface is in, however it turns.
     """

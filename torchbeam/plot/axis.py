@@ -48,8 +48,8 @@ def axis_curves(
     curves = []
     for row in rows:
         inner = row if row.stop is None else slice(row.start, row.stop - 1)
-        own = None if length is None else length[..., inner, :]
-        curves.append(axis_curve(position[..., row, :], along[..., row, :], own))
+        lengths = None if length is None else length[..., inner, :]
+        curves.append(axis_curve(position[..., row, :], along[..., row, :], lengths))
         curves.append(torch.full_like(curves[-1][..., :1, :], torch.nan))
     return torch.cat(curves[:-1], -2) if curves else position[..., :0, :]
 

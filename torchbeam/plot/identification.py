@@ -43,12 +43,12 @@ def fit(fit: Any) -> list[Axes]:
         t = torch.arange(len(data)) if reading.times is None else reading.times
         noise = torch.ones_like(y) if reading.sigma is None else reading.columns(reading.sigma)[k]
         noise = noise * fit.scale
-        own = torch.zeros_like(y)
+        deviation = torch.zeros_like(y)
         if reading.deviation is not None:
-            own = reading.columns(reading.deviation)[k].nan_to_num()
+            deviation = reading.columns(reading.deviation)[k].nan_to_num()
         order = t.argsort()
-        t, data, y, noise, own = (v[order] for v in (t, data, y, noise, own))
-        room = BAND * (own.square() + noise.square()).sqrt()
+        t, data, y, noise, deviation = (v[order] for v in (t, data, y, noise, deviation))
+        room = BAND * (deviation.square() + noise.square()).sqrt()
         t, data, y, room, noise = map(numbers, (t, data, y, room, BAND * noise))
         above.fill_between(t, y - room, y + room, color="C0", alpha=0.2, lw=0)
         above.plot(t, data, ".", ms=4, color=GREY, label="data")

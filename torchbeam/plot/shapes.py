@@ -199,7 +199,7 @@ def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
     drawn and for points (n, 2 or 3) m.
     """
     names = ("x", "y", "z") if is_3d(ax) else ("x", "y")
-    own = {
+    axes_of = {
         f"{name}lim": getattr(ax, f"get_{name}lim")()
         for name in names
         if not getattr(ax, f"get_autoscale{name}_on")()
@@ -207,12 +207,12 @@ def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
     (everywhere,) = ax.plot(*numbers(points).T, alpha=0)
     _even(ax, seen)
     everywhere.remove()
-    ax.set(**own)
+    ax.set(**axes_of)
     if is_3d(ax):
         sizes = [b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
         ax.set_box_aspect(sizes, zoom=1.0 if ax.axison else 1.15)  # nothing is written beside it
         return
-    if not own:
+    if not axes_of:
         ax.figure.canvas.draw()  # equal scales settle
     ax.set_aspect("equal", adjustable="box")
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())

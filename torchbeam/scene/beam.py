@@ -24,6 +24,7 @@ from ..core.validation import (
     refusal,
 )
 from ..math import quaternions as quat
+from ..math.element_shapes import SHAPES
 from ..topology.framework import Framework
 from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed, warn_of_batch
@@ -283,7 +284,7 @@ class Beam(BeamRows):
             up = finite("up", axis_last("up", as_tensor(up, dtype, device), 3))
             if frames is not None:
                 raise refusal("frames and up", "one of them", were=True)
-        if order == 2:
+        if SHAPES[order].midside:
             return cls._parabolas(section, nodes, frames, up)
         chord = nodes.diff(dim=-2)
         N = chord.shape[-2]

@@ -81,7 +81,7 @@ def _check_made_alike(beam: Any, recipe: Recipe) -> None:
     written to, or what a function of s reads.
     """
     now = recipe.make(**recipe.arguments)
-    pairs = [(own := getattr(beam, name), getattr(now, name).to(own)) for name in PARTS]
+    pairs = [(part := getattr(beam, name), getattr(now, name).to(part)) for name in PARTS]
     if not all(a.shape == b.shape and concrete((a == b).all()) for a, b in pairs):
         raise ValueError(
             "a beam was given whose tensors or functions of s have changed since it was made: the "

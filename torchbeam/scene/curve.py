@@ -8,11 +8,11 @@ from torch.nn.functional import pad
 
 from ..core.validation import concrete
 from ..math import quaternions as quat
+from ..math.element_shapes import SHAPES
 
 # 1 + cosine of the turn from one tangent to the next: less, and the curve turns back on itself
 BACK = 1e-6
 
-GAUSS = 3**-0.5 / 2  # of an interval: how far its two Gauss points are from its middle
 
 TURNS_BACK = (
     "a curve that turns back on itself at a node was given; nodes that are nearer to "
@@ -24,10 +24,8 @@ def places(h: Tensor, order: int) -> Tensor:
     """Arc lengths s m at which a curvature is asked for over intervals h (..., n) m: the middles
     (..., n), or, of order 2, the two Gauss points of each (..., 2 n).
     """
-    middle = h.cumsum(-1) - h / 2
-    if order == 1:
-        return middle
-    return (middle[..., None] + h[..., None] * h.new_tensor((-GAUSS, GAUSS))).flatten(-2)
+    middle, x = h.cumsum(-1) - h / 2, h.new_tensor(SHAPES[order].stations)
+    return (middle[..., None] + h[..., None] * (x / 2)).flatten(-2)
 
 
 def screws(curvature: Tensor, h: Tensor) -> tuple[Tensor, Tensor]:

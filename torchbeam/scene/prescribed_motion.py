@@ -12,8 +12,8 @@ from ..core.functions_of_time import at_time, taken, with_rate, with_user_rate, 
 from ..core.leaves import with_values
 from ..core.validation import concrete
 from ..math import quaternions as quat
+from ..math.quaternions import cross
 from .effects import Pose
-from .effects.load_point import cross
 from .frame_turn import turn_between
 from .supports import Support
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice, instance, listed
-from ..core.arguments import function as check_function
 from ..core.derivatives import cached
 from ..core.leaves import (
     Placeholder,
@@ -28,7 +27,7 @@ from ..core.leaves import (
     with_values,
 )
 from ..core.summary import kind, lines
-from ..core.validation import as_tensor, axis_last, broadcast, precision, refusal, shown
+from ..core.validation import broadcast, precision, refusal, shown
 from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .beam import Beam
@@ -40,11 +39,12 @@ from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
 from .effects.interaction import Interaction
 from .effects.tendon import Tendon
+from .inputs import input_tensors
 from .joined import joints_of
 from .joint import Joint
 from .stations import Table
 from .structure import Structure
-from .supports import Frame, RootMotion, Support
+from .supports import Frame, RootMotion, Support, supports_of
 
 PLANES = (None, "xy", "xz", "auto")
 KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon", "pair", "interaction")
@@ -161,7 +161,10 @@ class Scene(Tree):
             tendon.check(self)
         for pair in self.pairs:
             pair.check(self)
-        set_(self, "supports", self._bound(self._supported()))
+        asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
+        supports = SceneSupports(supports_of(self, asked))
+        supports.given = asked
+        set_(self, "supports", self._bound(supports))
         damped = [damping.on for damping in self.dampings]
         if len(damped) > 1 and (None in damped or len(set(damped)) < len(damped)):
             of = ", or one on each beam" if self.beam.parts else ""
@@ -245,9 +248,7 @@ class Scene(Tree):
 
     @cached
     def stress_count(self) -> int:
-        """How many rows a state's stress has: behind those of the beam own unknowns of
-        interactions.
-        """
+        """How many rows a state's stress has: the beam's, then own unknowns of interactions."""
         return self.beam.stress_count + sum(
             bool(interaction.unknowns) for interaction in self.interactions
         )
@@ -298,11 +299,11 @@ class Scene(Tree):
     @cached
     def topology(self) -> Topology:
         """Which nodes the elements lie between, and which ones joints and tendons connect."""
-        own = self.beam.topology
+        of_beam = self.beam.topology
         ties = (*(tendon.nodes for tendon in self.tendons), *(x.nodes for x in self.interactions))
         if not ties and not self.pairs:
-            return own
-        return Framework(own.order, own.chains, own.singles, own.joints, ties)
+            return of_beam
+        return Framework(of_beam.order, of_beam.chains, of_beam.singles, of_beam.joints, ties)
 
     @property
     def has_prescribed_motion(self) -> bool:
@@ -317,47 +318,6 @@ class Scene(Tree):
         still = [isinstance(v, Table) or _is_rows(v) for v in called]
         library = [type(e).__module__.startswith(f"{__package__}.") for e in self.effects]
         return any(map(functions, self.effects)) or not all(still + library)
-
-    def _supported(self) -> tuple[Support, ...]:
-        """The supports as given, nodes counted from the root; the root's motion in node 0's."""
-        freed = any(e.frees_root for e in self._of("load"))
-        asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
-        supported = (() if freed or self.beam.parts else (Support(0),)) if asked is None else asked
-        supported = listed(supported)
-        count, by_node = self.beam.node_count, {}
-        for support in supported:
-            if not isinstance(support, Support):
-                raise ValueError(
-                    f"{shown(support)} was given as a support; a torchbeam.Support is wanted"
-                )
-            if len(support.rotation) == 1 and not self.small and self.plane in (None, "auto"):
-                axis, second = ("yz", "zx", "xy")["xyz".index(support.rotation)]
-                raise ValueError(
-                    f"a support with rotation = {support.rotation!r} was given in space, where the "
-                    "two turns that it leaves have axes that move; small=True is wanted, or in a "
-                    f"structure a Universal from None with axis along {axis} and second along "
-                    f"{second}"
-                )
-            row = self.beam.row(support.node, "the node of a support")
-            row = row if self.beam.parts else row % count
-            if row in by_node:
-                raise refusal(f"two supports of node {row}", "one", were=True)
-            by_node[row] = support
-        if freed and 0 in by_node and any(by_node[0].held):
-            raise refusal("a RootSpring and a support that holds node 0", "one of them", were=True)
-        if self.root is not None and not freed:
-            clamp, motion = by_node.get(0), (self.root.displacement, self.root.rotation)
-            moves = clamp is not None and (clamp.displacement, clamp.turn)
-            if not moves or any(a is not b for a, b in zip(moves, motion, strict=True)):
-                if not moves or not clamp.clamp or clamp.displaced:
-                    raise ValueError(
-                        "root was given for a node 0 that is not clamped or has a motion of its "
-                        "own; one clamp with one motion is wanted"
-                    )
-                by_node[0] = replace(clamp, displacement=motion[0], turn=motion[1])
-        supports = SceneSupports(replace(by_node[node], node=node) for node in by_node)
-        supports.given = None if asked is None else supported
-        return supports
 
     def _placed(self, effect: Effect) -> Effect:
         """An effect at its node's row. Raises ValueError where there is no such node or part, or
@@ -399,41 +359,9 @@ class Scene(Tree):
         """Broadcast of the leading axes of all tensors (functions and inputs join later)."""
         return broadcast("a beam and what acts on it", *batch_shapes(self))
 
-    def tensors(self, given: dict[str, Any] | None) -> Inputs:
-        """Inputs as tensors, by name or in a dictionary inputs={...}, which has room for names that
-        are keywords of a function; None = there are none. Raises ValueError where one is missing,
-        unknown, of the wrong size, or of axes that do not broadcast.
-        """
-        given = {} if given is None else given
-        if not isinstance(given, dict):
-            raise refusal(f"inputs = {shown(given)}", "a dictionary of values by name")
-        if isinstance(given.get("inputs"), dict):
-            others = {name: value for name, value in given.items() if name != "inputs"}
-            given = merge_inputs(given["inputs"], others)
-        sizes, dtype, device = self.inputs, self.dtype, self.device
-        for name in given:
-            if name not in sizes:
-                raise ValueError(
-                    f"the input {name!r} was given; the scene has {', '.join(sizes) or 'none'}"
-                )
-        for name in sizes:
-            if name not in given:
-                wanted = ", ".join(f"{other!r}: {size} numbers" for other, size in sizes.items())
-                raise ValueError(
-                    f"the input {name!r} is missing; inputs={{{wanted}}} is wanted".replace(
-                        ": 1 numbers", ": 1 number"
-                    )
-                )
-        tensors = {}
-        for name, value in given.items():
-            value = as_tensor(value, dtype, device)
-            # a number for an input of one
-            value = value[None] if value.ndim == 0 and sizes[name] == 1 else value
-            tensors[name] = axis_last(f"input {name!r}", value, sizes[name])
-        if tensors:
-            lead = (value.shape[:-1] for value in tensors.values())
-            broadcast("a scene and inputs", self.batch_shape, *lead)
-        return tensors
+    def tensors(self, inputs: dict[str, Any] | None) -> Inputs:
+        """Inputs as tensors, see `input_tensors`."""
+        return input_tensors(self, inputs)
 
 
 def _is_rows(value: Any) -> bool:
@@ -448,20 +376,3 @@ class SceneSupports(tuple):
 
 
 torch.serialization.add_safe_globals([SceneSupports])
-
-
-def merge_inputs(inputs: Any, more: dict[str, Any]) -> dict[str, Any]:
-    """A scene's inputs by name (None = none), and more of them. Raises ValueError where there are
-    no names, or a name comes twice.
-    """
-    inputs = {} if inputs is None else inputs
-    if not isinstance(inputs, dict):
-        raise refusal(f"inputs of type {type(inputs).__name__}", "a dictionary of values by name")
-    for name in more:
-        if name in inputs:
-            raise ValueError(f"the input {name!r} was given twice; once is wanted")
-    whole = {**inputs, **more}
-    for name, value in whole.items():
-        if callable(value):
-            check_function(f"the input {name!r}", value, "t")
-    return whole

@@ -173,8 +173,8 @@ class Structure(Beam):
         part = part_of(self.parts, name)
         rows = {}
         for name, axes in AXES.items():
-            own = part.nodes if name in ("nodes", "frames") else part.stations
-            rows[name] = getattr(self, name)[(..., own, *(slice(None),) * (axes - 1))]
+            places = part.nodes if name in ("nodes", "frames") else part.stations
+            rows[name] = getattr(self, name)[(..., places, *(slice(None),) * (axes - 1))]
         has = dict(zip(FLAGS, part.declared, strict=True))
         return Beam(**rows, **has, order=self.order, linked_interpolation=self.linked_interpolation)
 

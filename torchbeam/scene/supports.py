@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from torch import Tensor
@@ -156,3 +156,45 @@ class Support(Tree):
     def displaced(self) -> bool:
         """Whether it is elsewhere than the beam has its node."""
         return self.displacement is not None or self.turn is not None
+
+
+def supports_of(scene: Any, asked: tuple[Support, ...] | None) -> list[Support]:
+    """The supports as given, nodes counted from the root; the root's motion in node 0's. None =
+    those that a scene has of itself.
+    """
+    freed = any(load.frees_root for load in scene.loads)
+    beam, given = scene.beam, asked
+    if given is None:
+        given = () if freed or beam.parts else (Support(0),)
+    by_node: dict[int, Support] = {}
+    for support in given:
+        if not isinstance(support, Support):
+            raise ValueError(
+                f"{shown(support)} was given as a support; a torchbeam.Support is wanted"
+            )
+        if len(support.rotation) == 1 and not scene.small and scene.plane in (None, "auto"):
+            axis, second = ("yz", "zx", "xy")["xyz".index(support.rotation)]
+            raise ValueError(
+                f"a support with rotation = {support.rotation!r} was given in space, where the "
+                "two turns that it leaves have axes that move; small=True is wanted, or in a "
+                f"structure a Universal from None with axis along {axis} and second along "
+                f"{second}"
+            )
+        row = beam.row(support.node, "the node of a support")
+        row = row if beam.parts else row % beam.node_count
+        if row in by_node:
+            raise refusal(f"two supports of node {row}", "one", were=True)
+        by_node[row] = support
+    if freed and 0 in by_node and any(by_node[0].held):
+        raise refusal("a RootSpring and a support that holds node 0", "one of them", were=True)
+    if scene.root is not None and not freed:
+        clamp, motion = by_node.get(0), (scene.root.displacement, scene.root.rotation)
+        moves = clamp is not None and (clamp.displacement, clamp.turn)
+        if not moves or any(a is not b for a, b in zip(moves, motion, strict=True)):
+            if not moves or not clamp.clamp or clamp.displaced:
+                raise ValueError(
+                    "root was given for a node 0 that is not clamped or has a motion of its "
+                    "own; one clamp with one motion is wanted"
+                )
+            by_node[0] = replace(clamp, displacement=motion[0], turn=motion[1])
+    return [replace(by_node[node], node=node) for node in by_node]

@@ -21,11 +21,11 @@ from ..scene.scene import Scene
 from ..state.rest_shape import RestShape
 from ..state.state import State
 from ..topology.framework import Framework
-from .sensor import OnPart
+from .sensor import Sensor
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Along(OnPart):
+class _Along(Sensor):
     """A sensor of elements. At an arc length it follows the straight line through the values at the
     middles of the two elements beside it (those of the first or last two, prolonged, near an end):
     second order, as the elements are. In elements of order 2 it follows the line through their own
@@ -43,6 +43,9 @@ class _Along(OnPart):
     exist; and where it is called, for a state of another dtype, or of a beam of another shape at
     rest.
     """
+
+    on: str | None = field(default=None, kw_only=True)
+    of_part = True
 
     station: Value | None = None
     beam: Beam | Scene | None = None
@@ -87,7 +90,7 @@ class _Along(OnPart):
             where = f"in element {self.element}"
         else:
             where = f"at {tuple(s.shape)} stations" if s.ndim else f"at {s.item():g} m"
-        return f"{self.place}{self.what} {where}"
+        return f"{self._prefix}{self.what} {where}"
 
     def __call__(self, state: Any) -> Tensor:
         seen = self.seen(state)
@@ -98,17 +101,17 @@ class _Along(OnPart):
                 f"{self.beam.node_count}"
             )
         self._refuse_another(getattr(seen, "rest_shape", None))
-        own = self.beam.nodes.dtype
-        if position is None or position.dtype == own:
+        dtype = self.beam.nodes.dtype
+        if position is None or position.dtype == dtype:
             return super().__call__(state)
-        return super().__call__(state.to(own)).to(position.dtype)
+        return super().__call__(state.to(dtype)).to(position.dtype)
 
     def _refuse_another(self, shape: RestShape | None) -> None:
         """ValueError for the rest shape of another beam."""
-        own = RestShape.of(self.beam)
-        if shape is None or own is None or shape is own or shape is self.known:
+        of_beam = RestShape.of(self.beam)
+        if shape is None or of_beam is None or shape is of_beam or shape is self.known:
             return
-        off = shape.differs(own)
+        off = shape.differs(of_beam)
         if off is not None:
             raise ValueError(
                 f"a state of another beam was given to the sensor {self.name!r}, whose shape at "
@@ -148,8 +151,8 @@ def station_weights(station: Tensor, length: Tensor, order: int) -> Tensor:
     _within(station, length)
     if length.shape[-1] == 1:
         return torch.ones_like(station)[..., None]
-    own = STATIONS[order]
-    return _on_lines(station, own.places(length), *own.lines(length))
+    stations = STATIONS[order]
+    return _on_lines(station, stations.places(length), *stations.lines(length))
 
 
 def _on_lines(station: Tensor, places: Tensor, ends: Tensor, step: int) -> Tensor:

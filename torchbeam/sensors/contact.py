@@ -15,7 +15,7 @@ from ..core.functions_of_time import shared
 from ..nodal.conditions import conditions
 from ..nodal.element_loads import at_points, load_point, point_weights
 from ..nodal.loads import Nodes, load_points
-from ..nodal.touching import Touching
+from ..nodal.touching import PartContact
 from ..nodal.touching_forces import of_nodes
 from ..nodal.touching_pairs import PairMotion
 from ..scene.effects.contact import Touch
@@ -54,14 +54,14 @@ class TouchingPoints(NamedTuple):
             return rows
         each = []
         for k in range(self.count):
-            own = rows[..., self.place == k, :]
-            if not own.shape[-2]:  # it may touch nothing
+            of_contact = rows[..., self.place == k, :]
+            if not of_contact.shape[-2]:  # it may touch nothing
                 none = rows.new_zeros(*rows.shape[:-2], 7)
                 each.append(torch.cat((none[..., :6], none[..., 6:] + torch.inf), -1))
                 continue
-            nearest = own[..., 6:].argmin(-2, keepdim=True)
-            at = own.gather(-2, nearest.expand(*own.shape[:-2], 1, 7))[..., 0, :]
-            each.append(torch.cat((at[..., :3], own[..., 3:6].sum(-2), at[..., 6:]), -1))
+            nearest = of_contact[..., 6:].argmin(-2, keepdim=True)
+            at = of_contact.gather(-2, nearest.expand(*of_contact.shape[:-2], 1, 7))[..., 0, :]
+            each.append(torch.cat((at[..., :3], of_contact[..., 3:6].sum(-2), at[..., 6:]), -1))
         return torch.stack(each, -2)
 
 
@@ -89,7 +89,7 @@ class OfContact(OfScene):
         return self._contacts[self.contact]
 
     @property
-    def _touching(self) -> list[Touching]:
+    def _touching(self) -> list[PartContact]:
         """Of two parts: the places of either that may touch the other."""
         number = next(k for k, pair in enumerate(self.scene.pairs) if pair is self._law)
         return [
@@ -141,13 +141,13 @@ class OfContact(OfScene):
         for part_contact in self._touching:
             near = part_contact.nearby(motion, torch.inf)
             pairs = part_contact.pairs(near)
-            found = pairs.meeting(pairs.points(of_nodes(near.nodes, motion)))
+            found = pairs.closest_point(pairs.points(of_nodes(near.nodes, motion)))
             gap = torch.where(found.measure > 0, found.gap, torch.inf)
             sense = 1.0 if part_contact.first else -1.0
             rub = None if found.rub is None else sense * found.rub
             touch = Touch(gap, sense * found.u, found.pressure, found.slip, rub)
-            own = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
-            meets = own.sum(-2) - pairs.radii[..., :1] * found.u
+            touching_points = pairs.own[..., None] * motion.position[..., near.nodes[:, :3], :]
+            meets = touching_points.sum(-2) - pairs.radii[..., :1] * found.u
             count = part_contact.places.shares.shape[-2]
             touches.append(TouchingPoints(found.measure, touch, meets, near.point, count))
         return touches

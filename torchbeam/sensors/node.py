@@ -15,14 +15,17 @@ from ..core.validation import as_tensor, axis_last, common_dtype, finite, rotati
 from ..math import quaternions as quat
 from ..scene.parts import Place, check_node
 from ..state.state import State
-from .sensor import XYZ, OnPart
+from .sensor import XYZ, Sensor
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _OfNode(OnPart):
+class _OfNode(Sensor):
     """A sensor at a node, counted from the root; -1 is the tip. In a structure the node is
     (name, node) or the name of a body; or `on` has the name.
     """
+
+    on: str | None = field(default=None, kw_only=True)
+    of_part = True
 
     node: Place = option(check_node)
 
@@ -40,7 +43,7 @@ class _OfNode(OnPart):
 
     @property
     def name(self) -> str:
-        return f"{self.place}{'tip' if self.node == -1 else f'node {self.node}'} {self.what}"
+        return f"{self._prefix}{'tip' if self.node == -1 else f'node {self.node}'} {self.what}"
 
     def __call__(self, state: Any) -> Tensor:
         position = getattr(state, "position", None)

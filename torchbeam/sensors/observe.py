@@ -79,15 +79,15 @@ def observe(
     seen = torch.isfinite(times)
     if not (concrete(delay) != 0).any():
         _within(times[seen], t)
-    own = broadcast("times and delay", times.shape[1:], delay.shape)
-    if own:
-        batch = broadcast("times and readings", own, batch)
+    axes = broadcast("times and delay", times.shape[1:], delay.shape)
+    if axes:
+        batch = broadcast("times and readings", axes, batch)
         values = values.reshape(
             len(t), *(1,) * (len(batch) + len(shape) + 1 - values.ndim), *values.shape[1:]
         )
         values = values.expand(len(t), *batch, *shape)
     seen, times = (
-        x.reshape(len(x), *(1,) * (len(own) - x.ndim + 1), *x.shape[1:]) for x in (seen, times)
+        x.reshape(len(x), *(1,) * (len(axes) - x.ndim + 1), *x.shape[1:]) for x in (seen, times)
     )
     return _read(t, values, times - delay, seen, len(batch), rate)
 
@@ -138,12 +138,12 @@ def _read(t: Tensor, values: Tensor, at: Tensor, seen: Tensor, axes: int, rate: 
 def _slopes(t: Tensor, values: Tensor) -> Tensor:
     """Derivatives of `values` (time, ...) at their instants, of polynomials through neighbours."""
     n = min(NEIGHBOURS, len(t))
-    order = torch.arange(n, device=t.device)
-    near = (torch.arange(len(t), device=t.device) - n // 2).clamp(0, len(t) - n)[:, None] + order
+    power = torch.arange(n, device=t.device)
+    near = (torch.arange(len(t), device=t.device) - n // 2).clamp(0, len(t) - n)[:, None] + power
     away = t[near] - t[:, None]
     size = away.abs().amax(-1, keepdim=True)
-    powers = (away / size)[:, None] ** order[:, None]  # (time, power, neighbour)
-    weights = torch.linalg.solve(powers, (order == 1).to(t).expand(len(t), n)) / size
+    powers = (away / size)[:, None] ** power[:, None]  # (time, power, neighbour)
+    weights = torch.linalg.solve(powers, (power == 1).to(t).expand(len(t), n)) / size
     weights = weights.reshape(*weights.shape, *(1,) * (values.ndim - 1))
     return sum(weights[:, j] * values[near[:, j]] for j in range(n))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -16,11 +16,11 @@ from ..nodal.loads import external
 from ..scene.effects import RootSpring
 from ..state.state import State
 from .of_scene import OfScene
-from .sensor import XYZ, OnPart, Sensor
+from .sensor import XYZ, Sensor
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootForce(OnPart):
+class RootForce(Sensor):
     """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own
     (see `State`); on: name of the beam, in a structure. ValueError without one.
 
@@ -29,7 +29,10 @@ class RootForce(OnPart):
         tensor(-2.)
     """
 
-    name = property(lambda self: f"{self.place}root force")
+    on: str | None = field(default=None, kw_only=True)
+    of_part = True
+
+    name = property(lambda self: f"{self._prefix}root force")
     unit = "N"
     labels = XYZ
 
@@ -38,7 +41,7 @@ class RootForce(OnPart):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootMoment(OnPart):
+class RootMoment(Sensor):
     """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own
     (see `State`); on: name of the beam, in a structure. ValueError without one.
 
@@ -47,7 +50,10 @@ class RootMoment(OnPart):
         tensor([0.0000, 1.8008, 0.0000])
     """
 
-    name = property(lambda self: f"{self.place}root moment")
+    on: str | None = field(default=None, kw_only=True)
+    of_part = True
+
+    name = property(lambda self: f"{self._prefix}root moment")
     unit = "N m"
     labels = XYZ
 
@@ -56,7 +62,7 @@ class RootMoment(OnPart):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootReaction(OnPart):
+class RootReaction(Sensor):
     """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the
     state's own (see `State`); on: name of the beam, in a structure. ValueError without one.
 
@@ -65,7 +71,10 @@ class RootReaction(OnPart):
         torch.Size([6])
     """
 
-    name = property(lambda self: f"{self.place}root reaction")
+    on: str | None = field(default=None, kw_only=True)
+    of_part = True
+
+    name = property(lambda self: f"{self._prefix}root reaction")
     unit = "N, N m"
     labels = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 

@@ -25,6 +25,7 @@ class Sensor:
 
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
+        of_part: whether `on` has to name a part of a structure
         transforms_as: "point" or "vector" where the reading is three numbers of one in the axes of
             frame a, which a `SensorFrame` turns; None = other axes, or no vector
 
@@ -42,6 +43,7 @@ class Sensor:
     unit: str
     labels: tuple[str, ...]
     on: str | None = None
+    of_part: ClassVar[bool] = False
     transforms_as: str | None = None
     called: ClassVar[str] = ""
     in_words: ClassVar[str] = "{1}"  # what sentences call a field
@@ -68,7 +70,18 @@ class Sensor:
 
     def seen(self, state: Any) -> Any:
         """What of a state is read. Raises ValueError where it has no such part."""
+        if self.of_part and self.on is None and (parts := getattr(state, "parts", ())):
+            names = ", ".join(repr(part.name) for part in parts)
+            raise ValueError(
+                f"{self.name} of a structure was asked for; a sensor with on = one of {names} is "
+                "wanted"
+            )
         return state if self.on is None else part_of_state(state, self.on)
+
+    @property
+    def _prefix(self) -> str:
+        """The part's name, to begin that of the sensor with."""
+        return "" if self.on is None else f"{self.on} "
 
     def read(self, state: Any) -> Tensor:
         raise NotImplementedError
@@ -86,28 +99,6 @@ class Sensor:
 
     def __repr__(self) -> str:
         return f"{self.name} [{', '.join(self.labels)}] {self.unit}"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class OnPart(Sensor):
-    """Base of sensors of one beam: `on` names that of a structure."""
-
-    on: str | None = field(default=None, kw_only=True)
-
-    def seen(self, state: Any) -> Any:
-        parts = getattr(state, "parts", ())
-        if self.on is None and parts:
-            names = ", ".join(repr(part.name) for part in parts)
-            raise ValueError(
-                f"{self.name} of a structure was asked for; a sensor with on = one of {names} is "
-                "wanted"
-            )
-        return super().seen(state)
-
-    @property
-    def place(self) -> str:
-        """The part's name, to begin that of the sensor with."""
-        return "" if self.on is None else f"{self.on} "
 
 
 def part_of_state(state: Any, name: str) -> Any:

@@ -11,9 +11,7 @@ Function = Callable[[Tensor], Tensor]  # x (N, p) -> y (N, T)
 
 
 def forward(f: Function, x: Tensor) -> tuple[Tensor, Tensor]:
-    """y (S, T) and dy/dx (S, T, p) at x (S, p), direction j of sample s being sample s p + j of one
-    batch.
-    """
+    """y (S, T) and dy/dx (S, T, p) at x (S, p), direction j of sample s being row s p + j."""
     S, p = x.shape
     directions = torch.eye(p, dtype=x.dtype, device=x.device).repeat(S, 1)
     value, slope = torch.func.jvp(f, (x.repeat_interleave(p, 0),), (directions,))

@@ -232,9 +232,7 @@ class _Search:
         return small | idle | ((before - after <= self.tolerance**2 * before) & lower)
 
     def _refresh(self, which: Tensor, rough: bool = False) -> None:
-        """Derivatives anew. Where they are not finite the old ones stay, by which no start
-        converges.
-        """
+        """Derivatives anew. Where they are not finite the old ones stay, and no start converges."""
         if not len(which):
             return
         at = self.at

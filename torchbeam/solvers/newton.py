@@ -71,7 +71,8 @@ def newton(
                  `tolerance` has to be measured
     """
     with no_derivatives():
-        return _iterate(problem, x, active, None, tolerance, limit, trust_start, foresee)
+        control = Control(tolerance, limit, trust_start, foresee)
+        return _iterate(problem, x, active, None, control)
 
 
 class Search(NamedTuple):
@@ -86,53 +87,46 @@ class Search(NamedTuple):
     waited: Tensor
 
 
+class Control(NamedTuple):
+    """Options of `newton`."""
+
+    tolerance: float | None
+    limit: int
+    trust_start: bool
+    foresee: Tensor | None
+
+
 def _iterate(
     problem: Problem,
     x: Any,
     active: Tensor | None,
     before: Tensor | None,
-    tolerance: float | None,
-    limit: int,
-    trust_start: bool,
-    foresee: Tensor | None,
+    control: Control,
     search: Search | None = None,
 ) -> Outcome:
     """`before` (...): the scaled residual of the iteration before; None = there was none;
     search: of the last step, None = there was none.
     """
-    first = before is None
+    first, (tolerance, limit, trust_start, foresee) = before is None, control
     for k in range(limit):
         residual, *about = problem.residual(x)
         size = residual.measure()
         if k == 0:
             tolerance = tolerance or TOLERANCE[size.dtype]
-            over = (
-                torch.zeros_like(size, dtype=torch.bool)
-                if active is None
-                else ~active.expand(size.shape)
-            )
+            none = torch.zeros_like(size, dtype=torch.bool)
+            over = none if active is None else ~active.expand(size.shape)
             done = over
             status = torch.where(torch.isfinite(size) | (not first), DIVERGED, BROKEN)
             iterations = torch.zeros_like(status)
             before = torch.zeros_like(size) if first else before
             x = type(x)(*(v.expand(*size.shape, *v.shape[-2:]) for v in x))
             few = None if active is None else BatchSubset.worthwhile(~over)
-            part = None if few is None else _part(problem, few)
-            if part is not None:
-                rest = _iterate(
-                    part,
-                    _taken(few, x),
-                    None,
-                    None,
-                    tolerance,
-                    limit,
-                    trust_start,
-                    _some(few, foresee),
-                )
+            control = Control(tolerance, limit, trust_start, foresee)
+            rest = _of_some(few, problem, x, None, control, None)
+            if rest is not None:
                 reaction = size.new_zeros(*size.shape, *rest.reaction.shape[-2:])
-                return _joined(
-                    few, Outcome(x, reaction, torch.where(over, SUCCESS, status), iterations), rest
-                )
+                still = torch.where(over, SUCCESS, status)
+                return _joined(few, Outcome(x, reaction, still, iterations), rest)
         tangent = problem.linearise(x, *about)
         if k == 0:
             exact = tangent.exact
@@ -143,11 +137,7 @@ def _iterate(
         after = problem.update(x, *change)
         told = problem.telling(*about)
         if length is not None:
-            after = _where(length.back, problem.between(search.best, x, length.ratio), after)
-            last = problem.told or {}
-            best = _told(length.worse, search.told, last)
-            told = _told(length.back, _told(length.ratio > 0, last, best), told)
-            search = search._replace(best=_where(length.worse, search.best, x), told=best)
+            after, told, search = _shortened(problem, length, search, x, after, told)
         x = type(x)(*(torch.where(keep, a, b) for a, b in zip(x, after, strict=True)))
         reaction = torch.where(keep, size.new_zeros(()) if k == 0 else reaction, root)
         iterations = iterations + ~over
@@ -159,29 +149,46 @@ def _iterate(
             break
         problem = problem.after(told) if told else problem
         few = BatchSubset.worthwhile(~over) if k < limit - 1 else None
-        part = None if few is None else _part(problem, few)
-        if part is not None:
-            rest = _iterate(
-                part,
-                _taken(few, x),
-                None,
-                few.take(before, 0),
-                tolerance,
-                limit - 1 - k,
-                True,
-                _some(few, foresee),
-                None
-                if search is None
-                else Search(
-                    _taken(few, search.best),
-                    {name: few.take(v, 2) for name, v in search.told.items()},
-                    *(few.take(v, 0) for v in search[2:]),
-                ),
-            )
-            return _joined(
-                few, Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations), rest
-            )
+        control = Control(tolerance, limit - 1 - k, True, foresee)
+        rest = _of_some(few, problem, x, before, control, search)
+        if rest is not None:
+            whole = Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+            return _joined(few, whole, rest)
     return Outcome(x, reaction, torch.where(done, SUCCESS, status), iterations)
+
+
+def _of_some(
+    few: BatchSubset | None,
+    problem: Problem,
+    x: Any,
+    before: Tensor | None,
+    control: Control,
+    search: Search | None,
+) -> Outcome | None:
+    """`_iterate` of some samples alone; None where there are none, or they cannot be parted."""
+    try:
+        part = few.gather(problem) if few is not None and isinstance(problem, Tree) else None
+    except NotSeparable:
+        return None
+    if part is None:
+        return None
+    foresee = None if control.foresee is None else few.take(control.foresee, 0)
+    if search is not None:
+        told = {name: few.take(v, 2) for name, v in search.told.items()}
+        search = Search(_taken(few, search.best), told, *(few.take(v, 0) for v in search[2:]))
+    before = None if before is None else few.take(before, 0)
+    return _iterate(part, _taken(few, x), None, before, control._replace(foresee=foresee), search)
+
+
+def _shortened(
+    problem: Problem, length: Length, search: Search, x: Any, after: Any, told: Mapping[str, Tensor]
+) -> tuple[Any, Mapping[str, Tensor], Search]:
+    """What comes after x, what is told there, and the search, where steps have these lengths."""
+    after = _where(length.back, problem.between(search.best, x, length.ratio), after)
+    last = problem.told or {}
+    best = _told(length.worse, search.told, last)
+    told = _told(length.back, _told(length.ratio > 0, last, best), told)
+    return after, told, search._replace(best=_where(length.worse, search.best, x), told=best)
 
 
 class Length(NamedTuple):
@@ -279,18 +286,6 @@ def _told(which: Tensor, a: Mapping[str, Tensor], b: Mapping[str, Tensor]) -> Ma
         name: torch.where(some, 0.0 if v is None else v, 0.0 if w is None else w)
         for name, (v, w) in parts.items()
     }
-
-
-def _part(problem: Problem, few: BatchSubset) -> Problem | None:
-    """The problem of some samples alone; None where it cannot be taken apart."""
-    try:
-        return few.gather(problem) if isinstance(problem, Tree) else None
-    except NotSeparable:
-        return None
-
-
-def _some(few: BatchSubset, foresee: Tensor | None) -> Tensor | None:
-    return None if foresee is None else few.take(foresee, 0)
 
 
 def _taken(few: BatchSubset, x: Any) -> Any:

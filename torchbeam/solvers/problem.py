@@ -72,9 +72,7 @@ class Problem(Protocol):
         ...
 
     def merit(self, residual: Any) -> Tensor | None:
-        """(...) what no step of Newton's method is to raise, see `step_length`; None = steps are
-        whole.
-        """
+        """(...) what no Newton step is to raise, see `step_length`; None = steps are whole."""
         ...
 
     @property
@@ -87,16 +85,12 @@ class Problem(Protocol):
         ...
 
     def between(self, last: Any, x: Any, share: Tensor) -> Any:
-        """What is a share (...) of the way from the unknowns `last` to x, of a problem that has a
-        merit.
-        """
+        """A share (...) of the way from the unknowns `last` to x, of a problem with a merit."""
         ...
 
     @property
     def told(self) -> Mapping[str, Tensor] | None:
-        """What the last iteration has told this one, (..., m, n) by name; zeros, what there is
-        not.
-        """
+        """What the last iteration has told this one, (..., m, n) by name; else zeros."""
         ...
 
     def telling(self, *about: Any) -> Mapping[str, Tensor]:

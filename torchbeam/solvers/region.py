@@ -38,9 +38,7 @@ class Region:
         self.size = torch.where(start == 0, size, start.abs())
 
     def sized(self, which: Tensor, r: Tensor, J: Tensor) -> None:
-        """Find sizes of the starts `which` that are not known yet, from misfits (N, T) and J
-        (N, T, p).
-        """
+        """Find sizes of the starts `which` that are not known, from misfits (N, T), J (N, T, p)."""
         if not (self.size == 0).any():
             return
         target = self.target[which] if len(self.target) > 1 else self.target
@@ -83,9 +81,7 @@ class Region:
         return torch.maximum(torch.minimum(trial, self.largest), self.least)
 
     def held(self, x: Tensor, gradient: Tensor) -> Tensor:
-        """(S, p) bool: which parameters stay, as they are at a bound and the descent leads out of
-        it.
-        """
+        """(S, p) bool: which parameters stay, at a bound that the descent leads out of."""
         return (
             ((x <= self.least) & (gradient > 0))
             | ((x >= self.largest) & (gradient < 0))

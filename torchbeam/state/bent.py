@@ -61,8 +61,8 @@ def bent(
         def axes(nodes: Tensor) -> Tensor:
             q = carried_axes(beam.frames, beam.nodes, nodes, s.diff(dim=-1), twist)
             for support in scene.supports:
-                own, held = (x[..., support.node, :] for x in (q, still.rotation))
-                q = set_node(q, support.node, held_rotation(own, held, support))
+                at_support, held = (x[..., support.node, :] for x in (q, still.rotation))
+                q = set_node(q, support.node, held_rotation(at_support, held, support))
             return q
 
         rotation = axes(nodes)

@@ -97,8 +97,47 @@ class JointReading(NamedTuple):
         return cls(own(0), own(3), row[..., 6:9], row[..., 9:])
 
 
-class TensorFields(Tree):
-    """Operations on all fields of a frozen dataclass of tensors alike."""
+def where(parts: tuple[Any, ...], nodes: Tensor) -> list[str]:
+    """Where the beam's tip is (..., nodes, 3) m, or which parts there are, in words."""
+    if parts:
+        return ["parts " + ", ".join(repr(part.name) for part in parts)]
+    return [f"tip at {point(nodes[..., -1, :])} m"]
+
+
+class Instant(Tree):
+    """Views common to the states of all forms: nodes, tip, load of the support; and operations on
+    all fields alike.
+    """
+
+    parts: ClassVar[tuple[Any, ...]] = ()
+
+    @property
+    def summary(self) -> dict[str, str]:
+        """What there is, in words, by headings."""
+        return {
+            "time": f"t = {span(self.t)} s",
+            "nodes": f"{self.nodes.shape[-2]} nodes",
+            "end": "; ".join(where(self.parts, self.nodes)),
+            "status": statuses(self.status),
+            "batch": kind(self.batch_shape, self.nodes),
+        }
+
+    def __repr__(self) -> str:
+        return lines(type(self).__name__, *self.summary.values())
+
+    @property
+    def tip(self) -> Point:
+        return self.node(-1)
+
+    @property
+    def nodes(self) -> Tensor:
+        """(..., N+1, 3) m, frame a."""
+        return self.position
+
+    @property
+    def root(self) -> Reaction:
+        """Of the clamp at node 0."""
+        return Reaction(self.reaction[..., :3], self.reaction[..., 3:])
 
     def map(self, function: Any, *others: Any) -> Any:
         """The same kind of object with `function` applied field by field."""
@@ -147,44 +186,3 @@ class TensorFields(Tree):
             raise refusal("states = []", "one or more", are=True)
         broadcast("states", *(state.nodes.shape[:-1] for state in states))
         return states[0].map(lambda *x: torch.stack(torch.broadcast_tensors(*x)), *states[1:])
-
-
-def where(parts: tuple[Any, ...], nodes: Tensor) -> list[str]:
-    """Where the beam's tip is (..., nodes, 3) m, or which parts there are, in words."""
-    if parts:
-        return ["parts " + ", ".join(repr(part.name) for part in parts)]
-    return [f"tip at {point(nodes[..., -1, :])} m"]
-
-
-class Instant(TensorFields):
-    """Views common to the states of all forms: nodes, tip, load of the support."""
-
-    parts: ClassVar[tuple[Any, ...]] = ()
-
-    @property
-    def summary(self) -> dict[str, str]:
-        """What there is, in words, by headings."""
-        return {
-            "time": f"t = {span(self.t)} s",
-            "nodes": f"{self.nodes.shape[-2]} nodes",
-            "end": "; ".join(where(self.parts, self.nodes)),
-            "status": statuses(self.status),
-            "batch": kind(self.batch_shape, self.nodes),
-        }
-
-    def __repr__(self) -> str:
-        return lines(type(self).__name__, *self.summary.values())
-
-    @property
-    def tip(self) -> Point:
-        return self.node(-1)
-
-    @property
-    def nodes(self) -> Tensor:
-        """(..., N+1, 3) m, frame a."""
-        return self.position
-
-    @property
-    def root(self) -> Reaction:
-        """Of the clamp at node 0."""
-        return Reaction(self.reaction[..., :3], self.reaction[..., 3:])

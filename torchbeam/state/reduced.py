@@ -94,8 +94,10 @@ class ReducedStates:
         """With these rows of these fields, and none of the others."""
         names, cut = (*AT_NODES, "stress", "reaction"), []
         for part in self.parts:
-            own = {name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names}
-            cut.append(with_values(part, **own))
+            part_fields = {
+                name: getattr(part, name)[..., rows.get(name, slice(0)), :] for name in names
+            }
+            cut.append(with_values(part, **part_fields))
         return self.space.of_nodes(nodes).to_public(whole_of(cut))
 
 

@@ -56,12 +56,12 @@ class RestShape(AtRest, Mark):
         one of the other, or where they cannot be compared.
         """
         rounding = max(torch.finfo(x.position.dtype).eps for x in (self, other)) ** 0.5
-        own, others = self.steps(), [x.to(self.position) for x in other.steps()]
-        if own[0].shape[-1] != others[0].shape[-1]:
+        steps, others = self.steps(), [x.to(self.position) for x in other.steps()]
+        if steps[0].shape[-1] != others[0].shape[-1]:
             return None
         try:
-            longer = (own[0] - others[0]).abs().amax(-1) / others[0].sum(-1)
-            turned = (own[1] - others[1]).abs().amax((-2, -1))
+            longer = (steps[0] - others[0]).abs().amax(-1) / others[0].sum(-1)
+            turned = (steps[1] - others[1]).abs().amax((-2, -1))
         except RuntimeError:  # of other batches
             return None
         off = torch.maximum(longer, turned)

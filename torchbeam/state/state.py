@@ -13,10 +13,9 @@ from ..core.arguments import batch, instance, instants, place
 from ..core.leaves import leaf, map_leaves
 from ..core.memory import check_memory
 from ..core.validation import Value, broadcast
-from ..core.warning import warn
 from ..math import quaternions as quat
 from ..scene.parts import Part, one_beam, part_of, row_of
-from ..scene.prescribed_motion import PrescribedMotion, orientation, turning
+from ..scene.prescribed_motion import PrescribedMotion, orientation
 from ..scene.scene import Scene
 from .bent import bent
 from .instant import READINGS, Instant, JointReading, Point, Reaction
@@ -162,7 +161,7 @@ class State(Instant):
     def __getitem__(self, index: Any) -> Any:
         """By the name of a beam of a structure its state, as in a scene of its own (but that `work`
         and `defect` are those of all); by that of a body its motion, a `Point`; else some of the
-        leading axes, as `TensorFields` has it.
+        leading axes, as `Instant` has it.
         """
         if not isinstance(index, str):
             return super().__getitem__(index)
@@ -173,13 +172,13 @@ class State(Instant):
     def joint(self) -> tuple[JointReading, ...]:
         """The joints of a structure, as an equilibrium or a step has left them."""
         each = enumerate(self.coordinates)
-        return tuple(JointReading.of(self.joints[..., k, :], own) for k, own in each)
+        return tuple(JointReading.of(self.joints[..., k, :], which) for k, which in each)
 
     def part(self, name: str) -> State:
         """The state of a beam or, a single node, of a body. Raises ValueError for neither."""
         part = part_of(self.parts, name)
-        own = range(part.nodes.start, part.nodes.stop)
-        held = [k for k, node in enumerate(self.supports or ()) if node in own]
+        nodes = range(part.nodes.start, part.nodes.stop)
+        held = [k for k, node in enumerate(self.supports or ()) if node in nodes]
         rows = {name: getattr(self, name)[..., part.nodes, :] for name in AT_NODES}
         rows["stress"] = self.stress[..., part.stations, :]
         rows["reaction"] = self.reaction[..., held, :]
@@ -344,60 +343,6 @@ def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
 def supported(scene: Any) -> tuple[int, ...]:
     """The nodes of a scene's supports."""
     return tuple(int(support.node) for support in scene.supports)
-
-
-def with_optional_fields(state: State, scene: Any) -> State:
-    """With an orientation of frame a and internal states of loads, where the scene wants them and
-    the state has none; with the reactions of the scene's supports, zero where the state has those
-    of others. Warns where it is of a beam of another rest shape. Raises ValueError where it has
-    other orientations or internal states.
-    """
-    nodes, known = supported(scene), state.supports
-    state = _of_this_beam(state, scene.beam)
-    if state.reaction.shape[-2] != len(nodes) or known not in (None, nodes):
-        none = state.reaction.new_zeros(*state.reaction.shape[:-2], len(nodes), 6)
-        state = replace(state, reaction=none)
-    state = state if known == nodes else replace(state, supports=nodes)
-    if (state.parts, state.joined) != (scene.beam.parts, scene.beam.joined):
-        state = replace(state, parts=scene.beam.parts, joined=scene.beam.joined)
-    if state.frame is not None and not turning(scene):
-        raise ValueError(
-            "a state whose frame has turned was given for a scene whose frame does not turn; one "
-            "of a scene with such a frame is wanted"
-        )
-    if turning(scene) and state.frame is None:
-        state = replace(state, frame=orientation(scene, state.batch_shape, state.t)).broadcast()
-    sizes = sum(scene.internal_states)
-    if state.internal is not None and state.internal.shape[-1] != sizes:
-        raise ValueError(
-            f"a state with {state.internal.shape[-1]} internal states was given; the scene's "
-            f"loads have {sizes}"
-        )
-    if sizes and state.internal is None:
-        state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
-    if scene.joints and state.joints is None:
-        state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
-    kept = None if state.memory is None else tuple(state.memory.shape[-2:])
-    if scene.memory[1] and kept != scene.memory:
-        memory = no_memory(scene, state.position.new_zeros(state.batch_shape))
-        state = replace(state, memory=memory)
-    count = 0 if state.tendons is None else state.tendons.shape[-2]
-    return state if count == len(scene.tendons) else with_tendons(state, scene)
-
-
-def _of_this_beam(state: State, beam: Any) -> State:
-    own, shape = RestShape.of(beam), state.rest_shape
-    if shape is own:
-        return state
-    off = None if own is None or shape is None else shape.differs(own)
-    if off is not None:
-        warn(
-            "a state of another beam was given to start from, whose shape at rest differs from "
-            f"this one's {off}, so that it starts strained; State.from_nodes bends this beam into "
-            "a curve",
-            UserWarning,
-        )
-    return replace(state, rest_shape=own)
 
 
 def with_tendons(state: State, scene: Any) -> State:

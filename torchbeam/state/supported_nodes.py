@@ -47,7 +47,7 @@ def frame_motion(state: Placed, prescribed_motion: PrescribedMotion) -> tuple[Te
     velocity = torch.zeros_like(state.position)
     spin = torch.zeros_like(velocity)
     if omega is not None:
-        velocity = velocity + torch.linalg.cross(*torch.broadcast_tensors(omega, state.position))
+        velocity = velocity + quat.cross(omega, state.position)
         spin = spin + quat.rotate(quat.conjugate(state.rotation), omega)
     return velocity if v is None else velocity + v, spin
 
@@ -64,8 +64,8 @@ def held_rotation(q: Tensor, at: Tensor, support: Any) -> Tensor:
 
 def _put_held(x: Tensor, support: Any, value: Tensor) -> Tensor:
     """`set_node`, of the components whose position is held."""
-    held, own = torch.tensor(support.held[:3], device=x.device), x[..., support.node, :]
-    return set_node(x, support.node, torch.where(held, value, own))
+    held, at_node = torch.tensor(support.held[:3], device=x.device), x[..., support.node, :]
+    return set_node(x, support.node, torch.where(held, value, at_node))
 
 
 def set_node(x: Tensor, node: int, value: Tensor) -> Tensor:

@@ -161,11 +161,18 @@ def cut(
     runs, direct, start = [], [], 0
     for chain, N in enumerate(chains):
         last = start + N
-        own = [node for node in range(start, last + 1) if node in joined or node not in held]
-        ends = own[0] - 1, *(node for node in own if node in joined), own[-1] + 1
+        line_nodes = [node for node in range(start, last + 1) if node in joined or node not in held]
+        ends = (
+            line_nodes[0] - 1,
+            *(node for node in line_nodes if node in joined),
+            line_nodes[-1] + 1,
+        )
         for before, after in pairwise(ends):
             count, element = after - before - 1, before - chain
-            sides = [place[node] if own[0] <= node <= own[-1] else None for node in (before, after)]
+            sides = [
+                place[node] if line_nodes[0] <= node <= line_nodes[-1] else None
+                for node in (before, after)
+            ]
             if count:
                 runs.append(Run(before + 1, count, *sides, element))
             elif None not in sides:

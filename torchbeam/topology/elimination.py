@@ -79,7 +79,7 @@ def solve(how: Cut, b: Tensor, *parts: Tensor) -> Tensor:
     """The solution (..., n + J, w), zero in nodes without unknowns."""
     system, rows = condense(how, b, *parts)
     inner = None if system is None else system.solution()
-    x = [restored(line, own, inner) for line, own in zip(how.lines, rows, strict=True)]
+    x = [restored(line, line_rows, inner) for line, line_rows in zip(how.lines, rows, strict=True)]
     interface, last = len(how.interface), how.lines[-1] if how.lines else None
     if system is None and len(x) == 1 and last.alone:
         first, rest = last.nodes[0], len(how.order) - 1 - last.nodes[-1]
@@ -105,9 +105,9 @@ def condense(
     n, J, interface = D.shape[-3], how.multipliers, how.interface
     system = Interface(how, D.shape[-1]) if interface or J else None
     if system is not None:
-        own = range(len(interface))
-        system.add(take(D, interface, 2), own, own)
-        system.load(take(b, interface), own)
+        places = range(len(interface))
+        system.add(take(D, interface, 2), places, places)
+        system.load(take(b, interface), places)
         if how.direct:
             elements, i, j = zip(*how.direct, strict=True)
             system.add(take(U, elements, 2), i, j)
@@ -149,9 +149,9 @@ def eliminate(
     _push(system, -(r @ right[-1]), line.towards, line.back)
     if line.back:
         g = take(U, line.before, 2)
-        for own, columns in zip(ahead, right, strict=True):
+        for row, columns in zip(ahead, right, strict=True):
             _push(system, -(g @ columns), line.back, line.back)
-            g = -(g @ own)
+            g = -(g @ row)
         system.add(g, line.back, line.towards)
     return ahead, right
 
@@ -170,9 +170,7 @@ def _joined(line: Tensor, last: Tensor) -> Tensor:
 
 
 def restored(line: Line, rows: Rows, interface: Tensor | None) -> Tensor:
-    """x (..., runs n, w) of a line's nodes, of its rows and the interface's solution
-    (..., count, w).
-    """
+    """x (..., runs n, w) of a line's nodes, by its rows and the interface's (..., count, w)."""
     ahead, y = rows
     after = None
     if line.towards:

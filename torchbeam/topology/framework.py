@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..math.element_shapes import SHAPES
 from ..math.quadratic import X
 from .cut import Cut, cut, pairs_of
 from .framework_matrix import FrameworkMatrix, dense_of
@@ -75,24 +76,27 @@ class Framework:
         ]
         return tuple(even(first + k for first in firsts) for k in range(self.order + 1))
 
+    @property
+    def midside(self) -> bool:
+        """Whether elements have a node inside."""
+        return SHAPES[self.order].midside
+
     @cached_property
     def ends(self) -> Places:
         """The nodes that are inside no element."""
-        middle = set(self.elements[1]) if self.order == 2 else ()
+        middle = set(self.elements[1]) if self.midside else ()
         return even(node for node in range(self.node_count) if node not in middle)
 
     @cached_property
     def ends_first(self) -> Places:
-        """Where each node is in the row of those inside no element, and behind them those inside
-        one.
-        """
+        """Where each node is in the row of those inside no element, then those inside one."""
         row = {node: k for k, node in enumerate((*self.ends, *self.elements[1]))}
         return even(row[node] for node in range(self.node_count))
 
     @cached_property
     def links(self) -> Framework:
         """Of order 1: from each node of an element to the next one."""
-        if self.order == 1:
+        if not self.midside:
             return self
         return Framework(1, tuple(self.order * N for N in self.chains), self.singles)
 
@@ -111,7 +115,7 @@ class Framework:
     @cached_property
     def of_ends(self) -> Framework:
         """Of order 1, between these."""
-        if self.order == 1:
+        if not self.midside:
             return self
         place = {node: k for k, node in enumerate(self.ends)}
         behind = sorted({node for nodes in self.ties for node in nodes if node >= self.node_count})
@@ -157,13 +161,11 @@ class Framework:
     def pairs(self) -> tuple[tuple[Places, Places], ...]:
         """The nodes of the rows and of the columns of a matrix's couplings."""
         i, j = self.links.elements
-        far = () if self.order == 1 else (self.elements[::2], self.elements[::-2])
+        far = (self.elements[::2], self.elements[::-2]) if self.midside else ()
         return (i, j), (j, i), *far
 
     def at_joints(self, x: Tensor) -> Tensor:
-        """Nodes (..., nodes, w) -> their values (..., J, 2, w) at both ends of joints; zeros at
-        the ground.
-        """
+        """Nodes (..., nodes, w) -> values (..., J, 2, w) at joints' ends; 0 at the ground."""
         ends = take(x, self._joined).unflatten(-2, (-1, 2))
         return ends * self._not_ground(x) if self._grounded else ends
 
@@ -176,17 +178,15 @@ class Framework:
     def joint_ties(self) -> tuple[tuple[int, ...], ...]:
         """Rows of joints: of each its nodes, and that of its multipliers."""
         rows = [(*pair, self.node_count + k) for k, pair in enumerate(self.joints)]
-        return tuple(tuple(row for row in own if row is not None) for own in rows)
+        return tuple(tuple(row for row in tie if row is not None) for tie in rows)
 
     def of_ties(self, blocks: Tensor) -> Tensor:
-        """Blocks (..., J, n, n, w, w) of joints, or of their ends alone -> (..., m, w, w) of their
-        ties.
-        """
+        """Blocks (..., J, n, n, w, w) of joints, or of ends -> (..., m, w, w) of their ties."""
         n, blocks = blocks.shape[-3], blocks.flatten(-5, -3)
         if not self._grounded:
             return blocks
         there = [[node is not None for node in (*pair, 0)[:n]] for pair in self.joints]
-        both = (a and b for own in there for a, b in product(own, own))
+        both = (a and b for tie in there for a, b in product(tie, tie))
         return take(blocks, tuple(k for k, is_there in enumerate(both) if is_there), 2)
 
     def by_nodes(self, blocks: Tensor) -> Tensor:
@@ -224,8 +224,9 @@ class Framework:
         """Each line's own; 0 of single nodes."""
         parts = []
         for part in length.split([self.order * N for N in self.chains], -1):
-            own = part.cumsum(-1) if self.order == 1 else within_elements(part, (0.0, 1.0))
-            parts.append(pad(own if self.order == 1 else own.flatten(-2), (1, 0)))
+            midside = self.midside
+            ends = within_elements(part, (0.0, 1.0)).flatten(-2) if midside else part.cumsum(-1)
+            parts.append(pad(ends, (1, 0)))
         return torch.cat((*parts, length.new_zeros(*length.shape[:-1], self.singles)), -1)
 
     def unknowns(self, moving: Tensor, like: Tensor) -> FrameworkUnknowns:
@@ -235,12 +236,12 @@ class Framework:
         return FrameworkMatrix(self, blocks)
 
     def matrix(self, blocks: Blocks) -> FrameworkMatrix:
-        own = self.scatter(tuple([blocks[k][k] for k in range(self.order + 1)]), 2)
-        if self.order == 1:
-            return FrameworkMatrix(self, own, (blocks[0][1], blocks[1][0]))
+        diagonal = self.scatter(tuple([blocks[k][k] for k in range(self.order + 1)]), 2)
+        if not self.midside:
+            return FrameworkMatrix(self, diagonal, (blocks[0][1], blocks[1][0]))
         (_, im, ij), (mi, _, mj), (ji, jm, _) = blocks
         near = interleaved(im, mj, 2), interleaved(mi, jm, 2)
-        return FrameworkMatrix(self, own, (*near, ij, ji))
+        return FrameworkMatrix(self, diagonal, (*near, ij, ji))
 
 
 @lru_cache(maxsize=64)

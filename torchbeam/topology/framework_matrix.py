@@ -113,16 +113,16 @@ class FrameworkMatrix:
     def constraints(self) -> Tensor:
         """(..., m, w nodes): of those that are held, of which there are m, by the nodes' moves."""
         at, *pair = _tied_at(self.framework, True)
-        own = take(self.tied, at, 2), *pair
-        whole = dense_of(len(self.held), self.framework.node_count, [own])
+        blocks = take(self.tied, at, 2), *pair
+        whole = dense_of(len(self.held), self.framework.node_count, [blocks])
         return whole.index_select(-2, self.held.flatten().nonzero()[:, 0])
 
     @property
     def yields(self) -> bool:
         """Whether a constraint reads its own force, or another's."""
         n, pairs = self.framework.node_count, enumerate(zip(*self.framework.tied, strict=True))
-        own = [(k, i - n) for k, (i, j) in pairs if i >= n and j >= n]
-        at, rows = zip(*own, strict=True)
+        at_forces = [(k, i - n) for k, (i, j) in pairs if i >= n and j >= n]
+        at, rows = zip(*at_forces, strict=True)
         blocks = take(self.tied, at, 2) * self.held[list(rows)][:, :, None]
         return bool(concrete(blocks.detach() != 0).any())
 
@@ -148,7 +148,7 @@ class FrameworkMatrix:
         if len(unknowns) < unknowns.nodes:
             couplings = [x.narrow(-3, unknowns.first, len(unknowns) - 1) for x in couplings]
         D = unknowns.of_nodes(D, 2)
-        if self.framework.order == 1:
+        if not self.framework.midside:
             return BlockChain(D, *couplings)
         return _paired(size, D, *couplings)
 
@@ -172,18 +172,18 @@ class FrameworkMatrix:
                 rows, columns = (take(free, side)[..., None] for side in of.tied)
                 tied = tied * rows * columns.mT
         midside = None
-        if of.order == 2:
+        if of.midside:
             D, *couplings, midside = condensed(of, D, *couplings)
         return FrameworkSystem(of, unknowns, cut, D, *couplings, midside, tied, self.held)
 
 
 @lru_cache(maxsize=64)
-def _tied_at(framework: Any, own: bool) -> tuple[tuple[int, ...], ...]:
+def _tied_at(framework: Any, behind: bool) -> tuple[tuple[int, ...], ...]:
     """Which of the ties' blocks are by moves of nodes, of balances of nodes, or of the rows (own)
     behind them; the rows and columns there.
     """
     n, pairs = framework.node_count, enumerate(zip(*framework.tied, strict=True))
-    there = [(k, i - n * own, j) for k, (i, j) in pairs if j < n and (i >= n) == own]
+    there = [(k, i - n * behind, j) for k, (i, j) in pairs if j < n and (i >= n) == behind]
     return tuple(zip(*there, strict=True))
 
 

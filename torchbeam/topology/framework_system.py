@@ -44,15 +44,13 @@ class FrameworkSystem:
         return self.D, self.U, self.L, self.tied, self.held
 
     def solve(self, b: Tensor, constant: bool = True) -> Tensor:
-        """b (..., nodes + J, w): behind the nodes what constraints are to change by; multipliers
-        then.
-        """
-        n, unknowns, own = self.framework.node_count, self.unknowns, None
+        """b (..., nodes + J, w): behind the nodes what constraints change by; multipliers then."""
+        n, unknowns, middle = self.framework.node_count, self.unknowns, None
         nodes, forces = (b, None) if self.held is None else b.split((n, b.shape[-2] - n), -2)
         if unknowns.partial or self.cut.holds(unknowns.held):
             nodes = nodes * unknowns.mask
         if self.midside is not None:
-            nodes, own = self.midside.condense(nodes)
+            nodes, middle = self.midside.condense(nodes)
         b, n = nodes, nodes.shape[-2]
         if forces is not None:
             b = torch.cat((nodes, forces.expand(*nodes.shape[:-2], *forces.shape[-2:])), -2)
@@ -63,20 +61,20 @@ class FrameworkSystem:
         )
         if self.midside is None:
             return x
-        nodes = self.midside.restore(x if forces is None else x[..., :n, :], own)
+        nodes = self.midside.restore(x if forces is None else x[..., :n, :], middle)
         return nodes if forces is None else torch.cat((nodes, x[..., n:, :]), -2)
 
     def pivots(self, unit: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Of midside nodes, of the runs, and of the interface where constraints leave it free."""
         pivots, sound = [], torch.ones((), dtype=torch.bool, device=self.D.device)
         for line in self.cut.lines:
-            own, well = finite_pivots(*blocks(line, self.D, self.U, self.L))
+            line_pivots, well = finite_pivots(*blocks(line, self.D, self.U, self.L))
             alone = line.alone
-            pivots.append(in_unit(own if alone else own.flatten(-4, -3), unit))
+            pivots.append(in_unit(line_pivots if alone else line_pivots.flatten(-4, -3), unit))
             sound = sound & (well if alone else well.all(-1))
         if (system := self._interface()) is not None:
-            own, well = finite_pivots(*self._free(system, unit))
-            pivots.append(own)
+            line_pivots, well = finite_pivots(*self._free(system, unit))
+            pivots.append(line_pivots)
             sound = sound & well
         if self.midside is not None:
             first = torch.isfinite(self.midside.D)
@@ -88,8 +86,8 @@ class FrameworkSystem:
     def positive_definite(self) -> Tensor:
         well = []
         for line in self.cut.lines:
-            own = positive_definite(*blocks(line, self.D, self.U, self.L))
-            well.append(own if line.alone else own.all(-1))
+            definite_line = positive_definite(*blocks(line, self.D, self.U, self.L))
+            well.append(definite_line if line.alone else definite_line.all(-1))
         if (system := self._interface()) is not None:
             held = 0 if self.held is None else int(self.held.sum())
             definite = system.definite(held) if system.large else None
@@ -112,8 +110,8 @@ class FrameworkSystem:
         dense = torch.where(torch.isfinite(dense).all(-1).all(-1)[..., None, None], dense, 0.0)
         K, G = dense[..., :n, :n], dense[..., n:, :n]
         if unit is not None:
-            own = unit.repeat(*(1,) * (unit.ndim - 1), len(how.interface))
-            K, G = own[..., :, None] * K * own[..., None, :], G * own[..., None, :]
+            units = unit.repeat(*(1,) * (unit.ndim - 1), len(how.interface))
+            K, G = units[..., :, None] * K * units[..., None, :], G * units[..., None, :]
         if how.multipliers:
             Z = torch.linalg.svd(G).Vh[..., int(self.held.sum()) :, :].mT
             K = Z.mT @ K @ Z
@@ -131,8 +129,8 @@ class FrameworkSystem:
     def detach(self) -> FrameworkSystem:
         midside = None if self.midside is None else self.midside.detach()
         tied = None if self.tied is None else self.tied.detach()
-        own = {name: getattr(self, name).detach() for name in "DUL"}
-        return replace(self, **own, midside=midside, tied=tied)
+        parts = {name: getattr(self, name).detach() for name in "DUL"}
+        return replace(self, **parts, midside=midside, tied=tied)
 
 
 def _block_pivots(K: Tensor, w: int) -> tuple[Tensor, Tensor, Tensor]:

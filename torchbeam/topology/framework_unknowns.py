@@ -41,7 +41,7 @@ class FrameworkUnknowns:
     def of(cls, framework: Any, moving: Tensor, like: Tensor) -> FrameworkUnknowns:
         """See `protocols.Topology.unknowns`."""
         nodes, held = framework.node_count, []
-        if framework.order == 1:
+        if not framework.midside:
             some = moving.any(-1).tolist()
             joined = {*framework.cut.interface}
             fixed = [not some[k] and k not in joined for k in range(nodes)]

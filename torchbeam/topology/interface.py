@@ -67,11 +67,11 @@ def pattern_of(how: Cut, w: int, device: torch.device) -> Pattern:
     groups, _ = order.ordered(how.fixed)
     place, level = {(unit, unit): unit for unit in range(units)}, [0] * units
     alike: dict[tuple[int, int, int], list[tuple[list[int], list[int]]]] = {}
-    for own, around in zip(groups, order.around, strict=True):
-        now = max(level[unit] for unit in own)
+    for group, around in zip(groups, order.around, strict=True):
+        now = max(level[unit] for unit in group)
         for unit in around:
             level[unit] = max(level[unit], now + 1)
-        alike.setdefault((now, len(own), len(around)), []).append((list(own), sorted(around)))
+        alike.setdefault((now, len(group), len(around)), []).append((list(group), sorted(around)))
 
     def numbers(rows: list[int], columns: list[int]) -> Tensor:
         """Of a matrix (rows w, columns w)."""
@@ -82,8 +82,8 @@ def pattern_of(how: Cut, w: int, device: torch.device) -> Pattern:
 
     def side_by_side(groups: list[tuple[list[int], list[int]]]) -> Groups:
         each = (
-            [numbers(own, own + around) for own, around in groups],
-            [numbers(around, own) for own, around in groups],
+            [numbers(group, group + around) for group, around in groups],
+            [numbers(around, group) for group, around in groups],
             [numbers(around, around) for _, around in groups],
         )
         units = (torch.tensor(side)[..., None] * w for side in zip(*groups, strict=True))
@@ -179,9 +179,9 @@ class Interface:
         """
         A, y = whole.flatten(-3).clone(), b.clone()
         solved, pivots = [], []
-        for own, near, rows, columns, rest in self._pattern.groups:
-            here, right = _at(A, rows), _at(y, own)[..., None]
-            k = own.shape[-1]
+        for units, near, rows, columns, rest in self._pattern.groups:
+            here, right = _at(A, rows), _at(y, units)[..., None]
+            k = units.shape[-1]
             pivot, ahead = here[..., :k], here[..., k:]
             ahead = torch.linalg.solve_ex(pivot, torch.cat((ahead, right), -1))[0]
             solved.append(ahead)
@@ -198,11 +198,11 @@ class Interface:
         shape = broadcast_shapes(whole.shape[:-3], b.shape[:-2])
         whole, b = whole.expand(*shape, *whole.shape[-3:]), b.expand(*shape, *b.shape[-2:])
         y, solved, _ = self._eliminated(whole, b.flatten(-2))
-        for (own, near, *_), ahead in zip(self._pattern.groups[::-1], solved[::-1], strict=True):
+        for (units, near, *_), ahead in zip(self._pattern.groups[::-1], solved[::-1], strict=True):
             part = ahead[..., -1]
             if near.numel():
                 part = part - (ahead[..., :-1] @ _at(y, near)[..., None])[..., 0]
-            y.index_copy_(-1, own.flatten(), part.flatten(-2))
+            y.index_copy_(-1, units.flatten(), part.flatten(-2))
         x = y.unflatten(-1, (self.count, self.w))
         return x, self._exact(whole, x, b)
 

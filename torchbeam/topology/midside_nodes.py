@@ -35,18 +35,16 @@ class Midside(NamedTuple):
     to_j: Tensor
 
     def condense(self, b: Tensor) -> tuple[Tensor, Tensor]:
-        """Right-hand sides (..., nodes, w) -> of the end nodes; D^-1 b (..., N, w) of the
-        others.
-        """
+        """Right-hand sides (..., nodes, w) -> of the end nodes; D^-1 b (..., N, w) of others."""
         of = self.framework
-        own = solve_in_order(*broadcast_matrices(self.D, take(b, of.elements[1])[..., None]))
-        push = (self.to_i @ own)[..., 0], (self.to_j @ own)[..., 0]
-        return of.of_ends.without(take(b, of.ends), push), own[..., 0]
+        alone = solve_in_order(*broadcast_matrices(self.D, take(b, of.elements[1])[..., None]))
+        push = (self.to_i @ alone)[..., 0], (self.to_j @ alone)[..., 0]
+        return of.of_ends.without(take(b, of.ends), push), alone[..., 0]
 
-    def restore(self, x: Tensor, own: Tensor) -> Tensor:
+    def restore(self, x: Tensor, alone: Tensor) -> Tensor:
         """(..., nodes, w) from the end nodes' and D^-1 b."""
         of = self.framework
-        middle = following(own, self.by_i, self.by_j, *of.of_ends.gather(x))
+        middle = following(alone, self.by_i, self.by_j, *of.of_ends.gather(x))
         both = torch.cat((x, middle.expand(*x.shape[:-2], *middle.shape[-2:])), -2)
         return take(both, of.ends_first)
 
@@ -70,6 +68,6 @@ def condensed(
     return D, far_U - to_i @ by_j, far_L - to_j @ by_i, midside
 
 
-def following(own: Tensor, by_i: Tensor, by_j: Tensor, x_i: Tensor, x_j: Tensor) -> Tensor:
+def following(alone: Tensor, by_i: Tensor, by_j: Tensor, x_i: Tensor, x_j: Tensor) -> Tensor:
     """(..., w) of midside nodes from those of their elements' ends, see `Midside`, and D^-1 b."""
-    return own - (by_i @ x_i[..., None] + by_j @ x_j[..., None])[..., 0]
+    return alone - (by_i @ x_i[..., None] + by_j @ x_j[..., None])[..., 0]

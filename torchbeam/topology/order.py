@@ -65,8 +65,8 @@ class Elimination:
         `last` do so.
         """
         waits = self._hang(fixed, last)
-        hanging = {unit for own in self.behind.values() for unit in own[1:]}
-        self._owner = {unit: one for one, own in self.behind.items() for unit in own}
+        hanging = {unit for group in self.behind.values() for unit in group[1:]}
+        self._owner = {unit: one for one, group in self.behind.items() for unit in group}
         groups, following, left = [], {}, {*self.behind}
         while left:
             free = (one for one in left if not waits[one] & left)
@@ -106,8 +106,8 @@ class Elimination:
     def _around(self, one: int) -> set[int]:
         """What a group couples to."""
         if one not in self._reach:
-            own = self.behind[one]
-            self._reach[one] = set().union(*(self.near[unit] for unit in own)).difference(own)
+            units = self.behind[one]
+            self._reach[one] = set().union(*(self.near[unit] for unit in units)).difference(units)
         return self._reach[one]
 
     def _couple(self, unit: int, others: Iterable[int], gone: Iterable[int] = ()) -> None:
@@ -154,9 +154,7 @@ class Elimination:
         return parent
 
     def _spanned(self, fixed: frozenset[int]) -> dict[int, list[tuple[int, int]]]:
-        """Of each node, and of the ground behind them, its neighbours in trees and the constraints
-        between.
-        """
+        """Of each node, and of the ground behind them, its neighbours in trees and constraints."""
         ground, tree = self.nodes, {k: [] for k in range(self.nodes + 1)}
         root = {k: ground if k in fixed else k for k in tree}
 

@@ -37,8 +37,8 @@ def take(x: Tensor, places: Places, axes: int = 1) -> Tensor:
     if places.step == 1:
         full = len(places) == x.shape[-1 - axes]
         return x if full else x.narrow(-1 - axes, places.start, len(places))
-    own = (slice(None),) * axes
-    return x[(..., slice(places.start, places.stop, places.step), *own)]
+    behind = (slice(None),) * axes
+    return x[(..., slice(places.start, places.stop, places.step), *behind)]
 
 
 def added(total: Tensor | None, places: Places, part: Tensor, count: int, axes: int) -> Tensor:

@@ -51,9 +51,7 @@ class Topology(Protocol):
         ...
 
     def diagonal(self, blocks: Tensor) -> Matrix:
-        """The matrix of what each node does by itself (..., nodes, w, w); of some nodes alone
-        too.
-        """
+        """The matrix of what nodes do by themselves (..., nodes, w, w); of some alone too."""
         ...
 
     def matrix(self, blocks: Blocks) -> Matrix:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice
+from ..core.docstrings import with_arguments_of
 from ..core.files import path_of
 from ..core.memory import check_memory
 from ..core.validation import Value, as_tensor, finite, refusal, shown
@@ -31,6 +32,37 @@ LEVEL = 0.95  # of the interval that `until` is about
 Until = float | tuple[float, Callable[[Samples], Estimate]]
 
 
+class EvaluationOptions:
+    """Of a function at samples of its parameters, chunk by chunk.
+
+    Args:
+        chunk: samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or
+            how often does not matter. None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on.
+            "auto": measured, from throughput and memory. With either a folder keeps its own
+        executor: any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's
+            Client.get_executor(); None = here, one after the other. Function and laws must then
+            pickle; other processes compute on one thread
+        out: a folder: each chunk is a file there, and what is there already is not computed again;
+            a run that was killed continues, and so does one with a larger n (with `replicates`,
+            more of them of the same size; with `theta` of one's own, none). A chunk that is damaged
+            is computed again, with a warning. A folder of another run is refused: of other laws or
+            another order of them, correlation, design, seed, chunk, dtype, release of this library,
+            or function
+        dtype: of theta; None = torch.float64
+        version: of the function, a text or number of your own that changes with it; asked for with
+            `out`. None: the function is known by its code and by what it finds around it, with a
+            FutureWarning where some of that cannot be seen. What it changes itself while it runs
+            does not count
+        by_name: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as (N,
+            places)
+        sentences: what a status of the function means, {3: "buckled"}: reasons of samples that
+            failed
+        progress: a function that is given the `Progress` after each chunk, or True: a line on the
+            terminal
+    """
+
+
+@with_arguments_of(EvaluationOptions)
 def monte_carlo(
     function: Function,
     laws: Mapping[str, Law] | Sequence[str],
@@ -69,6 +101,7 @@ def monte_carlo(
         theta: (n, p) samples of your own in place of a design; `laws` are then names alone, or laws
             that are not used
         design: "sobol", or "plain": independent samples
+        seed: a whole number, by which samples are the same again
         replicates: independent Sobol sequences that the n are shared out to, from whose scatter
             intervals come: 16 are a good number, and each best a power of two. None: one sequence,
             whose intervals are those of independent samples, too wide
@@ -77,29 +110,6 @@ def monte_carlo(
             the most. Or (error, lambda samples: Estimate) for another quantity, such as (0.02,
             lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12, 16, 24 ...
             replicates; looking often makes the interval a little too short
-        chunk: samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or
-            how often does not matter. None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on.
-            "auto": measured, from throughput and memory. With either a folder keeps its own
-        executor: any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's
-            Client.get_executor(); None = here, one after the other. Function and laws must then
-            pickle; other processes compute on one thread
-        out: a folder: each chunk is a file there, and what is there already is not computed again;
-            a run that was killed continues, and so does one with a larger n (with `replicates`,
-            more of them of the same size; with `theta` of one's own, none). A chunk that is damaged
-            is computed again, with a warning. A folder of another run is refused: of other laws or
-            another order of them, correlation, design, seed, chunk, dtype, release of this library,
-            or function
-        dtype: of theta; None = torch.float64
-        version: of the function, a text or number of your own that changes with it; asked for with
-            `out`. None: the function is known by its code and by what it finds around it, with a
-            FutureWarning where some of that cannot be seen. What it changes itself while it runs
-            does not count
-        by_name: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as (N,
-            places)
-        sentences: what a status of the function means, {3: "buckled"}: reasons of samples that
-            failed
-        progress: a function that is given the `Progress` after each chunk, or True: a line on the
-            terminal
 
     A sample with a y that is not finite has the status 1 and keeps its place. y and status are
     detached and on the CPU.
@@ -114,11 +124,8 @@ def monte_carlo(
         >>> samples.mean, samples.quantile(0.95).shape
         (tensor(0.3367), torch.Size([]))
     """
-    if theta is not None:
-        joint, theta = _own(laws, theta, n, dtype, correlation)
-        n = len(theta)
-    else:
-        joint = JointLaw.of(laws, correlation)
+    joint, theta = _law_and_samples(laws, theta, n, dtype, correlation)
+    n = n if theta is None else len(theta)
     choice("design", design, DESIGNS)
     out = None if out is None else path_of("out", out)
     boolean("by_name", by_name)
@@ -130,14 +137,24 @@ def monte_carlo(
     plan: Any = DESIGNS[design](joint.dimension, seed, points)
     plan = plan if theta is None else Given(theta.to(dtype))
     work = Evaluation(function, joint, plan, dtype, 1, by_name, executor, total=n)
-    if usual:
-        chunk = chunk_of(out) or usual_chunk(n)
-    elif auto:
-        chunk = chunk_of(out) or chunk_size(work)
+    if usual or auto:
+        chunk = chunk_of(out) or (usual_chunk(n) if usual else chunk_size(work))
     label = dict(seed=seed, chunk=chunk, dtype=str(dtype), **plan.label)
     folder = folder_of(out, function, joint, version, **label)
     work = replace(work, chunk=chunk, folder=folder)
-    done, chunks, at = 0, [], progress_of(progress, n)
+    return _sampled(work, n, points, until, reasons, progress_of(progress, n))
+
+
+def _sampled(
+    work: Evaluation,
+    n: int,
+    points: int | None,
+    until: Until | None,
+    reasons: dict[int, str],
+    at: Any,
+) -> Samples:
+    """What is computed of n samples, stage by stage until the error is reached."""
+    done, chunks, plan = 0, [], work.design
     for end in _stages(n, points, until):
         for part in work.chunks(done, end, at):
             if not chunks:
@@ -150,7 +167,7 @@ def monte_carlo(
         one_kind(zip(firsts, chunks, strict=False))
         columns = (torch.cat(part) for part in zip(*chunks, strict=True))
         several = 1 if plan.independent or points is None else done // points
-        samples = Samples(joint.names, *columns, several, plan.independent, reasons)
+        samples = Samples(work.joint.names, *columns, several, plan.independent, reasons)
         if until is not None and _reached(samples, until):
             break
     return samples
@@ -178,10 +195,12 @@ def chunk_of(out: str | Path | None) -> int | None:
     return size if isinstance(size, int) and size > 0 else None
 
 
-def _own(
-    laws: Any, theta: Value, n: int | None, dtype: torch.dtype | None, correlation: Any
-) -> tuple[JointLaw, Tensor]:
-    """Names as a joint law that is not used, and samples of the user's own (n, p)."""
+def _law_and_samples(
+    laws: Any, theta: Value | None, n: int | None, dtype: torch.dtype | None, correlation: Any
+) -> tuple[JointLaw, Tensor | None]:
+    """The joint law, and None; or names as one that is not used, and the user's samples (n, p)."""
+    if theta is None:
+        return JointLaw.of(laws, correlation), None
     if correlation is not None:
         raise ValueError(
             "a correlation was given beside theta, which holds the samples themselves; one of "

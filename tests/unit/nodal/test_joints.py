@@ -6,9 +6,11 @@ from torch.func import jacrev
 from torch.testing import assert_close
 
 import torchbeam as tb
+from cases.rows import ENDS, joined
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.between_nodes import NodeMotion
 from torchbeam.nodal.discretise import discretise
+from torchbeam.scene.joint import Joint
 
 SECTION = tb.Section.from_stiffness(EA=30.0, GA=10.0, GJ=0.7, EI=1.0, mass=0.3, inertia=1e-3)
 AXIS, ACROSS = (0.6, 0.0, 0.8), (0.8, 0.0, -0.6)
@@ -110,3 +112,21 @@ def test_holds_as_many_as_it_says_where_it_is_drawn(kind):
         none = model.topology.diagonal(torch.zeros(model.node_count, 6, 6))
         G = own.tied(none, blocks, own.held).constraints()
         assert int(torch.linalg.matrix_rank(G)) == model.scene.joints[0].holds == len(G)
+
+
+class InPlane(Joint):
+    """b stays in a plane of a, and turns about its normal alone."""
+
+    position, rotation, meets = "z", "xy", False
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+@torch.no_grad()
+def test_a_joint_that_holds_other_letters_is_its_class_alone(engine):
+    """Nothing else knows it, in either engine; it holds what it says, and leaves the rest."""
+    scene = joined(InPlane(*ENDS))
+    end = tb.simulate(scene, torch.linspace(0, 0.05, 3), step=0.025, engine=engine).state[-1]
+    axes, hub = end.axes[2], end.position[3]
+    apart, turn = axes.mT @ (hub - end.position[2]), axes.mT @ end.axes[3]
+    assert abs(apart[2]) < 1e-14 and turn[2, :2].abs().max() < 1e-14
+    assert apart[:2].abs().min() > 1e-3 and turn[1, 0] > 1e-2

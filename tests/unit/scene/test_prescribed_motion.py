@@ -16,7 +16,7 @@ from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.equations.steady import Configuration, SteadyProblem
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise
-from torchbeam.state.state import with_optional_fields
+from torchbeam.state.state_check import with_optional_fields
 
 SECTION = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.8, EI=(1.0, 1.2), mass=0.2, inertia=1e-3)
 BEAM = tb.Beam.straight(1.0, 4, SECTION)

@@ -12,11 +12,10 @@ from typing import Any
 from torch import Tensor
 
 from ...core.arguments import accuracy as check_accuracy
-from ...core.arguments import choice, instance, listed, number
-from ...core.arguments import count as check_count
 from ...core.arguments import function as check_function
-from ...core.arguments import level_of as check_level
+from ...core.arguments import instance
 from ...core.arguments import tolerance as check_tolerance
+from ...core.docstrings import with_arguments_of
 from ...core.validation import as_tensor, increasing, refusal
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
@@ -26,12 +25,13 @@ from .notes import notes
 from .reading import Reader, takes_scene
 from .remesh import least_elements, remesh
 from .search import Checked, Search
-from .setting import ELEMENTS, METHODS, Setting
+from .setting import Limits, Setting
 from .trials import TrialRuns
 
 Report = Callable[[int, Setting], None]
 
 
+@with_arguments_of(Limits)
 def converge(
     scene: Scene | Callable[[int, int], Scene],
     t: Any,
@@ -66,11 +66,6 @@ def converge(
         size: in place of that RMS, in the quantity's units: a number, or (...)
         solve: of a scene without t: `tb.equilibrium` (None), `lambda scene: tb.modes(scene,
             count=3)`, anything that depends on the mesh alone
-        share: of a batch's samples whose error is to be that small; all share one setting
-        elements, methods: that may be chosen: "linear", "linked", "order 2"; "midpoint",
-            "midpoint4", "generalized_alpha"
-        most_elements, most_steps: beyond which nothing is chosen;  seconds: of CPU time, which all
-            runs together are not to exceed
         initial, inputs, engine: as in `simulate`; initial may be a function of the scene
         progress: called with the number of runs so far and the next one's setting; True: a line
             each
@@ -97,16 +92,8 @@ def converge(
     """
     begun = time.process_time()
     check_accuracy("rtol", rtol)
-    if number("share", share) != 1:
-        check_level("share", share)
-    problem = _problem(scene, t, read, size, solve)
-    for name, given, known in (("elements", elements, ELEMENTS), ("methods", methods, METHODS)):
-        for one in listed(given) or (None,):
-            choice(f"one of {name}", one, known)
-    check_count("most_elements", most_elements, 4)
-    check_count("most_steps", most_steps, 2)
-    check_tolerance("seconds", seconds)
-    make, base, first, t = problem
+    limits = Limits(share, elements, methods, most_elements, most_steps, seconds).checked()
+    make, base, first, t = _problem(scene, t, read, size, solve)
     if t is None and (initial is not None or inputs is not None):
         raise ValueError(
             "initial or inputs were given without t; a function `solve` that takes them is wanted"
@@ -114,21 +101,24 @@ def converge(
     options = {} if t is None else dict(initial=initial, inputs=inputs, engine=engine)
     reader, report = Reader(read, first, size), _report(progress)
     run = solve or equilibrium
-    trials = TrialRuns(make, reader, t, run, float(share), options, report, float(seconds))
+    trials = TrialRuns(make, reader, t, run, limits.share, options, report, limits.seconds)
     interval = None if t is None else t.diff().min().item()
-    kinds = list(dict.fromkeys(listed(elements)))
-    own = [] if t is None else list(dict.fromkeys(listed(methods)))
-    most = most_elements, most_steps
-    search = Search(trials, float(rtol), base, interval, kinds, own, most)
-    best = search.run()
+    searched = limits.elements, [] if t is None else limits.methods
+    search = Search(trials, float(rtol), base, interval, *searched, (most_elements, most_steps))
+    best = _succeeded(search.run(), trials)
+    found, said = trials(best.setting).result, tuple(notes(search, best))
+    how = best.setting, trials.scene(best.setting), float(rtol), best.space, best.time
+    return Convergence(found, *how, said, _table(trials, best), time.process_time() - begun)
+
+
+def _succeeded(best: Checked, trials: TrialRuns) -> Checked:
+    """The best that was checked. Raises RuntimeError where no run succeeded."""
     if math.isinf(best.error) and bool(trials(best.setting).failed.all()):
         raise RuntimeError(
             f"no run of the scene succeeded, the finest by {best.setting}; a scene that "
             "`simulate` solves is wanted"
         )
-    found, said = trials(best.setting).result, tuple(notes(search, best))
-    how = best.setting, trials.scene(best.setting), float(rtol), best.space, best.time
-    return Convergence(found, *how, said, _table(trials, best), time.process_time() - begun)
+    return best
 
 
 def _problem(

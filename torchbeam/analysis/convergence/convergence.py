@@ -98,7 +98,7 @@ class Convergence:
     def rows(self) -> list[list[Any]]:
         """The table's values, by `COLUMNS`."""
         both = [{**vars(tried), **vars(tried.setting)} for tried in self.table]
-        return [[own[name] for name in COLUMNS] for own in both]
+        return [[row[name] for name in COLUMNS] for row in both]
 
     def csv(self, path: Any) -> None:
         """Write the table to a file."""

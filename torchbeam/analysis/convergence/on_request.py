@@ -152,7 +152,12 @@ def _static(
 
     def search() -> Convergence:
         return converge(
-            scene, None, read, accuracy, solve=lambda own: call(own, **options), progress=_log
+            scene,
+            None,
+            read,
+            accuracy,
+            solve=lambda remeshed: call(remeshed, **options),
+            progress=_log,
         )
 
     setting = _setting(call.__name__, scene, accuracy, options, search)

@@ -15,6 +15,7 @@ from ...core.arguments import boolean, instance
 from ...core.arguments import count as check_count
 from ...core.functions_of_time import taken
 from ...core.leaves import own_leaves, with_values
+from ...math.element_shapes import SHAPES
 from ...scene.beam import Beam
 from ...scene.beam_arguments import check_order
 from ...scene.beam_recipe import recipe_of, remade, whole_parts
@@ -53,9 +54,9 @@ def remesh(
     check_count("elements", elements)
     beam = _one_beam(scene)
     order = beam.order if order is None else check_order(order)
-    linked = (
-        beam.linked_interpolation and order == 1 if linked is None else boolean("linked", linked)
-    )
+    if linked is None:
+        linked = beam.linked_interpolation and not SHAPES[order].midside
+    linked = boolean("linked", linked)
     fine = remade(beam, elements, order)
     fine = fine.linked() if linked else fine
     rows = _Rows(beam, elements, order)
@@ -75,10 +76,10 @@ def least_elements(scene: Scene, nodes: Iterable[int] = ()) -> int:
     places = [Fraction(node % beam.node_count, rows) for node in (*_nodes(scene), *nodes)]
     least = math.lcm(*(place.denominator for place in places))
     arguments = recipe.arguments if (recipe := recipe_of(beam)) else {}
-    own = beam.curved and "elements" not in arguments
-    own = own or (beam.compliance.shape[-3] > 1 and not callable(arguments.get("section")))
-    own = own or any(_by_element(effect) for effect in scene.effects)
-    return math.lcm(least, beam.element_count) if own else least
+    varies = beam.curved and "elements" not in arguments
+    varies = varies or (beam.compliance.shape[-3] > 1 and not callable(arguments.get("section")))
+    varies = varies or any(_by_element(effect) for effect in scene.effects)
+    return math.lcm(least, beam.element_count) if varies else least
 
 
 def _one_beam(scene: Scene) -> Beam:
@@ -164,9 +165,9 @@ def _moved(effect: Effect, rows: _Rows) -> Effect:
         if isinstance(leaf.value, (PerElement, AtSites))
     }
     if isinstance(effect, Actuation) and effect.elements is not None:
-        own = range(rows.beam.element_count)
+        elements = range(rows.beam.element_count)
         which = effect.elements
-        chosen = own[which] if isinstance(which, slice) else [own[k] for k in which]
+        chosen = elements[which] if isinstance(which, slice) else [elements[k] for k in which]
         changed["elements"] = tuple(
             rows.parts * k + part for k in chosen for part in range(rows.parts)
         )

@@ -184,9 +184,7 @@ class Search:
         return min(enough, key=self.trials.work, default=min(meshes, key=self._space_error))
 
     def _choice(self) -> Setting | None:
-        """The cheapest setting that is predicted to be good enough; None where there is none, or no
-        time to check it.
-        """
+        """The cheapest setting that is predicted to do; None = there is none, or no time for it."""
         choice = min(self._good_enough(), key=self._cost, default=None)
         return choice if choice is not None and self._checkable(choice) else None
 
@@ -288,9 +286,7 @@ class Search:
         return setting, fine
 
     def _known_by(self, setting: Setting, fine: Setting) -> tuple[Setting, Setting] | None:
-        """The same of those that were run: themselves, or by other steps of small error, or on
-        another mesh of small error.
-        """
+        """The same of those that were run: by themselves, other steps or meshes of small error."""
         made = self.trials.made
         if fine in made:
             return setting, fine

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from ...math.shapes import broadcast_shapes
-from ...nodal.touching import Touching
-from ...nodal.touching_forces import AllTouching
+from ...nodal.touching import PartContact
+from ...nodal.touching_forces import ScenePairs
 from ..compiler.ball_distances import ARGS, PLANES, RUN, BallDistances
 from ..compiler.library import Library
 from ..compiler.llvm import Lanes
@@ -25,7 +25,7 @@ class Clearance:
     bool by their nodes: see `BallDistances`. What is found out is kept for the next time.
     """
 
-    def __init__(self, touching: AllTouching, near: list[Tensor], nodes: int) -> None:
+    def __init__(self, touching: ScenePairs, near: list[Tensor], nodes: int) -> None:
         self.nodes, links = nodes, [[*range(nodes)] for _ in range(2)]
         rest: dict[Any, Tensor] = {}
         reach: dict[Any, Tensor] = {}
@@ -45,7 +45,7 @@ class Clearance:
         self._numbers = (ctypes.c_int64 * len(ARGS))()
         self._lock = threading.Lock()  # of what is kept
 
-    def _between(self, one: Touching, pairs: Tensor) -> Tensor:
+    def _between(self, one: PartContact, pairs: Tensor) -> Tensor:
         """(..., nodes, nodes) of pairs (..., n, K), each once."""
         points, pieces = (torch.tensor([own[1] for own in part]) for part in one.nodes)
         every = pairs.new_zeros(*pairs.shape[:-2], self.nodes, self.nodes)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...nodal.acting import ActingLoad
 from ...nodal.centreline import piece_nodes
-from ...nodal.fixed_touching import FixedTouching
+from ...nodal.fixed_touching import KnownPairs
 from ...nodal.model import Model
 from ...state.instant import READINGS
 from .interaction import PAIR_SIDES, SIDES
@@ -284,7 +284,7 @@ def _of_pairs(
     """Of the pairs of a model whose pairs are known, and of all that there may be; none where
     none is near.
     """
-    if not isinstance(model.touching, FixedTouching) or not model.touching.nodes:
+    if not isinstance(model.touching, KnownPairs) or not model.touching.nodes:
         return (), ()
     pairs = tuple(
         PairKind(tuple(held[node] for node in nodes), *law)

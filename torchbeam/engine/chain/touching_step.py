@@ -27,7 +27,7 @@ from ...core.remembered import keep
 from ...core.status import SUCCESS
 from ...nodal.fixed_touching import fixed
 from ...nodal.model import Model
-from ...nodal.touching import Nearby, Touching, spread
+from ...nodal.touching import Nearby, PartContact, spread
 from ...nodal.touching_pairs import PairMotion
 from ...scene.effects import Inputs
 from ...state.state import State
@@ -241,7 +241,7 @@ def _anywhere(pairs: Tensor) -> Tensor:
     return pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs.clone()
 
 
-def _chosen(touching: Touching, near: Tensor) -> Nearby:
+def _chosen(touching: PartContact, near: Tensor) -> Nearby:
     """Pairs by the nodes of places, (n, K) bool."""
     return touching.chosen(near.repeat_interleave(touching.places.count, 0))
 

@@ -17,9 +17,7 @@ from ..element import halved
 
 
 class Kinematics(NamedTuple):
-    """An element at one configuration, leading axes (..., N): R (2, 2), d (2), half angle phi/2
-    (1), J d (2).
-    """
+    """An element, leading axes (..., N): R (2, 2), d (2), half angle phi/2 (1), J d (2)."""
 
     R: Tensor
     d: Tensor

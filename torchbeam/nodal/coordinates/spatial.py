@@ -98,9 +98,7 @@ class Spatial(Tree):
     axes = staticmethod(quat.matrix)  # section axes -> frame a, (..., 3, 3)
 
     def start(self, state: State) -> State:
-        """`to_reduced` of a state that a user gave; ValueError where these coordinates do not hold
-        it.
-        """
+        """`to_reduced` of a user's state; ValueError where these coordinates do not hold it."""
         return self.to_reduced(state)
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:

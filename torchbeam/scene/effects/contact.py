@@ -9,14 +9,15 @@ import torch
 from torch import Tensor
 
 from ...core.declared import parameter
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...core.validation import Value, concrete, refusal, shown
+from ...math.quaternions import cross
 from ..parts import part_of
 from ..stations import Table
 from .contact_law import damped, pressure, rubbing, telling
 from .contact_path import leads_through
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
-from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant, cross
+from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
 from .obstacle import Obstacle, each
 from .obstacles import Plane
 from .values import Inputs
@@ -101,7 +102,10 @@ class Contact(ContactTerms):
     other_radius: Value | Table | None = leaf(0, default=None, kw_only=True, check=_other_radius)
     on: str | None = field(default=None, kw_only=True)
 
-    corners = None  # of a body, see `BodyContact`
+    # of a body in a scene, at whose centre it acts, a ball of the radius, or at whose corners
+    # (..., K, 3) m, in the body's axes
+    node: Any = field(default=None, init=False)
+    corners: Tensor | None = leaf(2, default=None, init=False)
 
     def __post_init__(self) -> None:
         other = self.other
@@ -145,7 +149,7 @@ class Contact(ContactTerms):
 
     @property
     def between_nodes(self) -> bool:
-        return self.partner is None
+        return self.partner is None and self.node is None
 
     @property
     def wants_step(self) -> bool:
@@ -165,7 +169,7 @@ class Contact(ContactTerms):
             return self._of_surface(shapes)
         if self.partner is not None or self.on is None or not parts[0].body:
             return self
-        return BodyContact.of(self)
+        return self._of_body(self.radius, None)
 
     def _of_surface(self, shapes: list[Obstacle | None]) -> Contact:
         """Of bodies that have surfaces (None = a part has none), whose radius is theirs. Raises
@@ -193,7 +197,11 @@ class Contact(ContactTerms):
             raise refusal(f"Contact with a {which} of {name!r}, which has a surface,", "None")
         if self.partner is not None:
             return self
-        return BodyContact.of(self, radius=solid.radius, corners=solid.corners)
+        return self._of_body(solid.radius, solid.corners)
+
+    def _of_body(self, radius: Value | Table | None, corners: Tensor | None) -> Contact:
+        """The contact of the body `on` as a scene has it."""
+        return with_values(self, radius=radius, corners=corners, node=self.on)
 
     @property
     def moves(self) -> bool:
@@ -207,13 +215,29 @@ class Contact(ContactTerms):
 
     @property
     def depends(self) -> frozenset[str]:
-        turns = self.friction is not None and self.radius is not None
-        return frozenset({POSITION, VELOCITY, *({SPIN} if turns else ())})
+        turns = (self.friction is not None and self.radius is not None) or self.corners is not None
+        rotates = {ROTATION} if self.corners is not None else ()
+        return frozenset({POSITION, VELOCITY, *({SPIN} if turns else ()), *rotates})
+
+    @property
+    def rubbing_points(self) -> int:
+        count = 1 if self.corners is None else self.corners.shape[-2]
+        return count if self.rubs and self.node is not None else 0
 
     def resolved(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Contact:
         return at_instant(self, t, inputs, s, obstacle=at_instant(self.obstacle, t, inputs, s))
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        force, moment = self._wrenches(self.of_body(point))
+        if self.node is None:
+            return force, moment
+        if self.corners is not None:
+            turned = cross(self._arms(point), force)
+            moment = turned if moment is None else moment + turned
+        return force.sum(-2), None if moment is None else moment.sum(-2)
+
+    def _wrenches(self, point: LoadPoint) -> Wrench:
+        """(..., points, 3) at points, about these."""
         touch = self.touch(point)
         force = touch.pressure * touch.normal
         if touch.rub is None:
@@ -222,6 +246,23 @@ class Contact(ContactTerms):
             return force + touch.rub, None
         arm = -self.radii * touch.normal
         return force + touch.rub, cross(arm, touch.rub)
+
+    def of_body(self, point: LoadPoint) -> LoadPoint:
+        """The one node of a body, or its corners, as several points; those of beams as they are."""
+        if self.node is None:
+            return point
+        at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
+        at = {name: None if x is None else x[..., None, :] for name, x in at.items()}
+        if self.corners is not None:
+            arms = self._arms(point)
+            at[POSITION] = at[POSITION] + arms
+            if at[VELOCITY] is not None:
+                at[VELOCITY] = at[VELOCITY] + cross(at[SPIN], arms)
+        return replace(point, **at)
+
+    def _arms(self, point: LoadPoint) -> Tensor:
+        """(..., K, 3) m from a body's centre to its corners, frame a."""
+        return self.corners @ point.R.mT
 
     def touch(self, point: LoadPoint) -> Touch:
         """What it does at points; its numbers are those of an instant (`resolved`)."""
@@ -243,6 +284,7 @@ class Contact(ContactTerms):
 
     def telling(self, point: LoadPoint) -> Tensor:
         """(..., points, 6) what friction tells the next iteration, see `contact_law.telling`."""
+        point = self.of_body(point)
         slip = self.slip(point, self.obstacle.gradient(point.position))
         return telling(slip, each(self.slip_speed), point.told)
 
@@ -303,58 +345,3 @@ def _in_frame(point: LoadPoint) -> Tensor:
     (origin, omega), v = point.frame, point.velocity
     v = v if origin is None else v - origin[..., None, :]
     return v if omega is None else v - cross(omega[..., None, :], point.position)
-
-
-@dataclass(frozen=True)
-class BodyContact(Contact):
-    """A contact of a body with an obstacle, as a scene has it: at the body's centre, a ball of the
-    radius, or at its corners (..., K, 3) m, in the body's axes.
-    """
-
-    corners: Tensor | None = leaf(2, default=None, kw_only=True)
-    node: Any = field(default=None, kw_only=True)
-
-    called = "Contact"
-    between_nodes = False
-
-    @classmethod
-    def of(cls, contact: Contact, **values: Any) -> BodyContact:
-        """A contact on the body `on`, with other values of some fields."""
-        new = object.__new__(cls)
-        vars(new).update(vars(contact), **{"corners": None, "node": contact.on} | values)
-        return new
-
-    @property
-    def depends(self) -> frozenset[str]:
-        own = super().depends
-        return own if self.corners is None else own | {ROTATION, SPIN}
-
-    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        force, moment = super().wrench(self.of_body(point), t, inputs)
-        if self.corners is not None:
-            turned = cross(self._arms(point), force)
-            moment = turned if moment is None else moment + turned
-        return force.sum(-2), None if moment is None else moment.sum(-2)
-
-    @property
-    def rubbing_points(self) -> int:
-        count = 1 if self.corners is None else self.corners.shape[-2]
-        return count if self.rubs else 0
-
-    def telling(self, point: LoadPoint) -> Tensor:
-        return super().telling(self.of_body(point))
-
-    def of_body(self, point: LoadPoint) -> LoadPoint:
-        """The one node of a body, or its corners, as several points."""
-        at = {name: getattr(point, name) for name in (POSITION, VELOCITY, SPIN)}
-        at = {name: None if x is None else x[..., None, :] for name, x in at.items()}
-        if self.corners is not None:
-            arms = self._arms(point)
-            at[POSITION] = at[POSITION] + arms
-            if at[VELOCITY] is not None:
-                at[VELOCITY] = at[VELOCITY] + cross(at[SPIN], arms)
-        return replace(point, **at)
-
-    def _arms(self, point: LoadPoint) -> Tensor:
-        """(..., K, 3) m from a body's centre to its corners, frame a."""
-        return self.corners @ point.R.mT

@@ -76,16 +76,16 @@ def foretold(slip: Tensor, slip_speed: Tensor, told: Tensor | None) -> Tensor:
     """The sense (..., 3) that the last iteration's slope gives this slip, see `rubbing`; where it
     has told nothing, the slip's own.
     """
-    own = _ratio(norm(slip), slip_speed) * slip
+    ahead = _ratio(norm(slip), slip_speed) * slip
     if told is None:
-        return own
+        return ahead
     y, last = told.split(3, -1)
     speed = norm(last)
     known = speed > 0
     change = ((slip - last) * last).sum(-1, keepdim=True) / torch.where(known, speed, 1.0)
     new = _ratio(speed, slip_speed) * slip
     new = new - y * (change / torch.maximum(speed, 2 * slip_speed - speed))
-    return torch.where(known, new / norm(new).clamp(min=1), own)
+    return torch.where(known, new / norm(new).clamp(min=1), ahead)
 
 
 def telling(slip: Tensor, slip_speed: Tensor, told: Tensor | None) -> Tensor:

@@ -11,6 +11,7 @@ from ...core.arguments import boolean, count
 from ...core.declared import optional
 from ...core.leaves import Tree, leaf, option, with_values
 from ...core.validation import Value, concrete, positive, refusal
+from ...math.element_shapes import SHAPES
 from ..parts import large_rotations
 from ..stations import Table
 from .load_point import LoadEffect
@@ -100,7 +101,7 @@ class ContactTerms(LoadEffect):
                         "length along the beam was given; one that changes by less is wanted there"
                     )
         large_rotations(scene, f"{self.called} of two parts")
-        if scene.beam.order == 2:
+        if SHAPES[scene.beam.order].midside:
             raise ValueError(
                 f"{self.called} of beams of order 2 with each other was given; order=1 is wanted "
                 "there"

@@ -222,7 +222,7 @@ class Load(LoadEffect):
                 for w in returned
             )
 
-        return at_time(wrench, t, own=1 if self.node is not None else 2)
+        return at_time(wrench, t, axes=1 if self.node is not None else 2)
 
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Load | None:
         along = self.node is None and self.values
@@ -252,7 +252,7 @@ class Load(LoadEffect):
             )
             return g.expand(broadcast_shapes(g.shape, z.shape))
 
-        return at_time(rate, t, own=1 if self.node is not None else 2)
+        return at_time(rate, t, axes=1 if self.node is not None else 2)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Derivative (..., internal, 3 or internal) of z' by names, as in `tangent`, and by z."""
@@ -292,14 +292,14 @@ class Load(LoadEffect):
                 named[name] = torch.zeros_like(point.R[..., 0]) if x is None else x
         if z is not None:
             named["z"] = z
-        own = (1, 2, 1, 1)
+        axes_counts = (1, 2, 1, 1)
         shapes = [x.shape[:-1] for x in named.values()] + [x.shape for x in numbers.values()]
         lead = broadcast_shapes(point.R.shape[:-2], *shapes)
-        present = [(x, k) for x, k in zip(motion, own, strict=True) if x is not None]
+        present = [(x, k) for x, k in zip(motion, axes_counts, strict=True) if x is not None]
         axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in present), *map(len, shapes)])
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
-        both = zip(motion, own, strict=True)
+        both = zip(motion, axes_counts, strict=True)
         motion = tuple(None if x is None else _with_axes(x, axes + k) for x, k in both)
         return motion, named | numbers, lead
 

@@ -165,5 +165,5 @@ def geometric_means(tau: Tensor) -> Tensor:
     root = torch.where(
         some, torch.where(some, tau, torch.ones_like(tau)).sqrt(), torch.zeros_like(tau)
     )
-    own = torch.eye(tau.shape[-1], dtype=torch.bool, device=tau.device)
-    return torch.where(own, tau[..., None], root[..., :, None] * root[..., None, :])
+    diagonal = torch.eye(tau.shape[-1], dtype=torch.bool, device=tau.device)
+    return torch.where(diagonal, tau[..., None], root[..., :, None] * root[..., None, :])

@@ -165,7 +165,7 @@ class Drag(LoadEffect):
     def _flow(self, position: Tensor, t: Tensor) -> Tensor:
         """(..., sites, 3) m/s, frame a, of a flow that is a function."""
         what = "a flow function's value"
-        return at_time(lambda now: taken(what, self.flow(position, now), position, 3), t, own=2)
+        return at_time(lambda now: taken(what, self.flow(position, now), position, 3), t, axes=2)
 
     def _factors(self) -> tuple[Tensor, Tensor]:
         """-1/2 rho d C_n and -1/2 rho d pi C_t, (..., 1, 1)."""

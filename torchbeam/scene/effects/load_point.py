@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,9 +12,8 @@ from torch import Tensor
 from ...core.derivatives import vjp
 from ...core.functions_of_time import HOOKED, saves_by_hooks, within_dual_numbers
 from ...core.leaves import Tree, own_leaves, with_values
-from ...math.quaternions import skew
+from ...math.quaternions import cross, skew
 from ..beam import Beam
-from .effect import Effect
 from .values import Input, Inputs, value_at
 
 Wrench = tuple[Tensor | None, Tensor | None]  # force and moment (..., 3), frame a; None = absent
@@ -116,9 +115,23 @@ INTERNAL = "internal"
 OWN = "own"
 
 
-class LoadEffect(Effect):
-    """Base of all loads. A load declares what its wrench depends on (`depends`); its tangent comes
-    by automatic differentiation unless it writes its own.
+class LoadEffect(Tree):
+    """Base of all effects; what is asked of them is answered by attributes, these unless a class
+    has its own. A load declares what its wrench depends on (`depends`); its tangent comes by
+    automatic differentiation unless it writes its own. What is no load has another `kind`.
+
+    Attributes:
+        kind: "load", "strain", "inertia" or "eigenstrain": see `torchbeam.scene.effects`
+        node: number of the node that it acts on, a class's attribute or a field; None = along the
+            beam
+        on: name of the part of a structure along which it acts, a field of effects without a node;
+            None = of all of them
+        inputs: `Input`s that it takes beside those in its leaves
+        by_place: of one without a node: whether it differs along the beam
+        by_mass: whether it acts on what has mass, bodies as well; else on beams alone, per length
+
+    Raises TypeError, when the class is defined, for a field `node` without a value: it would take
+    None from here.
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -135,7 +148,12 @@ class LoadEffect(Effect):
                 [-0., -0., -2.]])
     """
 
-    kind = "load"
+    kind: ClassVar[str] = "load"
+    node = None
+    on = None
+    inputs: ClassVar[Iterable] = ()
+    by_place = True
+    by_mass = False
     # whether its work is independent of the path where nothing moves: of what vanishes at rest, too
     conservative = False
     lossy = False  # of a contact: whether it takes energy
@@ -156,6 +174,18 @@ class LoadEffect(Effect):
     anchor = None  # (..., 3) m, frame a: a point that its node is tied to
     offset = None  # (..., 3) m from its node to where it acts, section axes
     depends: ClassVar[frozenset[str]] = frozenset()
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "node" in vars(cls).get("__annotations__", {}) and "node" not in vars(cls):
+            raise TypeError(
+                f"{cls.__name__}.node is a field without a value; node: int = dataclasses.field() "
+                "is wanted, or a default"
+            )
+
+    def drawn_at(self, position: Tensor, rotation: Tensor) -> LoadEffect:
+        """Itself, in a scene whose node is drawn at position (..., 3) m with rotation (..., 4)."""
+        return self
 
     def depends_on(self, offset: bool) -> frozenset[str]:
         """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether
@@ -201,11 +231,6 @@ class LoadEffect(Effect):
         is a stiffness, the mass of a fluid that moves along; None = nothing.
         """
         return None
-
-
-def cross(a: Tensor, b: Tensor) -> Tensor:
-    """a x b of vectors whose axes broadcast."""
-    return torch.linalg.cross(*torch.broadcast_tensors(a, b))
 
 
 def at_instant(tree: Tree, t: Tensor, inputs: Inputs, like: Tensor, **parts: Tree) -> Tree:

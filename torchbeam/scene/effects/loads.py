@@ -26,57 +26,37 @@ from .values import (
     value_at,
 )
 
+# Forces and moments have a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`, or
+# None = absent. A dead load keeps its direction in frame a; a follower load is given in section
+# axes and turns with the section.
 
-@dataclass(frozen=True)
-class GivenLoad(LoadEffect):
-    """Force and moment with a value each: a tensor (..., 3), a function t -> (..., 3), an `Input`,
-    or None = absent.
 
-    A dead load keeps its direction in frame a; a follower load is given in section axes and turns
-    with the section.
-    """
+def _depends(load: Any) -> frozenset[str]:
+    return frozenset({ROTATION} if load.follower else ())
 
-    moment: Value | None = leaf(1, default=None, kw_only=True, check=load_value)
-    follower: bool = option(boolean, default=False, kw_only=True)
 
-    @property
-    def force(self) -> Any:
-        """A field of each class, behind what says where the load acts."""
-        raise NotImplementedError
+def _conservative(load: Any) -> bool:
+    """Whether its work is independent of the path: of a dead force it is, of a moment not."""
+    return load.moment is None and not load.follower
 
-    def __post_init__(self) -> None:
-        one_of(self, "force", "moment")
-        super().__post_init__()
 
-    @property
-    def depends(self) -> frozenset[str]:
-        return frozenset({ROTATION} if self.follower else ())
+def _wrench(load: Any, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+    values = [
+        None if v is None else load.value(v, point, t, inputs) for v in (load.force, load.moment)
+    ]
+    return tuple(point.rotate(v) if load.follower and v is not None else v for v in values)
 
-    @property
-    def conservative(self) -> bool:
-        """Whether its work is independent of the path: of a dead force it is, of a moment not."""
-        return self.moment is None and not self.follower
 
-    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        values = [
-            None if v is None else self._at_sites(v, point, t, inputs)
-            for v in (self.force, self.moment)
-        ]
-        return tuple(point.rotate(v) if self.follower and v is not None else v for v in values)
-
-    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """d(R f) = spin x R f."""
-        if not self.follower:
-            return {}
-        both = together(self.wrench(point, t, inputs), point.R).split(3, -1)
-        return {ROTATION: -torch.cat([skew(w) for w in both], -2)}
-
-    def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
-        return value_at(value, t, inputs, point.R)
+def _tangent(load: Any, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    """d(R f) = spin x R f."""
+    if not load.follower:
+        return {}
+    both = together(load.wrench(point, t, inputs), point.R).split(3, -1)
+    return {ROTATION: -torch.cat([skew(w) for w in both], -2)}
 
 
 @dataclass(frozen=True)
-class PointLoad(GivenLoad):
+class PointLoad(LoadEffect):
     """Force (N) and moment (N m) on one node; nodes count from the root, -1 is the tip.
 
     Args:
@@ -96,27 +76,36 @@ class PointLoad(GivenLoad):
         tensor([0.0000, 0.4991, 0.0000])
     """
 
+    moment: Value | None = leaf(1, default=None, kw_only=True, check=load_value)
+    follower: bool = option(boolean, default=False, kw_only=True)
     node: Place = field()
     force: Value | None = leaf(1, default=None, check=load_value)
     offset: Value | None = leaf(1, default=None, kw_only=True, size=3)
 
+    conservative = property(_conservative)
+
     def __post_init__(self) -> None:
         at_offset(self)
+        one_of(self, "force", "moment")
         super().__post_init__()
 
     @property
     def depends(self) -> frozenset[str]:
         lever = self.offset is not None and self.force is not None
-        return frozenset({ROTATION}) if lever else super().depends
+        return frozenset({ROTATION}) if lever else _depends(self)
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        own = super().wrench(point, t, inputs)
-        return own if self.offset is None else point.carried(own, self.offset)
+        wrench = _wrench(self, point, t, inputs)
+        return wrench if self.offset is None else point.carried(wrench, self.offset)
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         if self.offset is None:
-            return super().tangent(point, t, inputs)
-        return LoadEffect.tangent(self, point, t, inputs)
+            return _tangent(self, point, t, inputs)
+        return super().tangent(point, t, inputs)
+
+    def value(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """A force or moment (..., 3) at this instant."""
+        return value_at(value, t, inputs, point.R)
 
 
 @dataclass(frozen=True)
@@ -147,7 +136,7 @@ class TipLoad(PointLoad):
 
 
 @dataclass(frozen=True)
-class LineLoad(GivenLoad):
+class LineLoad(LoadEffect):
     """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere,
     `Along(function)` of s and t, or `PerElement(values)`.
 
@@ -164,9 +153,17 @@ class LineLoad(GivenLoad):
         tensor(1.)
     """
 
-    force: Value | None = leaf(1, default=None, check=line_value)
     moment: Value | None = leaf(1, default=None, kw_only=True, check=line_value)
+    follower: bool = option(boolean, default=False, kw_only=True)
+    force: Value | None = leaf(1, default=None, check=line_value)
     on: str | None = field(default=None, kw_only=True)
+
+    depends, conservative = property(_depends), property(_conservative)
+    wrench, tangent = _wrench, _tangent
+
+    def __post_init__(self) -> None:
+        one_of(self, "force", "moment")
+        super().__post_init__()
 
     @property
     def by_place(self) -> bool:
@@ -183,7 +180,8 @@ class LineLoad(GivenLoad):
         }
         return with_values(self, **sites)
 
-    def _at_sites(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+    def value(self, value: LoadValue, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """A force or moment (..., sites, 3) per length at this instant."""
         return value_along(value, point.s, t, inputs, point.R, point.elements)
 
 

@@ -17,8 +17,8 @@ from torch import Tensor
 from ...core.functions_of_time import taken
 from ...core.leaves import FunctionOfTime, Tree, bound, leaf, own_leaves
 from ...core.validation import Value, refusal, shown
+from ...math.quaternions import cross
 from .drag import norm
-from .load_point import cross
 from .values import Input, Rate, load_value, with_rate
 
 PLACE = "an obstacle's place"

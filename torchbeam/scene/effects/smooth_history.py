@@ -121,25 +121,23 @@ class SmoothHistory(FunctionOfTime):
         """(..., k) at the instant t (0-dim)."""
         k = _interval(self._breaks, t)
         start, end = self._breaks.index_select(0, k)[0], self._breaks[-1]
-        own = self._pieces.index_select(-3, k)[..., 0, :, :]
+        piece = self._pieces.index_select(-3, k)[..., 0, :, :]
         t = t.to(self._breaks)
         h = torch.minimum(torch.maximum(t, self._breaks[0]), end) - start
-        value = own[..., DEGREE, :]
+        value = piece[..., DEGREE, :]
         for j in range(DEGREE - 1, -1, -1):
-            value = value * h + own[..., j, :]
+            value = value * h + piece[..., j, :]
         return value
 
     def rate(self, order: int, t: Value | None = None) -> Tensor:
-        """(..., m, k) values (order 0), velocities (1) or accelerations (2) at t (m,); None = the
-        record's.
-        """
+        """(..., m, k) values (order 0), velocities (1), accelerations (2) at t (m,)."""
         times = self.t if t is None else as_tensor(t, self.t.dtype, self.t.device)
         place = torch.searchsorted(self._breaks, times.detach(), right=True) - 1
         k = place.clamp(0, len(self._breaks) - 2)
-        h, own = (times - self._breaks[k])[:, None], self._pieces.index_select(-3, k)
-        value = torch.zeros_like(own[..., 0, :])
+        h, piece = (times - self._breaks[k])[:, None], self._pieces.index_select(-3, k)
+        value = torch.zeros_like(piece[..., 0, :])
         for j in range(DEGREE, _order(order) - 1, -1):
-            value = value * h + math.perm(j, order) * own[..., j, :]
+            value = value * h + math.perm(j, order) * piece[..., j, :]
         return value
 
     def deviation(self, order: int = 0, t: Value | None = None) -> Tensor:

@@ -14,21 +14,11 @@ from ...core.declared import optional, parameter, plain
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value, as_tensor, axis_last, common_dtype, refusal
 from ...math import quaternions as quat
-from ...math.quaternions import skew
+from ...math.quaternions import cross, skew
 from ...math.shapes import broadcast_shapes
 from ..parts import Place
 from .drag import norm, outer
-from .load_point import (
-    POSITION,
-    ROTATION,
-    SPIN,
-    VELOCITY,
-    LoadEffect,
-    LoadPoint,
-    Pose,
-    Wrench,
-    cross,
-)
+from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Pose, Wrench
 from .loads import at_offset
 from .values import Inputs, Rate, load_value, value_at
 

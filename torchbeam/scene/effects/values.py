@@ -18,7 +18,6 @@ from ...core.declared import plain, real_numbers
 from ...core.functions_of_time import at_time, taken, with_user_rate
 from ...core.leaves import FunctionOfTime, Placeholder, Tree, leaf, leaves
 from ...core.validation import Value, as_tensor, axis_last, real, refusal, shown
-from .effect import Effect
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ class Along(ByPlace):
         self, s: Tensor, t: Tensor, inputs: Inputs | None = None, elements: int | None = None
     ) -> Tensor:
         return at_time(
-            lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, own=2
+            lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, axes=2
         )
 
 
@@ -159,7 +158,7 @@ class PerElement(ByPlace):
             return self.checked(value, elements)
 
         function = callable(self.value)
-        value = at_time(rows, t, own=2) if function else self.checked(self.value, elements)
+        value = at_time(rows, t, axes=2) if function else self.checked(self.value, elements)
         if isinstance(value, Input):
             value = input_at(value, inputs).unflatten(-1, (elements, 3))
         return value if s.shape[-1] == elements else _mean_of_elements(value, s)
@@ -205,7 +204,7 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
     )
 
 
-def inputs_of(effect: Effect | Tree) -> list[Input]:
+def inputs_of(effect: Tree) -> list[Input]:
     """The inputs that an effect, or a joint, takes, in its leaves or beside them.
 
     Examples:
@@ -374,5 +373,5 @@ def scalar_at(what: str, value: Any, t: Tensor, inputs: Inputs, like: Tensor) ->
     if isinstance(value, Input):
         return input_at(value, inputs)[..., 0]
     if callable(value):
-        return at_time(lambda now: taken(what, value(now), like), t, own=0)
+        return at_time(lambda now: taken(what, value(now), like), t, axes=0)
     return value

@@ -110,7 +110,7 @@ def tangled(scene, count, seed):
 
 
 def slack_of(touching, position):
-    """The least (m) of all pairs, by themselves, see `Touching.slack`; of each of the positions."""
+    """The least (m) of all pairs, by themselves, of each position, see `PartContact.slack`."""
     slacks = []
     for x in position:
         motion = PairMotion(x)
