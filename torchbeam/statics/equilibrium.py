@@ -35,6 +35,7 @@ from . import relaxation
 from .arc_length import LoadedProblem, where
 from .friction import refuse_friction
 from .internal_states import resting
+from .lower_equilibrium import lower_equilibrium
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
@@ -245,6 +246,10 @@ def _equilibrium(
                 f"{_which(unstable)} is in unstable equilibrium: a small disturbance or "
                 f"imperfection leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
             )
+    if relax and model.conservative:
+        lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
+        if concrete(lower.below > 0).any():
+            warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
     return problem.state(x, reaction, status)
 
 
