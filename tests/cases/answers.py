@@ -11,12 +11,16 @@ from typing import Any
 import numpy as np
 import torch
 
+import torchbeam as tb
+
 # what times itself, and what is a picture
 UNLIKE = ("advise", "converge", "plot.", "view", "render")
 
 
 def numbers(value: Any, name: str = "", seen: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
     """(name, tensor) of all floating numbers in an answer."""
+    if isinstance(value, tb.Solution):
+        value = {"state": value.state, "energy": value.energy, "stats": value.stats}
     if isinstance(value, np.ndarray | np.floating) and value.dtype.kind == "f":
         value = torch.as_tensor(np.asarray(value))
     if isinstance(value, torch.Tensor):

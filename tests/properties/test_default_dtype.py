@@ -11,7 +11,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from cases.rows import ENDS, JOINTS, ROWS, SECTION, joined
+from cases.rows import ENDS, JOINTS, ROWS, SECTION, double, joined
 from tests.cases.answers import numbers
 
 EPS = dict(rtol=1e-12, atol=1e-12)
@@ -47,7 +47,8 @@ def test_public_calls_answer_alike(by_default):
 def of_row(row, joint):
     """Numbers of a step."""
     if joint:
-        scene = joined(row.make(row.value, *ENDS))
+        value = double(row.value) if isinstance(row.value, tuple) else row.value
+        scene = joined(row.make(value, *ENDS))
     else:
         beam = tb.Beam.straight(1.0, 2, SECTION)
         push = tb.TipLoad(force=(0.1, 0.2, 0.3))
