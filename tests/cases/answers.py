@@ -28,7 +28,7 @@ def numbers(value: Any, name: str = "", seen: tuple[int, ...] = ()) -> Iterator[
             yield name, value.detach().clone()
     elif isinstance(value, float):
         yield name, torch.tensor(value, dtype=torch.float64)
-    elif id(value) in seen or callable(value) and not hasattr(value, "__dict__"):
+    elif id(value) in seen or (callable(value) and not hasattr(value, "__dict__")):
         return
     elif isinstance(value, dict):
         for key, part in value.items():
