@@ -51,8 +51,10 @@ class BeamVectorEnv(VectorEnv):
             ignored and its reward 0. "SameStep". "Disabled": an episode that is over stands still,
             reward 0 and flags kept, until reset(options={"reset_mask": (num_envs,) bool})
         output: "numpy": float32 observations, float64 rewards and information, no gradient.
-            "torch": tensors in the simulation's dtype, with gradient from actions (and parameters)
-            to observations and rewards, over as many steps as `detach()` is not called
+            "torch": tensors in the simulation's dtype (float64; a network in PyTorch's float32
+            takes `observation.float()`, or ask for dtype=torch.float32), with gradient from actions
+            (and parameters) to observations and rewards, over as many steps as `detach()` is not
+            called
         render_mode: "rgb_array", "human" or None
 
     `task`, `config`, `simulation` are what it is made of. `scene` is what is simulated; `state`

@@ -64,7 +64,7 @@ class Reach:
                 * torch.pi
             )
         else:
-            angle = (degrees + 0.5) * (torch.pi / (DEGREE + 1))
+            angle = (degrees.double() + 0.5) * (torch.pi / (DEGREE + 1))
         points = torch.cos(angle).to(scene.dtype).to(scene.device)
         degrees = degrees.to(scene.device)
         state = tb.equilibrium(

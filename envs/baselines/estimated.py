@@ -175,7 +175,7 @@ class Estimated(Controller):
             self.told, scene = simulation.usual, self.scene if own else env.plant.scene
             parameters = {n: _prior(*r) for n, r in drawn.items() if n not in ("latency", "bias")}
             if "latency" in drawn:
-                ends = torch.linspace(*self.late, LATENCIES + 1).to(env.high)
+                ends = torch.linspace(*self.late, LATENCIES + 1, dtype=torch.float64).to(env.high)
                 self.latencies = (ends[1:] + ends[:-1]) / 2
                 parameters["latency"] = sum(self.late) / 2, float(ends[1] - ends[0]) / 2
         slowest = max(drawn.get("lag", (0.0,))) if not self.known else float(self.told["lag"].max())

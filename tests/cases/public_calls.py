@@ -42,14 +42,14 @@ MODES = tb.modes(SCENE)
 LINEAR = tb.linearize(DRIVEN, outputs=[S.TipPosition()], inputs={"u": (0.0, 0, 0)})
 STEPPER = tb.Stepper(DRIVEN, 0.1)
 FORCE = (0, 0, 1.0)
-PUSHED = torch.tensor(FORCE, requires_grad=True)
+PUSHED = torch.tensor(FORCE, dtype=torch.float64, requires_grad=True)
 
 
 def model(p):
-    return p["f"][..., None] ** torch.arange(1.0, 4.0)
+    return p["f"][..., None] ** torch.arange(1, 4, dtype=torch.float64)
 
 
-DATA = model({"f": torch.tensor(1.0)})
+DATA = model({"f": torch.ones((), dtype=torch.float64)})
 PLACES = {f"{k}": tb.Measurement(torch.nan, 0.1) for k in range(3)}
 PLAN = dict(model=lambda p: model(p).unbind(-1), candidates=PLACES, start={"f": 0.5}, sensors=2,
             budget=3.0, cost=1.0, most=1, present=["0"], inputs=None, runs=1, criterion="D", of="f",
@@ -135,7 +135,7 @@ CALLS = {
         values=[[0.0, 0, 0.1 * k] for k in range(9)])),
     "Along": (tb.Along, dict(function=lambda s, t: s)),
     "PerElement": (tb.PerElement, dict(value=torch.ones(2, 3))),
-    "PerInterval": (tb.PerInterval, dict(value=torch.ones(2, 3))),
+    "PerInterval": (tb.PerInterval, dict(value=torch.ones(2, 3, dtype=torch.float64))),
     "Stations": (tb.Stations, dict(s=[0.0, 1.0], section=[SECTION] * 2)),
     "Table": (tb.Table, dict(s=[0.0, 1.0], values=[1.0, 2.0])),
     "Frame": (tb.Frame, dict(velocity=FORCE, angular_velocity=FORCE)),
@@ -251,7 +251,8 @@ CALLS = {
         laws=lambda q: {"f": tb.laws.Normal(q[0], 0.1)}, q=[1.0], n=64)),
     "pair_modes": (tb.pair_modes, dict(modes=MODES, shapes=torch.ones(3, 2),
         read=lambda s: s[..., -1, :2])),
-    "modal_assurance": (tb.modal_assurance, dict(a=torch.ones(3, 2), b=torch.ones(3, 2))),
+    "modal_assurance": (tb.modal_assurance, dict(a=torch.ones(3, 2).double(),
+        b=torch.ones(3, 2).double())),
     "plot.shape": (tb.plot.shape, dict(state=START, ax=None, plane=None, scene=None, frames=True,
         nodes=True)),
     "plot.mode_shapes": (tb.plot.mode_shapes, dict(state=START, modes=MODES, count=2)),

@@ -29,14 +29,14 @@ from tests.cases.public_calls import (
 )  # fmt: skip
 
 S, HERE = tb.sensors, Path(FOLDER.name)
-READ = tb.Measurement(DATA + 0.01 * torch.tensor([1.0, -1.0, 1.0]), 0.1)
+READ = tb.Measurement(DATA + 0.01 * DATA.new_tensor([1.0, -1.0, 1.0]), 0.1)
 FIT = tb.identify(model, READ, {"f": 0.5})
 LAWS = {"f": tb.laws.Normal(1.0, 0.1), "g": tb.laws.Normal(1.0, 0.1)}
 SAMPLES = tb.monte_carlo(lambda x: x[..., 0], LAWS, 64, replicates=4)
-CURVES = tb.monte_carlo(lambda x: x[:, :1] * torch.linspace(0, 1, 8), LAWS, 64)
+CURVES = tb.monte_carlo(lambda x: x[:, :1] * torch.linspace(0, 1, 8, dtype=x.dtype), LAWS, 64)
 STREAM = tb.monte_carlo_stream(lambda x: x[..., 0], LAWS, 64)
 TORNADO = tb.tornado(lambda x: x[..., 0], LAWS)
-FIELD_DATA = tb.Measurement(torch.linspace(1, 2, 6), 0.1)
+FIELD_DATA = tb.Measurement(torch.linspace(1, 2, 6, dtype=DATA.dtype), 0.1)
 FIELD = dict(
     model=lambda theta: theta["x"],
     data=FIELD_DATA,
@@ -144,7 +144,7 @@ OF_RESULTS = {
     "single.reset": (ONE.reset, dict(seed=0, options={})),
     "single.step": (one_stepped, dict(action=np.zeros(1))),
     "Actuator": (envs.Actuator, dict(effect=tb.TipLoad(force=tb.Input("u", 3)),
-                                     gain=torch.eye(3), bias=(0.0, 0, 1.0))),
+                                     gain=torch.eye(3).double(), bias=(0.0, 0, 1.0))),
     "TipForce": (envs.TipForce, dict(gain=[[0.0, 1.0, 0.0]], follower=False)),
     "Observed": (envs.Observed, dict(sensor=S.TipPosition(), scale=1.0, high=10.0)),
     "envs.Parameter": (envs.Parameter, dict(value=1.0, low=0.5, high=2.0, least=0.0, above=False)),

@@ -373,3 +373,18 @@ def test_gradients_run_through_frames():
     for frame in (before, now):
         (slope,) = torch.autograd.grad(frame.sum(), action, retain_graph=True)
         assert (slope != 0).any(-1).all()
+
+
+@pytest.mark.parametrize("dtype, taken", [(None, torch.Tensor.float), (torch.float32, lambda x: x)])
+def test_a_network_in_the_users_default_dtype(dtype, taken):
+    """Its weights are float32, tensors of an environment float64 unless asked: what the page says
+    to do, with gradients.
+    """
+    torch.set_default_dtype(torch.float32)
+    dtype = {} if dtype is None else {"dtype": dtype}
+    env = TipReachVectorEnv(2, output="torch", planar=True, **SMALL, **dtype)
+    observation, _ = env.reset(seed=0)
+    network = torch.nn.Linear(observation.shape[-1], 1)
+    observation, reward, *_ = env.step(network(taken(observation)).tanh())
+    reward.sum().backward()
+    assert 0 < network.weight.grad.abs().sum() < torch.inf

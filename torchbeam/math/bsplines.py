@@ -28,8 +28,8 @@ def penalty(breaks: Tensor, degree: int, order: int) -> Tensor:
     """(K, K) integrals of products of the derivatives of an order, from end to end, by three Gauss
     points an interval: exact for pieces of degree 2 and less.
     """
-    points = torch.tensor((-(0.6**0.5), 0.0, 0.6**0.5)).to(breaks)
-    weights = torch.tensor((5 / 9, 8 / 9, 5 / 9)).to(breaks)
+    points = breaks.new_tensor((-(0.6**0.5), 0.0, 0.6**0.5))
+    weights = breaks.new_tensor((5 / 9, 8 / 9, 5 / 9))
     half = breaks.diff()[:, None] / 2
     at = (breaks[:-1, None] + half * (1 + points)).flatten()
     rows = basis(breaks, at, degree, order)

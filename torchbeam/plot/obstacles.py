@@ -71,7 +71,8 @@ def cut(
     """What is solid, by its distance (n, 1) m from points (n, 3) m, in a plane on flat axes."""
     first, second = PLANES[plane]
     across, up = (
-        torch.linspace(*ends, CELLS).to(through) for ends in (ax.get_xlim(), ax.get_ylim())
+        torch.linspace(*ends, CELLS, dtype=torch.float64).to(through)
+        for ends in (ax.get_xlim(), ax.get_ylim())
     )
     x = through.expand(CELLS, CELLS, 3).clone()
     x[..., first], x[..., second] = across, up[:, None]

@@ -71,7 +71,7 @@ class Sections:
 
 def between(values: Tensor, count: int) -> Tensor:
     """(count, ...) of values at nodes (n, ...), between them."""
-    at = torch.linspace(0, len(values) - 1, count).double()
+    at = torch.linspace(0, len(values) - 1, count, dtype=torch.float64)
     left = at.long().clamp(max=len(values) - 2)
     share = (at - left).to(values).reshape(-1, *(1 for _ in values.shape[1:]))
     return (1 - share) * values[left] + share * values[left + 1]

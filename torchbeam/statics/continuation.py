@@ -277,11 +277,9 @@ class Continuation:
         went before.
         """
         point = EagerPoint(self.loaded, now.place)
-        any_ = torch.cos(
-            1.7 * torch.arange(now.move.shape[-2:].numel(), device=now.move.device) + 0.3
-        )
+        number = torch.arange(now.move.shape[-2:].numel()).to(now.move)
         # of several shapes, that which the beam leans to
-        any_ = any_.to(now.move).unflatten(0, (-1, now.move.shape[-1]))
+        any_ = torch.cos(1.7 * number + 0.3).unflatten(0, (-1, now.move.shape[-1]))
         v = behind.move + TRACE * any_ / (self.size * len(any_)).sqrt()
         for _ in range(MODE):
             v = point.tangent.solve(-v, torch.zeros_like(point.residual.strain))[0]

@@ -35,6 +35,7 @@ from . import relaxation
 from .arc_length import LoadedProblem, where
 from .friction import refuse_friction
 from .internal_states import resting
+from .lower_equilibrium import lower_equilibrium
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
@@ -82,8 +83,9 @@ def equilibrium(
             then by Newton's method: for what is far from where it starts and hardly stiff on the
             way, as a slack cable or a hinged beam that swings down. From the undeformed beam loads
             grow first, then supports move; on `initial` all acts at once. Under conservative loads
-            it ends in a minimum of the energy, the one that this motion leads to: there may be
-            lower ones, of which nothing is said
+            it ends in a minimum of the energy, the one that this motion leads to. It is then pushed
+            evenly along each axis, to both sides, and let go: a RuntimeWarning says where that
+            leads to a lower one, by how much, and by what push (none that needs another is found)
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
             samples at once on the CPU (by llvmlite), the same answers up to
             rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many samples
@@ -245,6 +247,10 @@ def _equilibrium(
                 f"{_which(unstable)} is in unstable equilibrium: a small disturbance or "
                 f"imperfection leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
             )
+    if relax and model.conservative:
+        lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
+        if concrete(lower.below > 0).any():
+            warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
     return problem.state(x, reaction, status)
 
 

@@ -34,6 +34,7 @@ from ..nodal.balance import Residual
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from ..topology.protocols import Matrix, total
+from .arc_length import where
 from .balance_check import softest
 from .mechanism import braced
 from .stability import conservative
@@ -44,6 +45,7 @@ FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; ho
 TURN, CALM = 0.5, 0.2
 EASY, GROWTH = 0.2, (1.1, 4.0)  # rad: after a step with that turn the next is as long again
 LIMIT = 12  # iterations
+NEAR = 0.05  # rad, and of the beam's extent: shapes with nodes nearer to each other are one
 # strain by a force like all loads together, or like EI/L^2: of a softened stretch or shear
 SOFT = 1e-2, 1e-3
 TRACE = 1e-6  # rad
@@ -80,11 +82,16 @@ class Viscous(SteadyProblem):
 
 
 def relax(
-    whole: SteadyProblem, x: Configuration, tolerance: float | None, loaded: bool = False
+    whole: SteadyProblem,
+    x: Configuration,
+    tolerance: float | None,
+    loaded: bool = False,
+    known: Configuration | None = None,
 ) -> tuple[Configuration, Tensor, Tensor]:
     """From x, each sample at its own pace, to rest in the problem `whole`:
     (shape, reaction, status). Where loads are conservative, every step and the end are minima of
     the energy, not saddles of it. loaded: all loads act on x, and supports are where they lead.
+    known: a shape at rest; what comes near to it ends there, without a reaction.
     """
     model, t, inputs = whole.model, whole.t, whole.inputs
     with torch.no_grad():
@@ -92,8 +99,8 @@ def relax(
         shape = probe.measure().shape
         whole = replace(whole, load_factor=t.new_ones(shape))
         x = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
-        force = _force(whole, x)
-        viscosity = _viscosity(model, force)
+        force = force_scale(whole, x)
+        viscosity = viscosity_of(model, force)
         flexibility = _flexibility(model, force) if model.law.rigid else force
         led = any(support.displaced for support in model.scene.supports) and not loaded
         end = 2.0 if led else 1.0  # supports move when loads are there
@@ -115,15 +122,11 @@ def relax(
                 viscosity / step[..., None, None],
                 led=(now - 1).clamp(min=0) if led else now,
             )
-            outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
-            turned = _turned(model, x, outcome.x)
-            good = going & (outcome.status == 0) & (turned < TURN)
-            downhill = conservative(whole, outcome.x)
-            if concrete(downhill & good).any():
-                saddle = good & downhill & ~_minimum(fluid, outcome.x)
-                x, good = _where(saddle, _disturbed(fluid, x), x), good & ~saddle
-            x, reached = _where(good, outcome.x, x), torch.where(good, reached + step, reached)
-            step = torch.where(good, (EASY / turned).clamp(*GROWTH) * step, step / 4)
+            x, good, turned, longer = advance(fluid, x, going, tolerance)
+            reached, step = torch.where(good, reached + step, reached), longer * step
+            if known is not None:
+                back = good & near(model, x, known)
+                x, going, good = where(back, known, x), going & ~back, good & ~back
             calm = good & (reached >= end) & (turned < CALM)
             if concrete(calm).any():
                 still = braced(whole, x)
@@ -139,7 +142,7 @@ def relax(
                 downhill = conservative(whole, outcome.x)
                 if concrete(downhill & at_rest).any():
                     at_rest = at_rest & (~downhill | _minimum(held, outcome.x))
-                x = _where(at_rest, outcome.x, x)
+                x = where(at_rest, outcome.x, x)
                 reaction = torch.where(at_rest[..., None, None], outcome.reaction, reaction)
                 going = going & ~at_rest
             if not concrete(going & (step > LEAST)).any():
@@ -147,12 +150,35 @@ def relax(
         return x, reaction, torch.where(going, DIVERGED, 0)
 
 
+def advance(
+    fluid: Viscous, x: Configuration, going: Tensor, tolerance: float | None
+) -> tuple[Configuration, Tensor, Tensor, Tensor]:
+    """After one step from x, where it went well: the shape, (...) whether it did, the largest turn
+    (rad) of a node in it, and by what factor the next step is longer.
+    """
+    outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
+    turned = _turned(fluid.model, x, outcome.x)
+    good = going & (outcome.status == 0) & (turned < TURN)
+    downhill = conservative(fluid, outcome.x)
+    if concrete(downhill & good).any():
+        saddle = good & downhill & ~_minimum(fluid, outcome.x)
+        x, good = where(saddle, _disturbed(fluid, x), x), good & ~saddle
+    longer = torch.where(good, (EASY / turned).clamp(*GROWTH), 1 / 4)
+    return where(good, outcome.x, x), good, turned, longer
+
+
+def near(model: Model, x: Configuration, known: Configuration) -> Tensor:
+    """(...) whether each node is `NEAR` to where it is in a shape."""
+    apart = torch.linalg.vector_norm(x.position - known.position, dim=-1).amax(-1)
+    return (apart < NEAR * model.extent) & (_turned(model, x, known) < NEAR)
+
+
 def _minimum(problem: SteadyProblem, x: Configuration) -> Tensor:
     tangent = problem.linearise(x, *problem.residual(x)[1:])
     return tangent.system.positive_definite()
 
 
-def _force(whole: SteadyProblem, x: Configuration) -> Tensor:
+def force_scale(whole: SteadyProblem, x: Configuration) -> Tensor:
     """(...) N, of all loads on x, and what bends the beam."""
     model, load = whole.model, whole.load(x)
     p, length = model.space.dims.position, model.tributary_length.detach().sum((-1, -2))
@@ -163,7 +189,7 @@ def _force(whole: SteadyProblem, x: Configuration) -> Tensor:
     return force + moment / length + bends
 
 
-def _viscosity(model: Model, force: Tensor) -> Tensor:
+def viscosity_of(model: Model, force: Tensor) -> Tensor:
     """(..., N+1, w): with which that force would move the beam by its length in tau = 1."""
     p, share = model.space.dims.position, model.tributary_length.detach()
     length = share.sum((-1, -2))
@@ -220,9 +246,3 @@ def _turned(model: Model, before: Configuration, after: Configuration) -> Tensor
     """(...) rad, the largest turn of a node."""
     turn = model.space.multiply(model.space.inverse(before.rotation), after.rotation)
     return 2 * torch.arccos(model.space.cosine(turn).abs().amin(-1).clamp(max=1))
-
-
-def _where(mask: Tensor, a: Configuration, b: Configuration) -> Configuration:
-    return Configuration(
-        *(torch.where(mask[..., None, None], *both) for both in zip(a, b, strict=True))
-    )

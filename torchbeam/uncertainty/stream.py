@@ -223,7 +223,7 @@ class Stream(Summary):
             raise refusal(
                 f"edges {tuple(edges.shape)}", "(bins + 1,) increasing numbers", were=True, are=True
             )
-        above = torch.stack([sum(sketch.above(edges)) / 2 for sketch in self._pooled()])
+        above = torch.stack([sum(sketch.above(edges)).double() / 2 for sketch in self._pooled()])
         above = torch.where(edges <= self.all.least.reshape(-1, 1), self._good, above)
         return (-above.diff(dim=-1) / self._good).reshape(*self.shape, -1)
 
@@ -231,7 +231,7 @@ class Stream(Summary):
         """Half the intervals (...) of P(y > x) by replicates; at least the rule of three."""
         pairs = zip(self.sketches, self.moments, strict=True)
         known = [(sketches[j], moment.n) for sketches, moment in pairs if moment is not None]
-        shares = torch.stack([sum(sketch.above(x)) / 2 / size for sketch, size in known])
+        shares = torch.stack([sum(sketch.above(x)).double() / 2 / size for sketch, size in known])
         return share_half(shares, level, n)
 
     def _known(self) -> list[Moments]:

@@ -106,7 +106,10 @@ def weigh(problem: Linearised, criterion: str, known: bool) -> RegularizationCho
         )
     low, high = DECADES
     tried = (
-        10 ** torch.linspace(low, high, int((high - low) * EACH) + 1).to(problem.x)
+        10
+        ** torch.linspace(low, high, int((high - low) * EACH) + 1, dtype=torch.float64).to(
+            problem.x
+        )
         * problem.balance[:, None]
     )
     weight = problem.balance * 1e-4

@@ -96,7 +96,11 @@ class SmoothHistory(FunctionOfTime):
             )
         # fewer numbers than readings, of which each piece has some
         at, n = t[seen].detach(), int(seen.sum())
-        ends = torch.linspace(0, n - 1, min((n - 4) // 2, PIECES) + 1).round().long()
+        ends = (
+            torch.linspace(0, n - 1, min((n - 4) // 2, PIECES) + 1, dtype=torch.float64)
+            .round()
+            .long()
+        )
         breaks = at[ends]
         columns = values.movedim(-2, 0)[seen].flatten(1)
         (coefficients, root), noise = _fitted(at, columns, breaks, self.sigma)
@@ -277,7 +281,8 @@ def _fitted(
         return size + columns * (log_det - (len(rough) - ROUGH) * log)
 
     ends = 1e-3 / rough[-1].item(), 1e3 / rough[ROUGH].item()
-    tried = torch.linspace(*(math.log(max(end, 2 * little)) for end in ends), TRIED).tolist()
+    ends = (math.log(max(end, 2 * little)) for end in ends)
+    tried = torch.linspace(*ends, TRIED, dtype=torch.float64).tolist()
     best = min(range(TRIED), key=lambda k: unlikely(tried[k]))
     log = golden_section(unlikely, tried[max(best - 1, 0)], tried[min(best + 1, TRIED - 1)])
     weight = math.exp(log)
