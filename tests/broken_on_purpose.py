@@ -30,7 +30,7 @@ CHAIN = "torchbeam.engine.chain"
 # fmt: off
 BREAKS = [
     Break("work of a tendon of the wrong sign",
-          f"{CHAIN}.tendon_functions:TendonFunctions.tendon_work", "-mean", "mean", "tendons"),
+          f"{CHAIN}.tendon_functions:TendonFunctions.finish_tie", "-mean", "mean", "tendons"),
     Break("blocks of interactions not swapped in the transposed matrix",
           f"{CHAIN}.interaction_functions:transposed", "name[::-1]", "name", "tendons"),
     Break("work of a joint forgotten", f"{CHAIN}.joint_functions:JointFunctions.finish_joint",
@@ -46,7 +46,7 @@ BREAKS = [
     Break("swapped columns: cotangents of an interaction's ends",
           f"{CHAIN}.interaction_adjoint:InteractionAdjoint._pushed_bars", "entry.nodes[side])",
           "[*entry.nodes.values()][-1 - [*entry.nodes].index(side)])", "rubbing"),
-    Break("a taper forgotten in pairs", f"{CHAIN}.pair_functions:PairFunctions.of_pair",
+    Break("a taper forgotten in pairs", f"{CHAIN}.pair_functions:PairFunctions.problem",
           "if not kind.tapers:", "if True:", "taper_on_itself"),
     Break("work of a load between nodes of the wrong sign",
           f"{CHAIN}.local_functions:LocalFunctions.finish_element_load", '"work": problem',

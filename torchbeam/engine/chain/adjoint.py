@@ -31,6 +31,7 @@ from .layout import (
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import Kinds, without_side
+from .row_functions import RowFunctions
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
@@ -61,12 +62,13 @@ class AdjointProgram(NativeProgram):
         states = {name: shapes[name] for name in self.state}
         after = {f"after_{name}": shape for name, shape in states.items()}
         free = {"move": (w,), "push": (w,), "free": (w,)}
+        of_rows = RowFunctions(local)
         functions = {
             "solution": traced(local.solution, states | after | traced.constants["common"]),
-            "balance_bar": traced(local.balance_bar, free),
+            "balance_bar": traced(of_rows.balance_bar, free),
         }
         if self.held:
-            functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
+            functions["push"] = traced(of_rows.push, {"reaction_bar": (w,), "free": (w,)})
         nodes, finishes = (
             own(function, kinds.nodes, traced.node) for function in (local.node, local.finish)
         )

@@ -12,6 +12,7 @@ from torch import Tensor
 from ...equations.energy_projection import kinetic_rise, projected, strain_rise
 from ...equations.midpoint import MidpointProblem
 from ...state.state import State
+from .interaction import Interaction
 from .local_functions import LocalFunctions
 from .local_problem import Fields
 
@@ -48,17 +49,8 @@ class ConservingFunctions(LocalFunctions):
     def finish_element_load(self, kind: Any, **fields: Tensor) -> Fields:
         return _with_rise(super().finish_element_load(kind, **fields))
 
-    def finish_joint(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_joint(kind, **fields))
-
-    def finish_pair(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_pair(kind, **fields))
-
-    def finish_coupling(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_coupling(kind, **fields))
-
-    def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
-        return _with_rise(super().tendon_work(tension, change, start))
+    def finished(self, one: Interaction, kind: Any, **fields: Tensor) -> Fields:
+        return _with_rise(super().finished(one, kind, **fields))
 
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""

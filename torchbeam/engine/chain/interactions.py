@@ -60,7 +60,9 @@ def of_interaction(
 
 def _far(local: LocalFunctions, traced: Tracing, one: Interaction, kind: Any) -> Function:
     """Whether one of a kind is too far to act."""
-    return traced(partial(getattr(local, f"far_{one.name}"), kind), getattr(traced, one.constants))
+    return traced(
+        partial(getattr(local.of(one), f"far_{one.name}"), kind), getattr(traced, one.constants)
+    )
 
 
 def _free(
@@ -100,21 +102,21 @@ def adjoint_of_interaction(
     """Functions of the adjoint, by kind; derivative: see `AdjointProgram`."""
     functions, fields = {}, getattr(traced, one.constants)
     for k, kind in kinds_of(kinds, one):
-        blocks = traced(partial(local.transposed_interaction, one.name, held, kind), fields)
+        blocks = traced(partial(local.transposed_interaction, one, held, kind), fields)
         functions[f"{one.name} blocks {k}"] = blocks
         if held:
             functions |= _free(local, traced, f"free {one.name} {k}", blocks, kind.sides)
         if kind.multiplied:
-            solution = partial(getattr(local, f"{one.name}_solution"), kind)
+            solution = partial(getattr(local.of(one), f"{one.name}_solution"), kind)
             functions[f"{one.name} solution {k}"] = traced(solution, fields)
-        whole = traced(partial(getattr(local, one.name), kind), fields)
+        whole = traced(partial(getattr(local.of(one), one.name), kind), fields)
         asked = [f"{side}.push" for side in kind.sides] + ["right"] * kind.multiplied
         functions[f"{one.name} bar {k}"] = derivative(whole, asked, ())
         if one.far:
             functions[f"far {one.name} {k}"] = _far(local, traced, one, kind).only(["far"])
         if one not in FINISHED:
             continue
-        finish = traced(partial(getattr(local, f"finish_{one.name}"), kind), fields)
+        finish = traced(partial(local.finished, one, kind), fields)
         functions[f"finish {one.name} bar {k}"] = derivative(finish, (), ("u", "m", "force"))
         if "rise" in finish.outputs:
             functions[f"ended {one.name} {k}"] = finish.only(["rise"])

@@ -52,7 +52,9 @@ class LoadProgram(RestProgram):
             "cosine": traced(local.cosine, {"before": q, "rotation": q}),
             "turn": traced(local.turn, {"move": (w,)} | (turned if turns else {})),
         }
-        return functions | {name: self._of_numbers(traced, getattr(local, name)) for name in RULES}
+        return functions | {
+            name: self._of_numbers(traced, getattr(local.samples, name)) for name in RULES
+        }
 
     def _functions(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
         functions = super()._functions(traced, local)

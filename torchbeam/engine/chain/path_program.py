@@ -25,6 +25,7 @@ from .load_program import RestProgram
 from .local_problem import BetweenKind, Ends, Fields
 from .node_kinds import ElementKind, NodeKind, without_side
 from .rows import given_by_rows
+from .sample_functions import SampleFunctions
 from .steady_functions import SteadyFunctions
 from .tracing import Tracing
 
@@ -63,6 +64,15 @@ class PathFunctions(SteadyFunctions):
         for.
         """
         return {PIVOT: block} if by_rows(self.model) else {}
+
+    @property
+    def samples(self) -> PathSamples:
+        return PathSamples(self.model)
+
+
+@dataclass(frozen=True)
+class PathSamples(SampleFunctions):
+    """Functions of a sample at a point of a path."""
 
     def judge(
         self,
@@ -169,7 +179,7 @@ class PathProgram(RestProgram):
         given = {name: () for name in self.varying}
         if local.led:
             given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
-        function = partial(getattr(local, one.name), kind)
+        function = partial(getattr(local.of(one), one.name), kind)
         whole = traced(function, getattr(traced, one.constants) | given)
         asked = [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
         slope = self._slopes(whole, local, asked)

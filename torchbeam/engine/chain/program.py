@@ -37,6 +37,7 @@ from .layout import (
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import ElementKind, Kinds, NodeKind
+from .row_functions import RowFunctions
 from .step_driver import StepDriver
 from .tracing import Shapes, Traced, Tracing
 
@@ -87,7 +88,7 @@ class NewtonProgram(NativeProgram):
         """What gives pushes and blocks, of a kind."""
         given = getattr(traced, one.constants) | dict.fromkeys(self.varying, ())
         given |= self._told(one is PAIR and kind.rubs)
-        return traced(partial(getattr(local, one.name), kind), given)
+        return traced(partial(getattr(local.of(one), one.name), kind), given)
 
     def _told(self, points: int) -> Shapes:
         """What the last iteration tells so many points where surfaces rub."""
@@ -119,7 +120,7 @@ class NewtonProgram(NativeProgram):
         functions |= self._interactions(traced, local)
         if self.held:
             functions["reaction"] = traced(
-                local.reaction,
+                RowFunctions(local).reaction,
                 {
                     "rows": (w, 3 * w),
                     **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
@@ -129,7 +130,7 @@ class NewtonProgram(NativeProgram):
             *self.judging,
             *((*interactions.GAPS, "constraint_size") * self.kinds.multiplied),
         )
-        functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
+        functions["judge"] = traced(local.samples.judge, dict.fromkeys(judging, ()))
         if local.searches:
             functions |= self._searching(local, traced, judging)
         return functions
@@ -143,13 +144,13 @@ class NewtonProgram(NativeProgram):
         places = {name: self.shapes[name] for name in self.unknown}
         ends = places | {f"to_{name}": shape for name, shape in places.items()}
         functions = {
-            "search": traced(local.search, dict.fromkeys(given, ())),
-            "between": traced(local.between, ends | {"ratio": ()}),
+            "search": traced(local.samples.search, dict.fromkeys(given, ())),
+            "between": traced(local.samples.between, ends | {"ratio": ()}),
         }
         sizes = {"stress": self.k} | ({"multiplier": self.w} if self.kinds.multiplied else {})
         for name, size in sizes.items():
             numbers = {"x": (size,), "to": (size,), "ratio": ()}
-            functions[f"part {name}"] = traced(local.part, numbers)
+            functions[f"part {name}"] = traced(local.samples.part, numbers)
         return functions
 
     def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
@@ -283,7 +284,7 @@ class StepProgram(NewtonProgram):
         functions = super()._interactions(traced, local)
         for one in FINISHED:
             for k, kind in interactions.kinds_of(self.kinds, one):
-                finish = partial(getattr(local, f"finish_{one.name}"), kind)
+                finish = partial(local.finished, one, kind)
                 functions[f"finish {one.name} {k}"] = traced(finish, getattr(traced, one.constants))
         if self.kinds.stretches:
             functions[stretches.WORK] = stretches.of_work(local, traced)
@@ -300,7 +301,7 @@ class StepProgram(NewtonProgram):
             functions["scaled"] = traced(local.scaled, shapes | {"scale": ()})
         passes = self.touching or self.kinds.pairs or local.model.bodies_touch
         without = () if passes else ("passed",)
-        functions["outcome"] = self._of_numbers(traced, local.outcome, without)
+        functions["outcome"] = self._of_numbers(traced, local.samples.outcome, without)
         return functions
 
     def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:

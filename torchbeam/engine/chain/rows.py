@@ -9,6 +9,8 @@ from ..compiler.packing import Packing
 from . import midsides
 from .layout import ENTRIES, INNER, INTERFACE, NODES, ONE, Layout, sizes
 from .local_functions import LocalFunctions
+from .midside_functions import MidsideFunctions
+from .row_functions import RowFunctions
 from .tracing import Shapes, Tracing
 
 ROW, RUN = ("D", "L", "U", "right"), ("ahead", "y", "side")  # of the interface, of a run
@@ -31,10 +33,10 @@ def of_rows(
     nodes.
     """
     w, functions = local.model.space.unknowns, {}
-    of = {
-        name: getattr(local, f"transposed_{name}" if transposed else name)
-        for name in ("condense", "restore", "row", INTERFACE)
-    }
+    of_rows, way = RowFunctions(local), "transposed_" if transposed else ""
+    midside = MidsideFunctions(of_rows)
+    of = {name: getattr(of_rows, f"{way}{name}") for name in ("row", INTERFACE)}
+    of |= {name: getattr(midside, f"{way}{name}") for name in ("condense", "restore")}
     given = {f"own.{name}": shapes[f"own.{name}"] for name in own.fields}
     given |= {"right": (w,)} if transposed else {}
     words = ("free", "push") if transposed else ("free",)
@@ -74,9 +76,9 @@ def of_rows(
                 one = own.taken(one, {f"own.{field}": field for field in own.fields})
                 functions[f"held {name}" if is_held else name] = between.taken(one, sides)
     back = {"ahead": (w, w), "y": (w,), "next": (w,)}
-    functions["back"] = traced(local.back, back)
+    functions["back"] = traced(of_rows.back, back)
     if "bordered" in manners:
-        functions["back bordered"] = traced(local.back, back | bordered | {"first": (w,)})
+        functions["back bordered"] = traced(of_rows.back, back | bordered | {"first": (w,)})
     return functions
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from ..compiler.function import Function
+from .interaction import TIE
 from .interactions import Derivative
 from .layout import ONE, STRETCHES, TENDONS, Layout, cotangents
 from .local_functions import LocalFunctions
@@ -30,7 +31,7 @@ def of_tensions(
     shapes, functions = traced.stretch | (varying or {}), {}
     for name in ("stretch", "tension_first", "tension_next"):
         for k, kind in distinct(kinds, name.partition("_")[0]):
-            function = partial(getattr(local, name), kind)
+            function = partial(getattr(local.of(TIE), name), kind)
             functions[f"{name.replace('_', ' ')} {k}"] = traced(function, shapes)
     return functions
 
@@ -58,9 +59,8 @@ def adjoint_of_stretches(
 
 
 def of_work(local: LocalFunctions, traced: Tracing) -> Function:
-    """`tendon_work`."""
-    start = {} if local.OVER_STEP else {"start": ()}
-    return traced(local.tendon_work, {"tension": (), "change": ()} | start)
+    """Of a stretch over the step."""
+    return traced(partial(local.finished, TIE, None), traced.stretch)
 
 
 def record(layout: Layout) -> None:

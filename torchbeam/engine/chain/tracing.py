@@ -22,7 +22,7 @@ Shapes = dict[str, tuple[int, ...]]
 FORCES = ("force", "last_force", "after_force", "force_bar")  # of constraints
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 # functions that ask loads, and so what users wrote
-OF_LOADS = ("node", "finish", "coupling", "transposed_interaction", "finish_coupling")
+OF_LOADS = ("node", "finish", "coupling", "transposed_interaction", "finished")
 
 
 class Tracing:
@@ -100,10 +100,10 @@ class Tracing:
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
         function = partial(function)  # of one, the same
-        name, named = function.func.__name__, tuple(sorted(function.keywords.items()))
-        key = name, function.args, named, tuple(shapes.items())
+        func, named = function.func, tuple(sorted(function.keywords.items()))
+        key = func.__qualname__, function.args, named, tuple(shapes.items())
         if key not in self.known:
-            captured = self.captured if name in OF_LOADS else {}
+            captured = self.captured if func.__name__ in OF_LOADS else {}
             self.known[key] = self._traced(function, shapes, captured)
         return self.known[key].copied()  # in a graph of its own, that grows
 
