@@ -64,7 +64,7 @@ class AlphaFunctions(LocalFunctions):
 
     @property
     def element_state(self) -> tuple[str, ...]:
-        return (STRAINING,) if self.elements.rows.law.damped else ()
+        return (STRAINING,) if self.trees.element.rows.law.damped else ()
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[LocalAlphaProblem, EndUnknowns]:
         problem, x = super().of_node(fields, kind)

@@ -12,9 +12,9 @@ from torch import Tensor
 from ...equations.energy_projection import kinetic_rise, projected, strain_rise
 from ...equations.midpoint import MidpointProblem
 from ...state.state import State
-from .interaction import Interaction
 from .local_functions import LocalFunctions
 from .local_problem import Fields
+from .sorts import ELEMENT, NODE, Sort
 
 ENERGIES = ("kinetic", "rise")
 
@@ -46,11 +46,10 @@ class ConservingFunctions(LocalFunctions):
         strain = strain_rise(problem.model, problem.start, after, problem.dt, problem.eigenstrain)
         return {"kinetic": kinetic, "rise": rise + strain}
 
-    def finish_element_load(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_element_load(kind, **fields))
-
-    def finished(self, one: Interaction, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finished(one, kind, **fields))
+    def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
+        """With what the work makes the energy rise by less, of what is neither node nor element."""
+        outputs = super().finished(sort, kind, **fields)
+        return outputs if sort in (NODE, ELEMENT) else outputs | {"rise": -outputs["work"]}
 
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
@@ -60,8 +59,3 @@ class ConservingFunctions(LocalFunctions):
     def scaled(self, velocity: Tensor, spin: Tensor, scale: Tensor) -> Fields:
         """Velocity and spin of a node."""
         return {"velocity": scale * velocity, "spin": scale * spin}
-
-
-def _with_rise(outputs: Fields) -> Fields:
-    """With what the work makes the energy rise by less."""
-    return outputs | {"rise": -outputs["work"]}

@@ -14,10 +14,10 @@ from ...nodal.acting import ActingLoad
 from ...nodal.conditions import Conditions
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
-from .interaction import OWN
 from .interaction_functions import of_ends
 from .local_problem import Ends, Fields, LocalProblems
 from .node_kinds import CouplingKind
+from .sorts import OWN
 
 
 @dataclass(frozen=True)

@@ -44,9 +44,9 @@ class ExtrapolatedFunctions(LocalFunctions):
         own = super().state
         return (*own, *(f"{OTHER}{name}" for name in own))
 
-    def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
-        """See `LocalFunctions.finish`, with the means above."""
-        ends = super().finish(kind, **fields)
+    def finish_node(self, kind: NodeKind, **fields: Tensor) -> Fields:
+        """See `LocalFunctions.finish_node`, with the means above."""
+        ends = super().finish_node(kind, **fields)
         a, e, y, k = self.common_of(fields).mixture.unbind(-1)
         after = dict(ends)
         for name in super().state:

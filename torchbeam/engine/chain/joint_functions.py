@@ -18,10 +18,10 @@ from ...nodal.joints import Joints
 from ...nodal.rows import Rows
 from ...topology.framework import Framework
 from .chain_constants import JointConstants, filled
-from .interaction import OWN, SIDES
 from .interaction_functions import of_ends
 from .local_problem import Fields, LocalProblems
 from .node_kinds import JointKind
+from .sorts import OWN, SIDES
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class JointFunctions:
         given = ends.given | {"stress": fields["force"][None], "joints": fields["joints"][None]}
         if "last_force" in fields:
             given["last_stress"] = fields["last_force"][None]
-        constants = filled(self.problems.joints, lambda k: fields[f"joint.{k}"][None])
+        constants = filled(self.problems.trees.joint, lambda k: fields[f"joint.{k}"][None])
         rows = replace(ends.rows, joints=self._alone(ends.rows, constants, kind))
         now = replace(ends.now, joints=JointValues(constants.effort, constants.coordinate))
         return self.problems.problem(rows, None, ends.common, given, now)

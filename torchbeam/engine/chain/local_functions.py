@@ -14,6 +14,7 @@ its stations, and the same of its nodes, behind `i.` and `j.`, or `i.`, `m.`, `j
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,14 +27,14 @@ from ...nodal import element_loads, loads
 from ...nodal.balance import dstress, most_beyond, pushed_by, restrained_forces
 from ...state.state import State
 from .coupling_functions import CouplingFunctions
-from .interaction import COUPLING, JOINT, PAIR, TIE, Interaction
 from .interaction_functions import transposed
 from .joint_functions import JointFunctions
-from .local_problem import INTERNAL, Fields, LocalProblems, far_fields, told_to
+from .local_problem import INTERNAL, Fields, LocalProblems, acting_loads, far_fields, told_to
 from .node_kinds import ElementKind, NodeKind
 from .own_batch import unbatched
 from .pair_functions import PairFunctions
 from .sample_functions import SampleFunctions
+from .sorts import COUPLING, JOINT, LOAD, NODE, PAIR, TIE, Sort
 from .tendon_functions import TendonFunctions
 
 INTERACTING = {
@@ -48,9 +49,31 @@ INTERACTING = {
 class LocalFunctions(LocalProblems):
     """Functions of nodes, of elements and of what acts between nodes; and those of the adjoint."""
 
-    def of(self, one: Interaction) -> Any:
-        """Functions of an interaction."""
-        return INTERACTING[one](self)
+    def of(self, sort: Sort) -> Any:
+        """What has the functions of a sort of rows: of its balance, called as its `method`; of its
+        end, "finish_" in front of that; and "far_", whether it does nothing, where it asks so.
+        """
+        return INTERACTING[sort](self) if sort in INTERACTING else self
+
+    def balance(self, sort: Sort) -> Callable[..., Fields]:
+        """The function of the balance of a sort of rows."""
+        return getattr(self.of(sort), sort.method)
+
+    def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
+        """A row at the end of the step."""
+        return getattr(self.of(sort), f"finish_{sort.method}")(kind, **fields)
+
+    def points_told(self, sort: Sort, kind: Any) -> int:
+        """At how many points of a row an iteration tells the next one something."""
+        if sort is PAIR:
+            return int(kind.rubs)
+        if sort is NODE:
+            acting = acting_loads(kind, self.trees.node.now.loads, self.trees.common.now.loads)
+            return sum(load.rubbing_points for load in acting)
+        if sort is not LOAD:
+            return 0
+        acting = (self.trees.common.now.loads[k] for k in kind.loads)
+        return sum(load.points for load in acting if load.rubs)
 
     @property
     def samples(self) -> SampleFunctions:
@@ -65,7 +88,7 @@ class LocalFunctions(LocalProblems):
     @property
     def searches(self) -> bool:
         """Whether steps of Newton's method may be shortened."""
-        return self.pairs is not None or any(load.touches for load in self.model.scene.loads)
+        return self.trees.pair is not None or any(load.touches for load in self.model.scene.loads)
 
     # Functions of a node
 
@@ -111,7 +134,7 @@ class LocalFunctions(LocalProblems):
         """Of half the angle that a node has turned by at mid step."""
         return {"cosine": self.model.space.cosine(m)}
 
-    def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
+    def finish_node(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """The node at the end of the step, and the work done on it; `found` (w): the reaction of
         its support.
         """
@@ -158,7 +181,7 @@ class LocalFunctions(LocalProblems):
         element = problem.element_balance(x, kinematics)
         tangent, own = problem.tangent(x, kinematics, element, inertia), problem.eigenstrain
         wrench = None
-        if self.elements.rows.coupling is not None:
+        if self.trees.element.rows.coupling is not None:
             wrench = (
                 inertia.wrench
                 if inertia is not None
@@ -209,7 +232,7 @@ class LocalFunctions(LocalProblems):
 
     # Functions of the loads between an element's nodes
 
-    def far(self, kind: ElementKind, **fields: Tensor) -> Fields:
+    def far_element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """1 where these loads do nothing; `near`: where they may."""
         problem, kinematics = self._between(fields, kind)
         return far_fields(problem.idle(kinematics).to(problem.t))
@@ -300,19 +323,13 @@ class LocalFunctions(LocalProblems):
         )
         return dict(zip(self.sides, pushed, strict=True))
 
-    def finished(self, one: Interaction, kind: Any, **fields: Tensor) -> Fields:
-        """An interaction at the end of the step."""
-        return getattr(self.of(one), f"finish_{one.name}")(kind, **fields)
-
-    def transposed_interaction(
-        self, one: Interaction, held: bool, kind: Any, **fields: Tensor
-    ) -> Fields:
+    def transposed_interaction(self, sort: Sort, held: bool, kind: Any, **fields: Tensor) -> Fields:
         """Of an interaction, see `interaction_functions.transposed`; of what has unknowns of its
         own with what cotangents ask of these: `force_bar`.
         """
         reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
         right = fields.pop("force_bar", None)
-        outputs = transposed(getattr(self.of(one), one.name)(kind, **fields), reactions)
+        outputs = transposed(self.balance(sort)(kind, **fields), reactions)
         if not kind.multiplied:
             return outputs
         right = right * right.new_tensor(kind.held)

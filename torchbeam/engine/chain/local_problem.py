@@ -23,7 +23,6 @@ from ...nodal.coordinates.planar import Planar
 from ...nodal.frame import frame_of
 from ...nodal.model import Model
 from ...nodal.rows import ElementRows, Held, NodeRows, Rows
-from ...nodal.touching_pairs import TouchingPairs
 from ...scene.effects import Pose
 from ...state.state import State
 from ...topology.framework import Framework
@@ -31,16 +30,12 @@ from .chain_constants import (
     Common,
     CommonConditions,
     ElementConstants,
-    JointConstants,
     NodeConditions,
     NodeConstants,
-    StretchConstants,
-    SupportConstants,
     Trees,
     filled,
     flattened,
 )
-from .interaction import SIDES
 from .node_kinds import (
     CouplingKind,
     ElementKind,
@@ -52,6 +47,7 @@ from .node_kinds import (
     SupportKind,
 )
 from .own_batch import of_one_sample
+from .sorts import SIDES
 
 Fields = dict[str, Tensor]
 BetweenKind = JointKind | StretchKind | PairKind | CouplingKind
@@ -99,18 +95,7 @@ class LocalProblems:
     """
 
     model: Model
-    nodes: NodeConstants
-    elements: ElementConstants
-    common: Common
-    supports: SupportConstants | None = None
-    joints: JointConstants | None = None
-    stretches: StretchConstants | None = None
-    pairs: TouchingPairs | None = None
-
-    @property
-    def trees(self) -> Trees:
-        more = self.supports, self.joints, self.stretches, self.pairs
-        return Trees(self.nodes, self.elements, self.common, *more)
+    trees: Trees
 
     @property
     def order(self) -> int:
@@ -134,8 +119,8 @@ class LocalProblems:
         station.
         """
         return [
-            1 if x is self.elements.rows.coupling else self.order
-            for x, _ in flattened(self.elements)
+            1 if x is self.trees.element.rows.coupling else self.order
+            for x, _ in flattened(self.trees.element)
         ]
 
     @property
@@ -143,18 +128,10 @@ class LocalProblems:
         """How many internal states each of the loads has at a node."""
         return tuple(
             (row or load).internal
-            for row, load in zip(self.nodes.now.loads, self.common.now.loads, strict=True)
+            for row, load in zip(
+                self.trees.node.now.loads, self.trees.common.now.loads, strict=True
+            )
         )
-
-    def rubbing_points(self, kind: NodeKind) -> int:
-        """At which surfaces of a node may rub."""
-        acting = acting_loads(kind, self.nodes.now.loads, self.common.now.loads)
-        return sum(load.rubbing_points for load in acting)
-
-    def rubbing_points_between(self, kind: ElementKind) -> int:
-        """The same between the nodes of an element."""
-        acting = (self.common.now.loads[k] for k in kind.loads)
-        return sum(load.points for load in acting if load.rubs)
 
     NODE = NODE
     SAMPLE: ClassVar[tuple[str, ...]] = ()  # fields of a sample that the problem asks for
@@ -201,7 +178,7 @@ class LocalProblems:
         return self.problem(rows, None, common, given, now)
 
     def _of_node(self, fields: Fields) -> NodeConstants:
-        return filled(self.nodes, lambda k: fields[f"node.{k}"][None])
+        return filled(self.trees.node, lambda k: fields[f"node.{k}"][None])
 
     def of_element(
         self, fields: Fields, kind: ElementKind, between: bool = False
@@ -211,7 +188,7 @@ class LocalProblems:
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
-        own = filled(self.nodes.rows, lambda k: nodes(f"node.{k}"))  # they come first
+        own = filled(self.trees.node.rows, lambda k: nodes(f"node.{k}"))  # they come first
         own = replace(own, mass=torch.zeros_like(own.mass), J=None)
         given = {
             name: nodes(name)
@@ -232,7 +209,7 @@ class LocalProblems:
 
     def of_ends(self, fields: Fields, kind: BetweenKind, topology: Framework) -> Ends:
         """The nodes at the ends of what lies between those of a topology."""
-        own = filled(self.nodes.rows, lambda k: _ends(fields, kind, f"node.{k}"))
+        own = filled(self.trees.node.rows, lambda k: _ends(fields, kind, f"node.{k}"))
         given = {
             name: _ends(fields, kind, name)
             for name in (*self.NODE, "u", "m")
@@ -260,10 +237,10 @@ class LocalProblems:
 
     def element_constants(self, fields: Fields) -> ElementConstants:
         """Of one element."""
-        return filled(self.elements, lambda k: fields[f"element.{k}"])
+        return filled(self.trees.element, lambda k: fields[f"element.{k}"])
 
     def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> SupportConditions:
-        at = filled(self.supports, lambda k: fields[f"{of}support.{k}"])
+        at = filled(self.trees.support, lambda k: fields[f"{of}support.{k}"])
         return SupportConditions(
             node,
             at.position.new_tensor(kind.fixed),
@@ -272,7 +249,7 @@ class LocalProblems:
         )
 
     def common_of(self, fields: Fields) -> Common:
-        return filled(self.common, lambda k: fields[f"common.{k}"])
+        return filled(self.trees.common, lambda k: fields[f"common.{k}"])
 
     def _rows(
         self,

@@ -13,10 +13,10 @@ from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
-from .interaction import PAIR_SIDES
 from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems, far_fields, told_to
 from .node_kinds import PairKind
+from .sorts import PAIR_SIDES
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class PairFunctions:
     def problem(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
         """The problem of one pair, whose nodes have no loads, and how they move."""
         ends = self.problems.of_ends(fields, kind, Framework(1, (), len(PAIR_SIDES)))
-        pairs = filled(self.problems.pairs, lambda k: fields[f"pair.{k}"][None])
+        pairs = filled(self.problems.trees.pair, lambda k: fields[f"pair.{k}"][None])
         if isinstance(pairs, SurfacePairs):
             pairs = pairs.of(kind.surface)
         if not kind.rubs:

@@ -48,16 +48,9 @@ class RowFunctions:
         """
         row = self._whole_row(held, fields)
         D, L, U = (row.D, row.U, row.L) if backward else (row.D, row.L, row.U)
-        right, y = -row.asked[:, None], fields["y"][:, None]
-        if "side" in fields:
-            right = torch.cat((right, torch.zeros_like(D)), -1)
-            y = torch.cat((y, fields["side"]), -1)
-        ahead, y = eliminated(D, U, right, L, fields["ahead"], y)
         sizes = self.sizes(fields, _of_row(fields, "inertia"), row.left)
-        outputs = (
-            row.blocks | self.local.pivot(D - L @ fields["ahead"]) | {"ahead": ahead, "y": y[:, 0]}
-        )
-        return outputs | ({"side": y[:, 1:]} if "side" in fields else {}) | sizes
+        pivot = self.local.pivot(D - L @ fields["ahead"])
+        return row.blocks | pivot | _eliminated(D, U, -row.asked, L, fields) | sizes
 
     def interface(self, held: bool, **fields: Tensor) -> Fields:
         """The row of a node that joints hold, which push it (w): D, L and U (w, w), what is asked
@@ -69,11 +62,8 @@ class RowFunctions:
 
     def _whole_row(self, held: bool, fields: Fields) -> WholeRow:
         balance, D = _of_row(fields, "balance"), _of_row(fields, "D")
-        asked, U, L = (
-            _of_row(fields, "asked") + fields["own.balance"],
-            fields["right.U"],
-            fields["left.L"],
-        )
+        asked = _of_row(fields, "asked") + fields["own.balance"]
+        U, L = fields["right.U"], fields["left.L"]
         if "push" in fields:
             balance, asked = balance + fields["push"], asked + fields["push"]
         blocks, left = {}, balance
@@ -140,12 +130,7 @@ class RowFunctions:
         D, below, above, right = self._transposed_whole_row(held, right, fields)
         if backward:
             below, above = above, below
-        right, y = right[:, None], fields["y"][:, None]
-        if "side" in fields:
-            right = torch.cat((right, torch.zeros_like(D)), -1)
-            y = torch.cat((y, fields["side"]), -1)
-        ahead, y = eliminated(D.mT, above, right, below, fields["ahead"], y)
-        return {"ahead": ahead, "y": y[:, 0]} | ({"side": y[:, 1:]} if "side" in fields else {})
+        return _eliminated(D.mT, above, right, below, fields)
 
     def transposed_interface(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
         """As `interface`, of the transposed matrix."""
@@ -177,6 +162,17 @@ class RowFunctions:
     def balance_bar(self, move: Tensor, push: Tensor, free: Tensor) -> Fields:
         """Cotangent of a node's balance (w), from the solution of the transposed rows."""
         return {"balance_bar": push - free * move}
+
+
+def _eliminated(D: Tensor, U: Tensor, right: Tensor, L: Tensor, fields: Fields) -> Fields:
+    """What is left of a row (D, U, L), of which `right` (w) is asked, see `eliminated`."""
+    right, y = right[:, None], fields["y"][:, None]
+    if "side" in fields:
+        right = torch.cat((right, torch.zeros_like(D)), -1)
+        y = torch.cat((y, fields["side"]), -1)
+    ahead, y = eliminated(D, U, right, L, fields["ahead"], y)
+    side = {"side": y[:, 1:]} if "side" in fields else {}
+    return {"ahead": ahead, "y": y[:, 0]} | side
 
 
 def total(*parts: Tensor | None) -> Tensor | None:

@@ -8,7 +8,6 @@ from ..compiler.function import Function
 from ..compiler.packing import Packing
 from . import midsides
 from .layout import ENTRIES, INNER, INTERFACE, NODES, ONE, Layout, sizes
-from .local_functions import LocalFunctions
 from .midside_functions import MidsideFunctions
 from .row_functions import RowFunctions
 from .tracing import Shapes, Tracing
@@ -17,7 +16,6 @@ ROW, RUN = ("D", "L", "U", "right"), ("ahead", "y", "side")  # of the interface,
 
 
 def of_rows(
-    local: LocalFunctions,
     traced: Tracing,
     own: Packing,
     between: Packing,
@@ -32,8 +30,8 @@ def of_rows(
     later. own, between: what nodes and elements give, of these shapes, with "own." before those of
     nodes.
     """
-    w, functions = local.model.space.unknowns, {}
-    of_rows, way = RowFunctions(local), "transposed_" if transposed else ""
+    w, functions = traced.local.model.space.unknowns, {}
+    of_rows, way = RowFunctions(traced.local), "transposed_" if transposed else ""
     midside = MidsideFunctions(of_rows)
     of = {name: getattr(of_rows, f"{way}{name}") for name in ("row", INTERFACE)}
     of |= {name: getattr(midside, f"{way}{name}") for name in ("condense", "restore")}

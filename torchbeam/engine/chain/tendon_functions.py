@@ -29,10 +29,10 @@ from ...nodal.rope import Rope, Stretches, along_stretch
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
 from .chain_constants import StretchConstants, filled
-from .interaction import SIDES
 from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems
 from .node_kinds import EndKind, StretchKind
+from .sorts import SIDES
 
 # what a tension follows from, of all stretches from one on
 SUMMED = "length", "before", "change", "rate"
@@ -198,7 +198,7 @@ class TendonFunctions:
 
     def _constants(self, fields: Fields) -> StretchConstants:
         """Of one stretch."""
-        return filled(self.problems.stretches, lambda k: fields[f"stretch.{k}"])
+        return filled(self.problems.trees.stretch, lambda k: fields[f"stretch.{k}"])
 
     def _rope(self, constants: Any, kind: StretchKind) -> Rope:
         return Rope(
