@@ -13,8 +13,8 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.leaves import with_values
 from ..core.status import SUCCESS
 from ..core.validation import concrete
-from ..engine.chain.compiled_step import Steps
 from ..engine.chain.extrapolated_functions import mixtures
+from ..engine.chain.steps import Steps
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..state.state import State

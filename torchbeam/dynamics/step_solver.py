@@ -15,9 +15,10 @@ from ..core.derivatives import lasting
 from ..core.functions_of_time import past_hooks
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
-from ..engine.chain.compiled_step import RIGID, CompiledStep, Steps
+from ..engine.chain.compiled_step import RIGID, CompiledStep
 from ..engine.chain.coverage import VALUES, automatic_step, compiled_step, given_up, meaning
 from ..engine.chain.native import NotCompiled
+from ..engine.chain.steps import Steps
 from ..engine.compiler.trace import NotTraceable
 from ..engine.engine_use import EngineUse
 from ..math.shapes import broadcast_shapes

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from math import prod
+from typing import Any
 
 from ..compiler.derivative import vjp
 from ..compiler.function import Function
@@ -15,7 +16,7 @@ from ..compiler.shared_ends import END
 from . import interactions, midsides, rows, stretches
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
-from .interaction import INTERACTIONS
+from .interactions import kinds_of
 from .layout import (
     ELEMENTS,
     MOVES,
@@ -31,12 +32,16 @@ from .layout import (
 from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .node_kinds import Kinds, without_side
+from .row_functions import RowFunctions
+from .sorts import BALANCES, ELEMENT, INTERACTIONS, LOAD, NODE, Sort
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
 # of their states, and of tendons
 OF_INTERACTIONS = "last_force", "tension", *(one.kept for one in INTERACTIONS if one.kept)
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
+# what ends follow from beside the start and the constants
+ENDED_BY = "u", "m", "found", "last", "force", "change", "start"
 
 
 class AdjointProgram(NativeProgram):
@@ -56,41 +61,69 @@ class AdjointProgram(NativeProgram):
         self.wanted = wanted
         super().__init__(local, kinds, held, key, known)
 
-    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        w, shapes, kinds, own = self.w, self.shapes, self.kinds, partial(self._of_kinds, traced)
+    def _functions(self, traced: Tracing) -> dict[str, Function]:
+        w, shapes, kinds = self.w, self.shapes, self.kinds
         states = {name: shapes[name] for name in self.state}
         after = {f"after_{name}": shape for name, shape in states.items()}
         free = {"move": (w,), "push": (w,), "free": (w,)}
+        of_rows = RowFunctions(traced.local)
         functions = {
-            "solution": traced(local.solution, states | after | traced.constants["common"]),
-            "balance_bar": traced(local.balance_bar, free),
+            "solution": traced(traced.local.solution, states | after | traced.constants["common"]),
+            "balance_bar": traced(of_rows.balance_bar, free),
         }
         if self.held:
-            functions["push"] = traced(local.push, {"reaction_bar": (w,), "free": (w,)})
-        nodes, finishes = (
-            own(function, kinds.nodes, traced.node) for function in (local.node, local.finish)
+            functions["push"] = traced(of_rows.push, {"reaction_bar": (w,), "free": (w,)})
+        moved = self._of_kinds(
+            traced, traced.local.update, kinds.nodes, traced.node | {"move": (w,)}
         )
-        functions |= self._bars(nodes, ["balance"])
-        functions |= self._bars(finishes, more=("u", "m", "found", "last"))
-        for name, update in own(local.update, kinds.nodes, traced.node | {"move": (w,)}).items():
+        for name, update in moved.items():
             if "move" in update.inputs:  # a clamp that moves goes its own way
                 bars = vjp(update, ["move"]).with_constants({"move": [0.0] * w})
                 functions[_bar_of(name)] = bars
-        elements, loads = self._of_elements(functions, traced, local, finishes)
-        functions |= self._eliminating(traced, local, [*nodes.values()], elements, loads)
-        for one in INTERACTIONS:
-            functions |= interactions.adjoint_of_interaction(
-                local, traced, one, kinds, self.held, self._derivative
-            )
+        balances: dict[Sort, list[Function]] = {}
+        for sort in (*BALANCES, LOAD):
+            balances[sort] = []
+            for k, kind in kinds_of(kinds, sort):
+                balance = partial(traced.local.balance(sort), kind)
+                whole = traced(balance, traced.of(sort))
+                balances[sort].append(whole)
+                asked = self._asked(sort, kind)
+                functions[f"{sort.name} bar {k}"] = self._derivative(whole, asked)
+        functions |= self._ends(traced)
+        functions |= self._eliminating(traced, *(balances[x] for x in (NODE, ELEMENT, LOAD)))
+        for k, kind in kinds_of(kinds, LOAD):
+            far = interactions.far(traced, LOAD, kind)
+            functions[f"far {LOAD.name} {k}"] = far.only(["far"])
+        for sort in INTERACTIONS:
+            functions |= interactions.transposed(traced, sort, kinds, self.held)
         ties = kinds.stretches
-        functions |= stretches.adjoint_of_stretches(local, traced, ties, self._derivative)
+        functions |= stretches.adjoint_of_stretches(traced, ties, self._derivative)
         return {name: function.only(function.outputs) for name, function in functions.items()}
 
-    def _bars(
-        self, functions: dict[str, Function], of: Sequence[str] = (), more: Sequence[str] = ()
-    ) -> dict[str, Function]:
-        """See `_derivative`."""
-        return {_bar_of(name): self._derivative(one, of, more) for name, one in functions.items()}
+    def _asked(self, sort: Sort, kind: Any) -> list[str]:
+        """What of a balance goes into the equations."""
+        if sort is NODE:
+            return ["balance"]
+        if sort in (ELEMENT, LOAD):
+            return [*(f"{side}.balance" for side in self.sides), *["gap"] * (sort is ELEMENT)]
+        return [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
+
+    def _ends(self, traced: Tracing) -> dict[str, Function]:
+        """What the cotangents of rows, and of the energies, at the end are found by."""
+        functions = {}
+        for name, finish in self.finishing(traced).items():
+            functions[_bar_of(name)] = self._derivative(finish, (), ENDED_BY)
+            if "rise" in finish.outputs:
+                there = [field for field in (*ENDED, *ENERGIES) if field in finish.outputs]
+                functions[name.replace("finish", "ended")] = finish.only(there)
+        if "kinetic" in traced.local.element_ends:
+            project = self._of_numbers(traced, traced.local.project)
+            shapes = {name: self.shapes[name] for name in ENDED}
+            scaled = traced(traced.local.scaled, shapes | {"scale": ()})
+            functions["project"] = project.only(["scale"])
+            functions["project bar"] = vjp(project, ["defect", "kinetic", "rise"])
+            functions["scaled bar"] = vjp(scaled, [*ENDED, "scale"])
+        return functions
 
     def _derivative(
         self, function: Function, of: Sequence[str] = (), more: Sequence[str] = ()
@@ -108,43 +141,9 @@ class AdjointProgram(NativeProgram):
             if any(node != zero for node in out.nodes)
         )
 
-    def _of_elements(
-        self,
-        functions: dict[str, Function],
-        traced: Tracing,
-        local: LocalFunctions,
-        finishes: dict[str, Function],
-    ) -> tuple[list[Function], list[Function]]:
-        """Adds what the cotangents of elements, and of the energies at the end, are found by. What
-        elements give their nodes, and the loads between these.
-        """
-        kinds, own = self.kinds.elements, partial(self._of_kinds, traced)
-        elements = own(local.element, kinds, traced.element)
-        loads = own(local.element_load, self.loaded, traced.element)
-        ended = own(local.finish_element, kinds, traced.element) if local.element_ends else {}
-        ended |= own(local.finish_element_load, self.loaded, traced.element)
-        for name, far in own(local.far, self.loaded, traced.element).items():
-            functions[name] = far.only(["far"])
-        balances = [f"{side}.balance" for side in self.sides]
-        functions |= self._bars(elements, [*balances, "gap"]) | self._bars(loads, balances)
-        functions |= self._bars(ended, more=("u", "m"))
-        for name, finish in (finishes | ended).items():
-            if "rise" in finish.outputs:
-                there = [field for field in (*ENDED, *ENERGIES) if field in finish.outputs]
-                functions[name.replace("finish", "ended")] = finish.only(there)
-        if "kinetic" in local.element_ends:
-            project = self._of_numbers(traced, local.project)
-            shapes = {name: self.shapes[name] for name in ENDED}
-            scaled = traced(local.scaled, shapes | {"scale": ()})
-            functions["project"] = project.only(["scale"])
-            functions["project bar"] = vjp(project, ["defect", "kinetic", "rise"])
-            functions["scaled bar"] = vjp(scaled, [*ENDED, "scale"])
-        return [*elements.values()], [*loads.values()]
-
     def _eliminating(
         self,
         traced: Tracing,
-        local: LocalFunctions,
         nodes: list[Function],
         elements: list[Function],
         loads: list[Function],
@@ -160,23 +159,26 @@ class AdjointProgram(NativeProgram):
         loads = [load.with_zeros(shapes) for load in loads]
         between = Packing(self.given_by_elements, [*elements, *loads], blocks)
         nodes, made = [one.only([OWN]) for one in own.made()], between.made()
-        for k, one in zip(self.touching, made[len(elements) :], strict=True):
-            functions[f"load blocks {k}"] = one.only([between.name])
+        kinds = kinds_of(self.kinds, LOAD)
+        for (k, _), load in zip(kinds, made[len(elements) :], strict=True):
+            functions[f"{LOAD.name} blocks {k}"] = load.only([between.name])
         elements = [one.only([between.name, "E", "hB"]) for one in made[: len(elements)]]
         nodes, elements = self.with_ends(
             nodes, elements, (*self.state, "u", "m"), traced.constants["common"]
         )
-        functions |= {f"block {k}": one for k, one in enumerate(nodes)}
-        functions |= {f"blocks {k}": element for k, element in enumerate(elements)}
+        functions |= {f"node blocks {k}": node for k, node in enumerate(nodes)}
+        functions |= {f"element blocks {k}": element for k, element in enumerate(elements)}
         law = {name: outputs[name].shape for name in ("gap", "E", "hB")}
         moves = {f"{side}.move": (w,) for side in self.sides}
         functions["stress bar"] = vjp(
-            traced(local.stress, {**traced.element, **law, **moves}), ["gap", *moves]
+            traced(traced.local.stress, {**traced.element, **law, **moves}), ["gap", *moves]
         )
-        functions["pushed bar"] = vjp(traced(local.pushed, {**traced.element, **law}), ["gap"])
+        functions["pushed bar"] = vjp(
+            traced(traced.local.pushed, {**traced.element, **law}), ["gap"]
+        )
         shapes |= {"own.D": (w, w)}
         return functions | rows.of_rows(
-            local, traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
+            traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
         )
 
     def _layout(self) -> Layout:
@@ -198,8 +200,8 @@ class AdjointProgram(NativeProgram):
             }
             layout.record(kind, sort, self.constants(kind))
             layout.record(f"{kind}_bar", sort, sorted(fields.items()))
-        layout.record("state", NODES, state)
-        cotangents(layout, "state", NODES, state)
+        layout.record(NODE.state, NODES, state)
+        cotangents(layout, NODE.state, NODES, state)
         read = self.functions["solution"].inputs
         ends = [(f"after_{name}", size) for name, size in state]
         layout.record("after", NODES, [end for end in ends if end[0] in read])
@@ -209,8 +211,8 @@ class AdjointProgram(NativeProgram):
         cotangents(layout, "stress", ELEMENTS, [("stress", k)])
         if self.element_state:
             own = [(name, prod(self.shapes[name])) for name in self.element_state]
-            layout.record("element_state", ELEMENTS, own)
-            cotangents(layout, "element_state", ELEMENTS, own)
+            layout.record(ELEMENT.state, ELEMENTS, own)
+            cotangents(layout, ELEMENT.state, ELEMENTS, own)
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
             bars = [*ENERGIES, "scale", *(f"{name}_bar" for name in (*ENERGIES, "scale"))]
@@ -220,10 +222,12 @@ class AdjointProgram(NativeProgram):
             )
         for name in ("asked", "push", "move", "found"):
             layout.record(name, MOVES, [(name, w)])
-        layout.record("law", ELEMENTS, [*self.outputs("blocks 0", "E", "hB"), ("gap_bar", k)])
-        layout.record("at_node", NODE_PLACES, self.outputs("block 0", OWN))
-        layout.record("at_end", NODE_PLACES, self.largest("block", END))
-        midsides.record(layout, self.functions, "blocks 0")
+        layout.record(
+            "law", ELEMENTS, [*self.outputs("element blocks 0", "E", "hB"), ("gap_bar", k)]
+        )
+        layout.record("at_node", NODE_PLACES, self.outputs("node blocks 0", OWN))
+        layout.record("at_end", NODE_PLACES, self.largest("node blocks", END))
+        midsides.record(layout, self.functions, "element blocks 0")
         rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         layout.record("change", ONE, most(self.functions).items())

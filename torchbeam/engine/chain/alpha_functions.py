@@ -64,16 +64,16 @@ class AlphaFunctions(LocalFunctions):
 
     @property
     def element_state(self) -> tuple[str, ...]:
-        return (STRAINING,) if self.elements.rows.law.damped else ()
+        return (STRAINING,) if self.trees.element.rows.law.damped else ()
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[LocalAlphaProblem, EndUnknowns]:
         problem, x = super().of_node(fields, kind)
         if kind.support is not None and "last" in fields:
             problem = replace(problem, start=replace(problem.start, reaction=fields["last"][None]))
-        common = self._common(fields)
+        common = self.common_of(fields)
         if common.before is None:
             return problem, x
-        before = self._conditions(
+        before = self.conditions(
             problem.model, kind, self._of_node(fields).before, common, common.before, None, ()
         )
         return replace(problem, before=before), x
@@ -82,10 +82,10 @@ class AlphaFunctions(LocalFunctions):
         self, fields: Fields, kind: ElementKind, between: bool = False
     ) -> tuple[LocalAlphaProblem, EndUnknowns]:
         problem, x = super().of_element(fields, kind, between)
-        common = self._common(fields)
+        common = self.common_of(fields)
         if not between or common.before is None:
             return problem, x
-        before = self._conditions(problem.model, None, None, common, common.before, None, ())
+        before = self.conditions(problem.model, None, None, common, common.before, None, ())
         before = self._with_between(problem.model, before, common.before, kind)
         return replace(problem, before=before), x
 

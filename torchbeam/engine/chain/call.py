@@ -17,10 +17,10 @@ from ...core.leaves import with_values
 from ...nodal.model import Model
 from ..compiler.team import in_threads
 from .cells import Cells
-from .interaction import INTERACTIONS
 from .layout import counts
 from .native import NativeProgram
 from .node_kinds import Kinds
+from .sorts import ELEMENT, INTERACTIONS, NODE
 from .tables import LISTS, Tables
 from .transfers import ENTRY
 
@@ -82,7 +82,7 @@ class ProgramInstance:
         numbered = {
             name: [there.index(kind) for kind in own]
             for name, there, own in zip(
-                ("kinds", "element_kinds", *(f"{one.constants}_kinds" for one in INTERACTIONS)),
+                (sort.kinds for sort in (NODE, ELEMENT, *INTERACTIONS)),
                 (*program.kinds[:2], *program.kinds.between),
                 (*kinds[:2], *kinds.between),
                 strict=True,

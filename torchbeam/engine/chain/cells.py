@@ -8,10 +8,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from ...topology.framework import Framework
-from .interaction import INTERACTIONS
 from .layout import ELEMENTS, MULTIPLIERS, NODES, SUPPORTS
 from .node_kinds import Kinds
 from .order import Connectivity, manners_by, order_of
+from .sorts import INTERACTIONS
 
 LEAST, MOST = 3, 16  # cells: two of them win a tenth; more than 16 numbers need many registers
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -14,7 +14,6 @@ from torch.autograd import forward_ad
 from ...core.derivatives import lasting, no_derivatives
 from ...core.functions_of_time import past_hooks
 from ...core.leaves import functions, wants_gradient
-from ...core.status import SUCCESS
 from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
@@ -22,21 +21,21 @@ from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
 from ...scene.effects.effect import of_library
 from ...state.state import State
-from ..compiler.trace import NotTraceable
 from .alpha_functions import AlphaFunctions
-from .call import Field, ProgramInstance, empty_like, like
-from .cells import cells_of
+from .call import Field, ProgramInstance, empty_like
 from .chain_constants import Trees
 from .conserving_functions import ConservingFunctions
-from .constants import Constants
+from .constants import Constants, sizes
 from .cotangents import Adjoint, Differentiated
 from .extrapolated_functions import OTHER, ExtrapolatedFunctions
+from .frame_orientations import of_samples, orientations
+from .internal_states import InternalStates
+from .kept_programs import NOTHING, adjoint_of
 from .layout import FORCES
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
 from .node_kinds import Kinds, kinds_of
-from .order import connectivity_of
-from .program import NOTHING, StepProgram, adjoint_of, program_of, traced_of
+from .program import StepProgram
 from .step_structure import (
     FORMS,
     Form,
@@ -46,6 +45,7 @@ from .step_structure import (
     key_of,
     known_structure,
 )
+from .steps import Steps, in_steps
 from .user_functions import by_function, by_sample, check_batch, known
 
 EXTRAPOLATION = "extrapolation"  # means of midpoint steps, see `ExtrapolatedFunctions`
@@ -65,65 +65,6 @@ RIGID = (
     "a gradient is asked for where strains are impossible, or next to, in this dtype; lower "
     "stiffnesses of stretching and shear, or float64, are wanted"
 )
-
-
-class Steps(NamedTuple):
-    """Fields of the state, status and iterations after one step (...), or after each of K (K, ...);
-    whether all went well; every: fields are those after every so many of the K steps.
-    """
-
-    fields: dict[str, Tensor]
-    status: Tensor
-    iterations: Tensor
-    well: bool
-    every: int = 1
-
-    @property
-    def leading(self) -> int:
-        """How many of the first of K steps no sample has failed in."""
-        return [
-            *(self.status == SUCCESS).reshape(len(self.status), -1).all(1).tolist(),
-            False,
-        ].index(False)
-
-
-class Whole:
-    """Memory of a sequence of K steps, which are made by several calls."""
-
-    def __init__(self, K: int) -> None:
-        self.K, self.tensors = K, []
-
-    def behind(self, first: int) -> Callable[[list[Tensor]], list[Tensor]]:
-        """See `CompiledStep`, `into`: the steps from `first` on."""
-
-        def into(templates: list[Tensor]) -> list[Tensor]:
-            if not self.tensors:
-                whole = (like((self.K, *x.shape[1:]), x.dtype) for x in templates)
-                self.tensors = empty_like(whole)
-            count = len(templates[0])
-            return [x[first : first + count] for x in self.tensors]
-
-        return into
-
-    @staticmethod
-    def of(parts: list[Tensor]) -> Tensor:
-        """Of all steps, one part after the other: where these are all of a whole, that itself."""
-        whole, shape = parts[0]._base, (sum(map(len, parts)), *parts[0].shape[1:])
-        if whole is not None and whole.shape == shape and all(x._base is whole for x in parts):
-            return whole
-        return torch.cat(parts)
-
-
-def _in_steps(
-    K: int, axes: int, dims: int, dt: Tensor, t: Tensor, inputs: Inputs
-) -> tuple[Tensor, Tensor, Inputs]:
-    """Of K steps of samples with so many axes, (K, ...) with `dims` of them."""
-
-    def spaced(x: Tensor, own: int) -> Tensor:
-        return x.reshape(K, *(1,) * (dims + 1 + own - x.ndim), *x.shape[1:])
-
-    dt, t = (x if x.ndim == 0 else spaced(x, 0) for x in (dt, t))
-    return dt, t, {k: spaced(x, 1) if x.ndim > axes + 1 else x for k, x in inputs.items()}
 
 
 class CompiledStep:
@@ -164,13 +105,10 @@ class CompiledStep:
             self.tried = self._tried() if like is None else like.tried
             self.structure = self._traced(around, kinds)
             keep_structure(key, self.structure)
+        self._internal = InternalStates(self.constants.acts, model.node_count)
         self.none, self.all = self.structure.none, self.structure.all
-        self.constant, length = self._constant(), model.spans.detach()
-        total, longest = length.sum((-1, -2)), length.amax((-1, -2))
-        self._lengths = [Field("common", "total", total, 0), Field("common", "longest", longest, 0)]
-        if model.multipliers.count:
-            size = model.multipliers.size.detach()
-            self._lengths.append(Field("common", "constraint_size", size, 0))
+        self.constant = self._constant()
+        self._sizes = [Field("common", name, x, 0) for name, x in sizes(model).items()]
         self.sources = [*[one.value for one in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
@@ -196,41 +134,19 @@ class CompiledStep:
         """The structure, by a look at all trees; its program is that of an earlier one, or
         traced. kinds: None = not known yet.
         """
-        model, values = self.model, self.tried
-        self.none = model.length.new_zeros(())
-        trees = self.constants.trees(values)
+        trees = self.constants.trees(self.tried)
         self.function = any(
             leaf.axes is None for leaf in functions((trees.node.now.loads, trees.common.now.loads))
         )
         by_user = self.function or not all(map(of_library, self.constants.loads))
         self.around = NOTHING if around is None and not by_user else around
-        kinds = kinds_of(model, self.constants.acts) if kinds is None else kinds
-        program = program_of(self.local(trees), kinds, bool(model.constraints.nodes), self.around)
-        if self.around is not None and not self.around.unchanged():
-            raise NotTraceable(
-                "a function of the motion writes to what it reads; one without memory is wanted"
-            )
-        by_cells = self._by_cells(program, kinds, trees)
-        return StepStructure(program, model, kinds, trees, values, self.constants.roles, by_cells)
-
-    def _by_cells(self, program: StepProgram, kinds: Kinds, trees: Trees) -> ProgramInstance | None:
-        """The model cell by cell, where it has any and nothing else couples them."""
-        alone = self.batch.numel() < program.lanes()
-        known = self.around is not None and "energy" not in program.layout.records
-        if not (kinds.joints and alone and known):
-            return None
-        connectivity = connectivity_of(self.model)
-        cells = cells_of(connectivity, kinds)
-        if cells is None:
-            return None
-        local, held = self.local(trees), bool(connectivity.supports)
-        traced = traced_of(local, kinds, held, self.around)
-        own = program_of(local, cells.kinds, held, self.around, known=traced)
-        return ProgramInstance(own, self.model, kinds, cells)
+        local, roles = self.local(trees), self.constants.roles
+        kinds = kinds_of(self.model, self.constants.acts) if kinds is None else kinds
+        return StepStructure.of(local, kinds, self.around, self.tried, roles)
 
     def local(self, trees: Trees) -> LocalFunctions:
         """What programs are traced of."""
-        return self._functions(self.model, *trees, **self._own)
+        return self._functions(self.model, trees, **self._own)
 
     @property
     def program(self) -> StepProgram:
@@ -268,8 +184,7 @@ class CompiledStep:
                 of K steps (K) or (K, ...)
         inputs  by name, (..., size) held over all steps; or (K, ..., size), with as many axes
                 between as `moving`
-        moving  (...) bool: samples that step; one whose step fails keeps its state and stops;
-                None = all
+        moving  (...) bool: samples that step, None = all; one that fails keeps its state and stops
         every   a divisor of K: the states after every so many steps are enough, where they are less
                 work
         mixture (K, 4) of K solves, see `ExtrapolatedFunctions`
@@ -287,7 +202,7 @@ class CompiledStep:
         if K is not None:
             axes = start.status.ndim if moving is None else moving.ndim
             dims = max(axes, structure.dims)
-            dt, t, inputs = _in_steps(K, axes, dims, dt, t, inputs)
+            dt, t, inputs = in_steps(K, axes, dims, dt, t, inputs)
         states = [self._of_state(start, name) for name in structure.state]
         if functorch.peek_interpreter_stack() is not None:
             return None
@@ -295,32 +210,19 @@ class CompiledStep:
             self._check(start.status.shape if moving is None else moving.shape)
         if _forward_mode(*self.sources, dt, t, *inputs.values(), *states):
             return None
-        recorded = torch.is_grad_enabled()
         self._look()
-        middle, frame = (
-            (None, None) if start.frame is None else self._orientations(start.frame, dt, t, K, dims)
-        )
-        own = partial(self.constants.changing, dt, t, inputs, middle)
-        values = own() if values is None else values()
+        middle, frame = orientations(self.model, start.frame, dt, t, K, dims)
+        changing = partial(self.constants.changing, dt, t, inputs, middle)
+        values = (values or changing)()
         if mixture is not None:
             values["mixture"] = mixture.reshape(K, *(1,) * dims, 4)
         given = [values[name] for _, name in structure.changing]
         if _forward_mode(*given):
             return None
-        # what carries gradient is an input
-        known = self.around is not None and forward_ad._current_level < 0
-        if (
-            recorded
-            and self.function
-            and not known
-            and wants_gradient(*self.constants.closures(values))
-        ):
-            self.eager_because = CLOSURE
-            return None
+        recorded = torch.is_grad_enabled()
         held = [*given, *(one.value for one in self.constant), *states] if recorded else []
-        wanted = [k for k, x in enumerate(held) if x.requires_grad]
-        if wanted and not values["exact"].all():
-            self.eager_because = RIGID
+        wanted = self._wanted(held, values) if recorded else []
+        if self.eager_because is not None:
             return None
         tensors = [*given, values["exact"], self.all if moving is None else moving, *states]
         every = 1 if wanted or frame is not None else every
@@ -334,11 +236,23 @@ class CompiledStep:
             outputs = Differentiated.apply(instance, states, outputs, *(held[k] for k in wanted))
         fields = self._fields(outputs)
         if frame is not None:
-            steps, extra = status.shape[: K is not None], max(0, frame.ndim - 1 - status.ndim)
-            frame = frame.reshape(*steps, *frame.shape[len(steps) + extra :])
+            frame = of_samples(frame, status, K)
             fields["frame"] = torch.where(good[..., None], frame, start.frame)
-        failed = status.item() if status.numel() == 1 else status.numpy().any()
-        return Steps(fields, status.long(), iterations.long(), not failed, every)
+        return Steps.of(fields, status, iterations, every)
+
+    def _wanted(self, held: list[Tensor], values: dict[str, Tensor]) -> list[int]:
+        """Numbers of the tensors that cotangents are asked of; says where torch alone finds
+        them.
+        """
+        # what carries gradient is an input
+        known = self.around is not None and forward_ad._current_level < 0
+        if self.function and not known and wants_gradient(*self.constants.closures(values)):
+            self.eager_because = CLOSURE
+            return []
+        wanted = [k for k, x in enumerate(held) if x.requires_grad]
+        if wanted and not values["exact"].all():
+            self.eager_because = RIGID
+        return wanted
 
     def _adjoint_of(
         self,
@@ -369,7 +283,7 @@ class CompiledStep:
         fields = dict(zip(self.structure.state, outputs, strict=True))
         fields = {name: x for name, x in fields.items() if not name.startswith(OTHER)}
         if INTERNAL in fields:
-            fields[INTERNAL] = self.constants.of_rows(fields[INTERNAL])
+            fields[INTERNAL] = self._internal.of_rows(fields[INTERNAL])
         if FORCES in fields:
             fields["stress"] = stacked(fields["stress"], fields.pop(FORCES))
         return fields
@@ -388,7 +302,7 @@ class CompiledStep:
             self._look()
             given = dt, self.none if t is None else t, inputs
             return self.constants.changing(
-                *(given if K is None else _in_steps(K, axes, dims, *given))
+                *(given if K is None else in_steps(K, axes, dims, *given))
             )
 
         def of(rows: slice) -> dict[str, Tensor]:
@@ -411,21 +325,10 @@ class CompiledStep:
         """A field of `StepStructure.state`."""
         name = name.removeprefix(OTHER)
         if name == INTERNAL:
-            return self.constants.internal_rows(start.internal)
+            return self._internal.rows(start.internal)
         if name in ("stress", FORCES):
             return self.model.multipliers.split(start.stress)[name == FORCES]
         return getattr(start, name)
-
-    def _orientations(
-        self, start: Tensor, dt: Tensor, t: Tensor, K: int | None, dims: int
-    ) -> tuple[Tensor, Tensor]:
-        """See `Constants.orientations`; of one step without the axis of steps."""
-        if K is not None:
-            return self.constants.orientations(
-                start, dt.expand(K, *(1,) * dims) if dt.ndim == 0 else dt, t
-            )
-        frame = self.model.frame(t)
-        return frame.orientation(start, dt / 2), frame.orientation(start, dt)
 
     def _look(self) -> None:
         """Take afresh what was looked up, where a tensor that it came from has been written to
@@ -452,7 +355,7 @@ class CompiledStep:
         if form is None:
             if len(self._forms) >= FORMS:
                 self._forms.pop(next(iter(self._forms)), None)
-            constants = [*self.constant, *self._lengths]
+            constants = [*self.constant, *self._sizes]
             form = self.structure.form(tensors, constants, K, dims, options, key)
             form = form._replace(call=form.call.holding(constants))
             self._forms[key] = form

@@ -14,6 +14,7 @@ from ...equations.midpoint import MidpointProblem
 from ...state.state import State
 from .local_functions import LocalFunctions
 from .local_problem import Fields
+from .sorts import ELEMENT, NODE, Sort
 
 ENERGIES = ("kinetic", "rise")
 
@@ -45,20 +46,10 @@ class ConservingFunctions(LocalFunctions):
         strain = strain_rise(problem.model, problem.start, after, problem.dt, problem.eigenstrain)
         return {"kinetic": kinetic, "rise": rise + strain}
 
-    def finish_element_load(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_element_load(kind, **fields))
-
-    def finish_joint(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_joint(kind, **fields))
-
-    def finish_pair(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_pair(kind, **fields))
-
-    def finish_coupling(self, kind: Any, **fields: Tensor) -> Fields:
-        return _with_rise(super().finish_coupling(kind, **fields))
-
-    def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
-        return _with_rise(super().tendon_work(tension, change, start))
+    def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
+        """With what the work makes the energy rise by less, of what is neither node nor element."""
+        outputs = super().finished(sort, kind, **fields)
+        return outputs if sort in (NODE, ELEMENT) else outputs | {"rise": -outputs["work"]}
 
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
@@ -68,8 +59,3 @@ class ConservingFunctions(LocalFunctions):
     def scaled(self, velocity: Tensor, spin: Tensor, scale: Tensor) -> Fields:
         """Velocity and spin of a node."""
         return {"velocity": scale * velocity, "spin": scale * spin}
-
-
-def _with_rise(outputs: Fields) -> Fields:
-    """With what the work makes the energy rise by less."""
-    return outputs | {"rise": -outputs["work"]}

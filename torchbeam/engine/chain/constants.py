@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.derivatives import cached, lasting
-from ...core.leaves import constant, detached, functions, leaves, own_leaves, with_values
+from ...core.leaves import detached, functions, with_values
 from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
@@ -21,8 +21,7 @@ from ...nodal.coordinates.planar import Planar
 from ...nodal.joint_motion import NO_VALUES, JointValues
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
-from ...scene.effects import Input, Inputs, Pose
-from ...scene.effects.effect import of_library
+from ...scene.effects import Inputs, Pose
 from ...state.state import State, rest
 from .chain_constants import (
     HELD,
@@ -40,78 +39,7 @@ from .chain_constants import (
     filled,
     flattened,
 )
-
-
-class LoadRoles(NamedTuple):
-    """What native steps make of a model's loads, by their numbers in it; the same in all models of
-    one structure.
-
-    acts   of `Model.acts`, those that are evaluated natively: by_place, whether each has values by
-           place; alike: whether they are those of the load itself
-    given  of the dead ones (`Model.loads`), those whose values nothing changes; asked: the others
-    wants_support  whether a native one asks where the root's support stands; rests: whether that
-           stands still
-    given_eigenstrain  whether the beam's eigenstrain is the same at all times
-    by_time  whether loads are evaluated at t in torch; asks: whether anything is
-    """
-
-    acts: tuple[int, ...]
-    by_place: tuple[bool, ...]
-    alike: tuple[bool, ...]
-    given: tuple[int, ...]
-    asked: tuple[int, ...]
-    wants_support: bool
-    rests: bool
-    given_eigenstrain: bool
-    by_time: bool
-    asks: bool
-
-    @classmethod
-    def of(cls, model: Model) -> LoadRoles:
-        scene, acts = model.scene, model.acts
-        natively = [k for k, act in enumerate(acts) if act.reads or isinstance(act.node, tuple)]
-        natively += [
-            k
-            for k, act in enumerate(acts)
-            if k not in natively and (act.load.internal or _by_inputs(act.load))
-        ]
-        own = [acts[k] for k in natively]
-        loads = [act.load for act in own]
-        given, asked = [], []
-        for k, load in enumerate(model.loads[1]):
-            if load not in loads:
-                is_given = _given(load) and not (model.turning and load.wants_axes)
-                (given if is_given else asked).append(k)
-        none = {name: model.length.new_zeros(size) for name, size in scene.inputs.items()}
-        zero = model.length.new_zeros(())
-        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in own]
-        valued = _valued_at_rest(model, own)
-        wants_support = any(load.wants_support for load in loads)
-        rests = not scene.has_prescribed_motion and scene.root is None
-        given_eigenstrain = all(_given(effect) for effect in scene.eigenstrains)
-        by_time = bool(
-            asked or any(map(_by_time, loads, by_place)) or (wants_support and not rests)
-        )
-        drives = [
-            given
-            for joint in scene.joints
-            for coordinate in joint.coordinates
-            for given in joint.law(coordinate)[-2:]
-        ]
-        drives += [x for tendon in scene.tendons for x in (tendon.tension, tendon.length)]
-        asks = by_time or not given_eigenstrain or not rests or any(map(callable, drives))
-        return cls(
-            tuple(natively),
-            tuple(by_place),
-            tuple(load is known for load, known in zip(loads, valued, strict=True)),
-            tuple(given),
-            tuple(asked),
-            wants_support,
-            rests,
-            given_eigenstrain,
-            by_time,
-            asks,
-        )
+from .load_roles import LoadRoles, unchanging, valued, valued_at_rest
 
 
 class Constants:
@@ -146,7 +74,7 @@ class Constants:
         self.given, self.asked = (
             tuple([dead[k] for k in some]) for some in (roles.given, roles.asked)
         )
-        self.valued = self.loads if all(roles.alike) else _valued_at_rest(model, self.acts)
+        self.valued = self.loads if all(roles.alike) else valued_at_rest(model, self.acts)
         self.nodes, self.elements = model.nodes, model.elements
         self.asks, self.before = roles.asks, instant == 1 and roles.by_time
         self.sources = self._sources()
@@ -275,9 +203,9 @@ class Constants:
         """Of a load that holds more than numbers."""
 
         def values() -> list[Tensor]:
-            return [self._of_all(k, *x) for x in flattened(_valued(self.model, act, t, inputs))]
+            return [self._of_all(k, *x) for x in flattened(valued(self.model, act, t, inputs))]
 
-        numbers = self._held(f"load {k}", values) if _unchanging(act.load) else values()
+        numbers = self._held(f"load {k}", values) if unchanging(act.load) else values()
         return {f"load {k} {i}": x for i, x in enumerate(numbers)}
 
     def _of_all(self, k: int, x: Tensor, axes: int) -> Tensor:
@@ -301,55 +229,6 @@ class Constants:
         for name, parts in zip(HELD, zip(*rows, strict=True), strict=rows != []):
             values[f"held {name}"] = torch.stack(torch.broadcast_tensors(*parts), -2)
         return values
-
-    def orientations(self, start: Tensor, dt: Tensor, t: Tensor) -> tuple[Tensor, Tensor]:
-        """Of frame a in the middle and at the end of K steps of dt (K, ...) with the middles t,
-        from `start` (...), in the space's coordinates, (K, ..., q).
-        """
-        space, frame = self.model.space, self.model.frame(t)
-        turns, half = (
-            frame.orientation(space.identity(start[..., 1:]), part * dt) for part in (1.0, 0.5)
-        )
-        size = 1
-        while size < len(turns):  # each is that of all steps up to its own
-            turns = torch.cat((turns[:size], space.multiply(turns[:-size], turns[size:])))
-            size *= 2
-        end = space.normalize(space.multiply(start, turns))
-        begin = torch.cat((start.expand(1, *end.shape[1:]), end[:-1]))
-        return space.multiply(begin, half), end
-
-    @property
-    def _remembering(self) -> list[ActingLoad]:
-        return [act for act in self.acts if act.internal is not None]
-
-    def internal_rows(self, internal: Tensor) -> Tensor:
-        """Internal states (..., z) of a state as rows of nodes (..., N+1, Z): of each load in turn,
-        zeros where it does not act.
-        """
-        states = []
-        for act in self._remembering:
-            rows = internal[..., act.internal].unflatten(-1, (-1, act.load.internal))
-            nodes = self._nodes_of(act)
-            states.append(pad(rows, (0, 0, nodes.start, self.model.node_count - nodes.stop)))
-        return torch.cat(states, -1)
-
-    def of_rows(self, rows: Tensor) -> Tensor:
-        """The inverse."""
-        remembering = self._remembering
-        parts = rows.split([act.load.internal for act in remembering], -1)
-        states = {
-            act.internal.start: own[..., self._nodes_of(act), :].flatten(-2)
-            for act, own in zip(remembering, parts, strict=True)
-        }
-        return torch.cat([states[first] for first in sorted(states)], -1)
-
-    def _nodes_of(self, act: ActingLoad) -> slice:
-        """Those that a load acts on."""
-        if isinstance(act.node, slice):
-            return act.node
-        return (
-            slice(0, self.model.node_count) if act.node is None else slice(act.node, act.node + 1)
-        )
 
     def at(self, dt: Tensor, t: Tensor, inputs: Inputs, frame: Tensor | None = None) -> Trees:
         """The trees at once."""
@@ -504,49 +383,12 @@ class Constants:
         return tangent[1:]
 
 
-def _valued_at_rest(model: Model, acts: Iterable[ActingLoad]) -> tuple[Any, ...]:
-    """Loads with numbers in the place of functions of t and of inputs, none of which is other than
-    0; themselves where they hold numbers alone.
+def sizes(model: Model) -> dict[str, Tensor]:
+    """What residuals are measured by: lengths of elements, all and the longest, and the size of
+    what constraints connect.
     """
-    none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
-    return tuple(_valued(model, act, model.length.new_zeros(()), none) for act in acts)
-
-
-def _valued(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
-    return act.load.resolved(*_places(model, act, t, inputs))
-
-
-def _places(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[Any, ...]:
-    """What a load is asked for its values by."""
-    s = model.s[..., act.node] if isinstance(act.node, slice) else model.s
-    return s, t, inputs, act.elements or model.scene.beam.element_count
-
-
-def _by_time(load: Any, by_place: bool) -> bool:
-    """Whether what a load holds is asked at t."""
-    return (
-        not _unchanging(load)
-        if by_place
-        else any(leaf.axes == 1 and callable(leaf.value) for leaf in leaves(load))
-    )
-
-
-def _unchanging(load: Any) -> bool:
-    """Whether the values of a load by place are the same at all times and for all inputs."""
-    return all(constant(leaf.value) for leaf in own_leaves(load) if leaf.axes is not None)
-
-
-def _given(effect: Any) -> bool:
-    """Whether an effect is one of the library's with numbers alone."""
-    return of_library(effect) and constant(effect)
-
-
-def _by_inputs(load: Any) -> bool:
-    """Whether a load is one of the library's, and holds inputs beside plain numbers."""
-    values = [leaf.value for leaf in own_leaves(load) if leaf.value is not None]
-    return (
-        of_library(load)
-        and any(isinstance(x, Input) for x in values)
-        and all(isinstance(x, (Tensor, Input)) for x in values)
-        and not load.inputs
-    )
+    spans = model.spans.detach()
+    numbers = {"total": spans.sum((-1, -2)), "longest": spans.amax((-1, -2))}
+    if model.multipliers.count:
+        numbers["constraint_size"] = model.multipliers.size.detach()
+    return numbers

@@ -15,10 +15,10 @@ from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
 from .call import Call, Field, Output, ProgramInstance
 from .chain_constants import Trees, flattened
-from .interaction import INTERACTIONS
 from .interactions import kept
 from .layout import FORCES
 from .native import NativeProgram
+from .sorts import ELEMENT, INTERACTIONS, NODE
 
 OF_MULTIPLIERS = {FORCES: ("multiplier_state", "last_force")}
 OF_TENDONS = {"tendons": ("tendon_state", "tendons")}
@@ -29,13 +29,13 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
     """Record and field of what a program's steps change."""
     kinds = program.kinds
     return {
-        **{name: ("state", name) for name in program.state},
+        **{name: (NODE.state, name) for name in program.state},
         "stress": ("start_stress", "stress"),
         "reaction": ("support", "last"),
-        **{name: ("element_state", name) for name in program.element_state},
+        **{name: (ELEMENT.state, name) for name in program.element_state},
         **{name: ("sample", name) for name in program.sample_state},
         **(OF_MULTIPLIERS if program.kinds.multiplied else {}),
-        **{one.kept: (f"{one.name}_state", one.kept) for one in INTERACTIONS if kept(kinds, one)},
+        **{one.kept: (one.state, one.kept) for one in INTERACTIONS if kept(kinds, one)},
         **(OF_TENDONS if program.kinds.stretches else {}),
     }
 
@@ -189,7 +189,7 @@ class Adjoint:
                 yield Field("stress", "stress", after, 2, flat=True)
             elif name == FORCES:
                 yield Field("multiplier_after", "force", after, 2, flat=True)
-            elif self.state[name][0] == "state":
+            elif self.state[name][0] == NODE.state:
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
             if self.instance.has(*before):

@@ -14,25 +14,27 @@ from ...nodal.acting import ActingLoad
 from ...nodal.conditions import Conditions
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
-from .interaction import OWN
 from .interaction_functions import of_ends
 from .local_problem import Ends, Fields, LocalProblems
 from .node_kinds import CouplingKind
+from .sorts import OWN
 
 
 @dataclass(frozen=True)
-class CouplingFunctions(LocalProblems):
+class CouplingFunctions:
     """Functions of a coupling."""
+
+    problems: LocalProblems
 
     def coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its push (w) on the balances of its nodes, and its blocks (w, w), see `of_ends`."""
-        problem, x = self.of_coupling(fields, kind)
+        problem, x = self.problem(fields, kind)
         own = OWN if kind.multiplied else ""
         return of_ends(problem, x, problem.model.couplings, kind.sides, own)
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its work over the step, its forces, and what it remembers."""
-        problem, x = self.of_coupling(fields, kind)
+        problem, x = self.problem(fields, kind)
         kinematics = problem.node_balance(problem.apply_supports(x))[0]
         outputs = {"work": problem.t.new_zeros(()) + problem.work(kinematics)}
         outputs |= {"force": fields["force"]} if kind.multiplied else {}
@@ -47,9 +49,9 @@ class CouplingFunctions(LocalProblems):
         """The unknown forces of a step (w), from those that have acted in it."""
         return {"force": fields["after_force"]}
 
-    def of_coupling(self, fields: Fields, kind: CouplingKind) -> tuple[BalanceProblem, Any]:
+    def problem(self, fields: Fields, kind: CouplingKind) -> tuple[BalanceProblem, Any]:
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""
-        ends = self.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
+        ends = self.problems.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
         now = self._coupled(ends, ends.common.now, kind)
         given, own = ends.given, ()
         if kind.multiplied:
@@ -57,7 +59,7 @@ class CouplingFunctions(LocalProblems):
             own, given = (held, held.new_ones(())), given | {"stress": fields["force"][None]}
         given |= {"memory": fields["memory"][None]} if kind.kept else {}
         rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space, *own))
-        problem, x = self._problem(rows, None, ends.common, given, now)
+        problem, x = self.problems.problem(rows, None, ends.common, given, now)
         if ends.common.before is not None:
             before = self._coupled(ends, ends.common.before, kind)
             problem = replace(problem, before=before)

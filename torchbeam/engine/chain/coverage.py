@@ -17,8 +17,8 @@ from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .compiled_step import FUNCTIONS, CompiledStep
+from .kept_programs import NOTHING
 from .native import NotCompiled
-from .program import NOTHING
 from .touching_step import TouchingStep
 from .user_functions import by_function, by_sample, known, surroundings
 

@@ -44,10 +44,10 @@ class ExtrapolatedFunctions(LocalFunctions):
         own = super().state
         return (*own, *(f"{OTHER}{name}" for name in own))
 
-    def finish(self, kind: NodeKind, **fields: Tensor) -> Fields:
-        """See `LocalFunctions.finish`, with the means above."""
-        ends = super().finish(kind, **fields)
-        a, e, y, k = self._common(fields).mixture.unbind(-1)
+    def finish_node(self, kind: NodeKind, **fields: Tensor) -> Fields:
+        """See `LocalFunctions.finish_node`, with the means above."""
+        ends = super().finish_node(kind, **fields)
+        a, e, y, k = self.common_of(fields).mixture.unbind(-1)
         after = dict(ends)
         for name in super().state:
             start, end, other = fields[name], ends[name], fields[f"{OTHER}{name}"]
@@ -58,7 +58,7 @@ class ExtrapolatedFunctions(LocalFunctions):
 
     def end(self, fields: Fields) -> tuple[Tensor, Tensor]:
         """Where the end is remembered, by it."""
-        k = self._common(fields).mixture[3]
+        k = self.common_of(fields).mixture[3]
         position, rotation = (
             k * fields[f"after_{OTHER}{name}"] + (1 - k) * fields[f"after_{name}"]
             for name in ("position", "rotation")

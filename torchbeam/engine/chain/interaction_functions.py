@@ -11,8 +11,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...nodal.between_nodes import BetweenNodes
-from .interaction import LAST, OWN
 from .local_problem import Fields
+from .sorts import LAST, OWN
 
 GAPS = "gap_position", "gap_rotation"
 

@@ -1,4 +1,6 @@
-"""Interactions in a program: their functions, and the records that they need."""
+"""What acts between nodes in a program: its functions, and the records that it needs; and the kinds
+of all sorts of rows.
+"""
 
 from __future__ import annotations
 
@@ -7,76 +9,75 @@ from functools import partial
 from typing import Any
 
 from ..compiler.function import Function
-from .interaction import FINISHED, INTERACTIONS, Interaction
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
 from .layout import FLAGS, MULTIPLIERS, ONE, Layout, cotangents, largest
-from .local_functions import LocalFunctions
 from .node_kinds import Kinds, distinct
-from .tracing import Tracing
+from .sorts import ELEMENT, INTERACTIONS, LOAD, NODE, Sort
+from .tracing import Shapes, Tracing
 
 SUMS = (*GAPS, *FLAGS)  # what of an interaction a sample is judged by
 Derivative = Callable[[Function, Sequence[str], Sequence[str]], Function]
 
 
-def all_kinds(kinds: Kinds, one: Interaction) -> tuple[Any, ...]:
-    """Of an interaction."""
-    return dict(zip(INTERACTIONS, kinds.between, strict=True))[one]
+def all_kinds(kinds: Kinds, sort: Sort) -> tuple[Any, ...]:
+    """Of a sort of rows."""
+    of = {NODE: kinds.nodes, ELEMENT: kinds.elements, LOAD: kinds.elements}
+    return (of | dict(zip(INTERACTIONS, kinds.between, strict=True)))[sort]
 
 
-def present(kinds: Kinds) -> list[Interaction]:
-    """Those that there are."""
-    return [one for one in INTERACTIONS if all_kinds(kinds, one)]
+def present(kinds: Kinds) -> list[Sort]:
+    """What acts between nodes, as far as there is any."""
+    return [sort for sort in INTERACTIONS if all_kinds(kinds, sort)]
 
 
-def kept(kinds: Kinds, one: Interaction) -> int:
+def kept(kinds: Kinds, sort: Sort) -> int:
     """How many numbers a state has of each."""
-    return max((kind.kept for kind in all_kinds(kinds, one)), default=0)
+    return max((kind.kept for kind in all_kinds(kinds, sort)), default=0)
 
 
-def kinds_of(kinds: Kinds, one: Interaction) -> list[tuple[int, Any]]:
+def kinds_of(kinds: Kinds, sort: Sort) -> list[tuple[int, Any]]:
     """Those whose functions are not those of an earlier one, with their numbers."""
-    return distinct(all_kinds(kinds, one), one.name)
+    own = all_kinds(kinds, sort)
+    if sort in INTERACTIONS:
+        return distinct(own, sort.name)
+    return [(k, kind) for k, kind in enumerate(own) if sort is not LOAD or kind.loads]
 
 
 def of_interaction(
-    local: LocalFunctions,
-    traced: Tracing,
-    one: Interaction,
-    kinds: Kinds,
-    held: bool,
-    function: Callable[[Any], Function],
+    traced: Tracing, sort: Sort, kinds: Kinds, held: bool, function: Callable[[Any], Function]
 ) -> dict[str, Function]:
     """Functions of an iteration, by kind; function: what gives pushes and blocks, of a kind."""
     functions = {}
-    for k, kind in kinds_of(kinds, one):
-        functions[f"{one.name} {k}"] = own = function(kind)
-        if one.far:
-            functions[f"far {one.name} {k}"] = _far(local, traced, one, kind)
+    for k, kind in kinds_of(kinds, sort):
+        functions[f"{sort.name} {k}"] = own = function(kind)
+        if sort.far:
+            functions[f"far {sort.name} {k}"] = far(traced, sort, kind)
         if held:
-            functions |= _free(local, traced, f"free {one.name} {k}", own, kind.sides)
-            functions |= _reactions(local, traced, f"{one.name} reaction {k}", own, kind.sides)
+            functions |= _free(traced, f"free {sort.name} {k}", own, kind.sides)
+            functions |= _reactions(traced, f"{sort.name} reaction {k}", own, kind.sides)
     return functions
 
 
-def _far(local: LocalFunctions, traced: Tracing, one: Interaction, kind: Any) -> Function:
-    """Whether one of a kind is too far to act."""
-    return traced(partial(getattr(local, f"far_{one.name}"), kind), getattr(traced, one.constants))
+def far(traced: Tracing, sort: Sort, kind: Any, varying: Shapes | None = None) -> Function:
+    """Whether one of a kind is too far to act; varying: shapes of what is of an iteration."""
+    function = getattr(traced.local.of(sort), f"far_{sort.method}")
+    return traced(partial(function, kind), traced.of(sort) | (varying or {}))
 
 
 def _free(
-    local: LocalFunctions, traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
+    traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
 ) -> dict[str, Function]:
     """See `free_blocks`; of the blocks that a function gives."""
     blocks = {name: shape for name, shape in _blocks(function) if {*name} & {*sides}}
-    free = {f"{side}.free": (local.model.space.unknowns,) for side in sides}
+    free = {f"{side}.free": (traced.local.model.space.unknowns,) for side in sides}
     return {called: traced(free_blocks, blocks | free)} if blocks else {}
 
 
 def _reactions(
-    local: LocalFunctions, traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
+    traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
 ) -> dict[str, Function]:
     """See `end_reaction`; called: their names, but for the side."""
-    w, functions = local.model.space.unknowns, {}
+    w, functions = traced.local.model.space.unknowns, {}
     for side in sides:
         row = {name: shape for name, shape in _blocks(function) if name[0] == side}
         moves = {f"{name[1]}.move": (w,) for name in row}
@@ -89,57 +90,41 @@ def _blocks(function: Function) -> list[tuple[str, tuple[int, ...]]]:
     return [(name, out.shape) for name, out in function.outputs.items() if is_block(name)]
 
 
-def adjoint_of_interaction(
-    local: LocalFunctions,
-    traced: Tracing,
-    one: Interaction,
-    kinds: Kinds,
-    held: bool,
-    derivative: Derivative,
-) -> dict[str, Function]:
-    """Functions of the adjoint, by kind; derivative: see `AdjointProgram`."""
-    functions, fields = {}, getattr(traced, one.constants)
-    for k, kind in kinds_of(kinds, one):
-        blocks = traced(partial(local.transposed_interaction, one.name, held, kind), fields)
-        functions[f"{one.name} blocks {k}"] = blocks
+def transposed(traced: Tracing, sort: Sort, kinds: Kinds, held: bool) -> dict[str, Function]:
+    """Functions of the transposed matrix, by kind, and of the solution between two states."""
+    functions, fields = {}, traced.of(sort)
+    for k, kind in kinds_of(kinds, sort):
+        blocks = traced(partial(traced.local.transposed_interaction, sort, held, kind), fields)
+        functions[f"{sort.name} blocks {k}"] = blocks
         if held:
-            functions |= _free(local, traced, f"free {one.name} {k}", blocks, kind.sides)
+            functions |= _free(traced, f"free {sort.name} {k}", blocks, kind.sides)
         if kind.multiplied:
-            solution = partial(getattr(local, f"{one.name}_solution"), kind)
-            functions[f"{one.name} solution {k}"] = traced(solution, fields)
-        whole = traced(partial(getattr(local, one.name), kind), fields)
-        asked = [f"{side}.push" for side in kind.sides] + ["right"] * kind.multiplied
-        functions[f"{one.name} bar {k}"] = derivative(whole, asked, ())
-        if one.far:
-            functions[f"far {one.name} {k}"] = _far(local, traced, one, kind).only(["far"])
-        if one not in FINISHED:
-            continue
-        finish = traced(partial(getattr(local, f"finish_{one.name}"), kind), fields)
-        functions[f"finish {one.name} bar {k}"] = derivative(finish, (), ("u", "m", "force"))
-        if "rise" in finish.outputs:
-            functions[f"ended {one.name} {k}"] = finish.only(["rise"])
+            solution = partial(getattr(traced.local.of(sort), f"{sort.name}_solution"), kind)
+            functions[f"{sort.name} solution {k}"] = traced(solution, fields)
+        if sort.far:
+            functions[f"far {sort.name} {k}"] = far(traced, sort, kind).only(["far"])
     return functions
 
 
 def record(
     layout: Layout,
     functions: dict[str, Function],
-    one: Interaction,
+    sort: Sort,
     kinds: Kinds,
     constants: list[tuple[str, int]],
     w: int,
 ) -> None:
     """Records of an iteration, and of a step where there are functions that finish one."""
-    layout.record(one.constants, one.rows, constants)
-    _record(layout, functions, one, one.name)
-    blocks = layout.fields(f"{one.name} blocks")
+    layout.record(sort.constants, sort.rows, constants)
+    _record(layout, functions, sort, sort.name)
+    blocks = layout.fields(f"{sort.name} blocks")
     layout.record("sums", ONE, [(name, 1) for name in SUMS if name in blocks])
     layout.record("end_reaction", ONE, [("total", w)])
-    before = largest(functions, f"before {one.name}")
+    before = largest(functions, f"before {sort.name}")
     if before:
-        layout.record(f"before {one.name}", one.rows, before.items())
-    if kept(kinds, one):
-        layout.record(f"{one.name}_state", one.rows, [(one.kept, kept(kinds, one))])
+        layout.record(f"before {sort.name}", sort.rows, before.items())
+    if kept(kinds, sort):
+        layout.record(sort.state, sort.rows, [(sort.kept, kept(kinds, sort))])
 
 
 def record_multipliers(layout: Layout, w: int) -> None:
@@ -160,20 +145,20 @@ def record_adjoint_of_multipliers(layout: Layout, functions: dict[str, Function]
 
 
 def record_adjoint(
-    layout: Layout, functions: dict[str, Function], one: Interaction, kinds: Kinds
+    layout: Layout, functions: dict[str, Function], sort: Sort, kinds: Kinds
 ) -> None:
     """Records of the adjoint, but for those of constants."""
-    _record(layout, functions, one, f"{one.name} blocks")
-    if kept(kinds, one):
-        own = [(one.kept, kept(kinds, one))]
-        layout.record(f"{one.name}_state", one.rows, own)
-        cotangents(layout, f"{one.name}_state", one.rows, own)
+    _record(layout, functions, sort, f"{sort.name} blocks")
+    if kept(kinds, sort):
+        own = [(sort.kept, kept(kinds, sort))]
+        layout.record(sort.state, sort.rows, own)
+        cotangents(layout, sort.state, sort.rows, own)
 
 
-def _record(layout: Layout, functions: dict[str, Function], one: Interaction, called: str) -> None:
+def _record(layout: Layout, functions: dict[str, Function], sort: Sort, called: str) -> None:
     """called: the functions that give blocks."""
-    for name in (called, f"far {one.name}"):
-        layout.record(f"{one.name} blocks", one.rows, largest(functions, name).items())
-    if one.far:
-        layout.record("near", one.rows, [("number", 1)])  # numbers of those that are not far
+    for name in (called, f"far {sort.name}"):
+        layout.record(f"{sort.name} blocks", sort.rows, largest(functions, name).items())
+    if sort.far:
+        layout.record("near", sort.rows, [("number", 1)])  # numbers of those that are not far
         layout.record("near_count", ONE, [("count", 1)])

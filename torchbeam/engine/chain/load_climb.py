@@ -25,15 +25,17 @@ from ...solvers.newton import TOLERANCE
 from ...state.supported_nodes import set_node
 from .call import Call, Field, Output, ProgramInstance
 from .chain_constants import Trees
-from .constants import Constants, LoadRoles
+from .constants import Constants, sizes
 from .cotangents import OF_MULTIPLIERS, constant_fields
 from .coverage import MISSING, installed, meaning, natively
+from .kept_programs import program_of
 from .layout import FORCES
-from .load_program import JudgedProgram, LoadProgram
+from .load_program import LoadProgram
+from .load_roles import LoadRoles
 from .native import NativeProgram
 from .node_kinds import kinds_of
 from .order import connectivity_of
-from .program import NewtonProgram, program_of
+from .program import NewtonProgram
 from .steady_functions import SteadyFunctions
 from .step_structure import by_numbers, keep_structure, key_of, known_structure
 from .user_functions import check_batch
@@ -145,9 +147,7 @@ def _climbed(
     # where there are own unknowns that are no forces of constraints, it is looked at by torch
     edges = connectivity_of(model).edges
     judged = judged and not any(edge.alone for own in edges for edge in own)
-    structure, trees = _structure(
-        model, t, inputs, around, JudgedProgram if judged else LoadProgram
-    )
+    structure, trees = _structure(model, t, inputs, around, judged)
     instance, multiplied = structure.instance, model.multipliers.count > 0
     exact = same_law(trees.element.C, model.law.C)
     tolerance = model.length.new_tensor(tolerance or TOLERANCE[model.length.dtype])
@@ -190,25 +190,22 @@ def _climbed(
 
 
 def _structure(
-    model: Model,
-    t: Tensor,
-    inputs: Inputs,
-    around: Surroundings | None,
-    program_type: type[LoadProgram],
+    model: Model, t: Tensor, inputs: Inputs, around: Surroundings | None, judged: bool
 ) -> tuple[LoadStructure, Trees]:
     """That of an earlier model if there was one, and this one's trees."""
     constants = kinds = None
     if by_numbers(model):
         constants = Constants(model, steps=False, around=around)
         kinds = kinds_of(model, constants.acts, rest=True)
-    key = key_of(model, kinds, program_type)
+    key = key_of(model, kinds, LoadProgram, judged)
     structure = known_structure(key)
     if constants is None:
         roles = None if structure is None else structure.roles
         constants = Constants(model, steps=False, around=around, roles=roles)
     trees = constants.at(t.new_ones(()), t, inputs, model.orientation(t))
     if structure is None:
-        instance = instance_at_rest(SteadyFunctions(model, *trees), constants, around, program_type)
+        local = SteadyFunctions(model, trees)
+        instance = instance_at_rest(local, constants, around, LoadProgram, judged=judged)
         structure = LoadStructure(instance, constants.roles, {})
         keep_structure(key, structure)
     return structure, trees
@@ -219,11 +216,13 @@ def instance_at_rest(
     constants: Constants,
     around: Surroundings | None,
     program_type: type[NewtonProgram],
+    **options: bool,
 ) -> ProgramInstance:
-    """A model at rest in a program of this class."""
+    """A model at rest in a program of this class, with these options."""
     model = local.model
     kinds = kinds_of(model, constants.acts, rest=True)
-    program = program_of(local, kinds, bool(model.constraints.nodes), around, program_type)
+    held = bool(model.constraints.nodes)
+    program = program_of(local, kinds, held, around, program_type, **options)
     return ProgramInstance(program, model, kinds)
 
 
@@ -231,14 +230,11 @@ def fields_at_rest(
     instance: ProgramInstance, model: Model, trees: Trees, t: Tensor, inputs: Inputs
 ) -> list[Field]:
     """The fields that are the same throughout."""
-    length, p = model.spans, model.space.dims.position
+    p, numbers = model.space.dims.position, sizes(model)
     least = least_forces(model, trees.element.C, lambda: conditions(model, t, inputs))
-    numbers = {"total": length.sum((-1, -2)), "longest": length.amax((-1, -2))}
     for name, columns in (("force", slice(p)), ("moment", slice(p, None))):
-        sizes = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))
-        numbers[f"least_{name}"] = torch.stack(sizes).amax(0)
-    if model.multipliers.count:
-        numbers["constraint_size"] = model.multipliers.size
+        parts = torch.broadcast_tensors(*(most(x[..., columns]) for x in least))
+        numbers[f"least_{name}"] = torch.stack(parts).amax(0)
     fields = [
         *constant_fields(trees),
         *_poses(model, t),

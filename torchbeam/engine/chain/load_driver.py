@@ -1,139 +1,143 @@
-"""Native drivers of what is at rest, see `driver`: equilibria under more and more load, and the
-points of a path. What is computed is in `SteadyFunctions` and `PathFunctions`.
+"""Slots of what is at rest, see `driver`: equilibria under more and more load, and the points of a
+path. What is computed is in `SteadyFunctions` and `PathFunctions`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from .driver import Driver
+from .driver import Slots
+from .sorts import NODE
 
 PIVOT = "pivot"
 
 
-class RestDriver(Driver):
+class RestSlots(Slots):
     """A shape that is kept, and supports that have a place."""
 
-    AT_NODE = "node", "unknown", "pose"
-
-    def _begin(self) -> None:
+    def begin(self) -> None:
         """From the last shape that was in balance, supports where they have to be."""
+        driver = self.driver
         self._return()
-        if not self.held:
+        if not driver.held:
             return
-        code = self.code
-        with code.loop(0, self.args["supports"]) as k:
-            node = code.load(code.at(self.args["support_nodes"], k))
-            self._at_node("place", node, ("change", 0))
-            for name in self.layout.fields("unknown"):
-                self._copy_to(("unknown", node, name), ("change", 0, name))
+        with self.code.loop(0, driver.args["supports"]) as k:
+            node = driver.integer("support_nodes", k)
+            driver.call_of("place", NODE.at(node), "change")
+            for name in driver.layout.fields("unknown"):
+                driver.copy(("unknown", node, name), ("change", 0, name))
 
     def _return(self) -> None:
         """To the last shape that was in balance."""
-        with self.code.loop(0, self.args["nodes"]) as j:
-            self._copy_to(("unknown", j), ("kept", j))
-        self._start()
+        driver = self.driver
+        with self.code.loop(0, driver.args["nodes"]) as j:
+            driver.copy(("unknown", j), ("kept", j))
+        driver.start()
 
 
-class LoadDriver(RestDriver):
+class LoadSlots(RestSlots):
     """Equilibria, each sample at its own pace."""
 
     @contextmanager
-    def _points(self, first: str) -> Iterator[None]:
+    def points(self, first: str) -> Iterator[None]:
         """Shares of the load, until all samples have all of it, or failed."""
-        code = self.code
+        code, driver = self.code, self.driver
         # whether the balance and elimination at hand are of the shape and load at hand
         self.known = code.slot()
         code.store(0, self.known)
-        self._transfer("gather", "input", first, 0)
+        driver.transfer("gather", "input", first, 0)
         self._first_share()
         with code.until() as ends:
             yield
             self._rule("shares")
-            code.call("all", self.at("sample", 0, "over"), result := code.slot())
+            code.call("all", driver.at("sample", 0, "over"), result := code.slot())
             ends.append(code.compare("ne", code.load(result), 0))
-        if "indefinite" in self.layout.records["sums"].fields:
+        if "indefinite" in driver.layout.records["sums"].fields:
             self._return()
-            self._pass()
-            self._copy_to(self.at("sample", 0, "indefinite"), self.at("sums", 0, "indefinite"), 1)
-        self._transfer("scatter", "output", first, 0)
+            driver.balance()
+            indefinite = (driver.at(record, 0, "indefinite") for record in ("sample", "sums"))
+            driver.copy(*indefinite, 1)
+        driver.transfer("scatter", "output", first, 0)
 
     def _of_sample(self, field: str) -> str:
-        return self.at("common" if field == "load_factor" else "sample", 0, field)
+        return self.driver.at("common" if field == "load_factor" else "sample", 0, field)
 
     def _rule(self, name: str) -> None:
         """A function of samples, which changes what it reads."""
-        self._call(name, self._of_sample, ("change", 0))
-        for field in self.functions[name].outputs:
-            self._copy_to(self._of_sample(field), self.at("change", 0, field), 1)
+        driver = self.driver
+        driver.call(name, self._of_sample, ("change", 0))
+        for field in driver.functions[name].outputs:
+            driver.copy(self._of_sample(field), driver.at("change", 0, field), 1)
 
-    def _pass(self) -> None:
+    def balance(self, then: Callable[[], None]) -> None:
         with self.code.when(self.code.compare("eq", self.code.load(self.known), 0)):
-            super()._pass()
+            then()
         self.code.store(0, self.known)
 
     def _first_share(self) -> None:
         """The first step, by the moves that all of the load would bring about; where that is all of
         the load for all samples, Newton's method has its first balance.
         """
-        code = self.code
-        self._hoisted()
-        self._border()
-        if self.held:
-            with code.loop(0, self.args["supports"]) as k:
-                self._fill(("support", k, "last"))
+        code, driver = self.code, self.driver
+        driver.hoisted()
+        driver.border()
+        if driver.held:
+            with code.loop(0, driver.args["supports"]) as k:
+                driver.fill(("support", k, "last"))
         for name in ("reached", "last_status", "turn"):
-            self._fill(("sample", 0, name))
+            driver.fill(("sample", 0, name))
         for name in ("load_factor", "over"):
-            code.call("opposite", self._of_sample(name), self.at("sample", 0, "reached"))
-        self._begin()
-        self._pass()
-        self._back()
-        with code.loop(0, self.args["nodes"]) as j:
-            places = {name: ("pose", j, name) for name in self.functions["turn"].inputs}
-            places |= {"move": ("move", self._move_of(j)), "rotation": ("kept", j, "rotation")}
-            self._call("turn", to=("change", 0), places=places)
-            code.call("largest", self.at("sample", 0, "turn"), self.at("change", 0, "turn"))
+            code.call("opposite", self._of_sample(name), driver.at("sample", 0, "reached"))
+        self.begin()
+        driver.balance()
+        driver.back()
+        with code.loop(0, driver.args["nodes"]) as j:
+            places = {name: ("pose", j, name) for name in driver.functions["turn"].inputs}
+            places |= {"move": ("move", driver.move_of(j)), "rotation": ("kept", j, "rotation")}
+            driver.call("turn", to=("change", 0), places=places)
+            code.call("largest", driver.at("sample", 0, "turn"), driver.at("change", 0, "turn"))
         self._rule("first_step")
         self._rule("shares")
-        code.call("all", self.at("sample", 0, "whole"), self.known)
+        code.call("all", driver.at("sample", 0, "whole"), self.known)
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
         """The least cosine of the nodes' turns in a load step, and what has gone well."""
-        with self.code.loop(0, self.args["nodes"]) as j:
+        driver = self.driver
+        with self.code.loop(0, driver.args["nodes"]) as j:
             places = {"before": ("kept", j, "rotation")}
-            self._call("cosine", lambda f: self.at("unknown", j, f), ("change", 0), places)
-            self._least_cosine(j)
+            driver.call("cosine", lambda f: driver.at("unknown", j, f), ("change", 0), places)
+            driver.least_cosine(j)
         self._rule("advanced")
-        good = self.at("sample", 0, "good")
-        with self.code.loop(0, self.args["nodes"]) as j:
-            self._take(("kept", j), ("unknown", j), good)
-        self._keep_forces(good)
-        self._keep_multipliers(good)
+        good = driver.at("sample", 0, "good")
+        with self.code.loop(0, driver.args["nodes"]) as j:
+            driver.take(("kept", j), ("unknown", j), good)
+        driver.keep_forces(good)
+        driver.each_multiplier(
+            lambda k: driver.take(("multiplier_state", k, "last_force"), ("multiplier", k), good)
+        )
 
 
-class PathDriver(RestDriver):
+class PathSlots(RestSlots):
     """Points of a path: two of them, in the first of which `slope` is 0, in the second 1."""
 
-    def _begin(self) -> None:
-        self._fill(("sample", 0, "over"))
-        super()._begin()
-        self._hoisted()
-        self._border()
+    def begin(self) -> None:
+        self.driver.fill(("sample", 0, "over"))
+        super().begin()
+        self.driver.hoisted()
+        self.driver.border()
 
-    def _iterate(self) -> None:
-        self._pass()
-        self._judge()
+    def iterate(self) -> None:
+        self.driver.balance()
+        self.driver.judge()
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
         """The changes that are asked for: those of stresses and forces from zero."""
-        with self.code.loop(0, self.args["elements"]) as e:
-            self._fill(("stress", e))
-        self._zeros_in("multiplier")
-        self._back()
+        with self.code.loop(0, self.driver.args["elements"]) as e:
+            self.driver.fill(("stress", e))
+        self.driver.zeros_in("multiplier")
+        self.driver.back()
 
-    def _condensed(self, e: str) -> None:
-        super()._condensed(e)
-        if "middle pivot" in self.layout.records:
-            self._copy_to(("middle pivot", e), ("change", 0, PIVOT))
+    def condensed(self, e: str) -> None:
+        if "middle pivot" in self.driver.layout.records:
+            self.driver.copy(("middle pivot", e), ("change", 0, PIVOT))

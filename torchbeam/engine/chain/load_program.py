@@ -4,11 +4,13 @@ of the load's steps.
 
 from __future__ import annotations
 
+from typing import Any
+
 from ..compiler.function import Function
 from .layout import INTERFACE, NODES, ONE, SIGNS, Layout
-from .load_driver import LoadDriver
+from .load_driver import LoadSlots
 from .program import NewtonProgram
-from .steady_functions import POSE, SteadyFunctions
+from .steady_functions import POSE
 from .tracing import Tracing
 
 RULES = "first_step", "shares", "advanced"
@@ -20,11 +22,11 @@ class RestProgram(NewtonProgram):
     unknown = "position", "rotation"
     varying: tuple[str, ...] = ("load_factor",)
 
-    def _of_nodes(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
+    def _beside(self, traced: Tracing) -> dict[str, Function]:
         pose = {"load_factor": ()} | {f"pose.{name}": (size,) for name, size in POSE.items()}
         placed = [kind if kind.placed else None for kind in self.kinds.nodes]
-        return super()._of_nodes(traced, local) | self._of_kinds(
-            traced, local.place, placed, traced.node | pose
+        return super()._beside(traced) | self._of_kinds(
+            traced, traced.local.place, placed, traced.node | pose
         )
 
     def _layout(self) -> Layout:
@@ -35,27 +37,34 @@ class RestProgram(NewtonProgram):
 
 
 class LoadProgram(RestProgram):
-    """judged: whether it says of each equilibrium if the tangent is positive definite."""
+    """judged: whether it says of each equilibrium if the tangent is positive definite, as loads are
+    conservative.
+    """
 
-    driver = LoadDriver
+    slots = LoadSlots
     numbers = (*NewtonProgram.numbers, "least_force", "least_moment")
     judging = (*NewtonProgram.judging, "whole", "least_force", "least_moment")
-    judged = False
 
-    def _of_samples(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
+    def __init__(self, *of: Any, judged: bool = False) -> None:
+        self.judged = judged
+        super().__init__(*of)
+
+    def _of_samples(self, traced: Tracing) -> dict[str, Function]:
         w, q = self.w, self.shapes["rotation"]
         turned = {"rotation": q} | {f"pose.{name}": (POSE[name],) for name in ("rotation", "turn")}
-        turns = local.model.space.turns and any(
+        turns = traced.local.model.space.turns and any(
             kind.placed and kind.placed.displaced[1] for kind in self.kinds.nodes
         )
         functions = {
-            "cosine": traced(local.cosine, {"before": q, "rotation": q}),
-            "turn": traced(local.turn, {"move": (w,)} | (turned if turns else {})),
+            "cosine": traced(traced.local.cosine, {"before": q, "rotation": q}),
+            "turn": traced(traced.local.turn, {"move": (w,)} | (turned if turns else {})),
         }
-        return functions | {name: self._of_numbers(traced, getattr(local, name)) for name in RULES}
+        return functions | {
+            name: self._of_numbers(traced, getattr(traced.local.samples, name)) for name in RULES
+        }
 
-    def _functions(self, traced: Tracing, local: SteadyFunctions) -> dict[str, Function]:
-        functions = super()._functions(traced, local)
+    def _functions(self, traced: Tracing) -> dict[str, Function]:
+        functions = super()._functions(traced)
         for name, function in functions.items():
             if "indefinite" in function.outputs and not self.judged:
                 functions[name] = function.only(
@@ -74,9 +83,3 @@ class LoadProgram(RestProgram):
         if self.judged and INTERFACE in self.kinds.runs:
             layout.record("signs", SIGNS, [("number", 1)])
         return layout
-
-
-class JudgedProgram(LoadProgram):
-    """Of loads that are conservative."""
-
-    judged = True

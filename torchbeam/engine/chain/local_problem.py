@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...core.derivatives import cached
-from ...core.leaves import Tree, leaf, own_leaves, with_values
+from ...core.leaves import Tree, leaf
 from ...equations.balance_problem import BalanceProblem
 from ...equations.midpoint import MidpointProblem, MidpointUnknowns
 from ...equations.step_problem import StepProblem
@@ -21,29 +21,21 @@ from ...nodal.assembly import Assembly
 from ...nodal.conditions import Conditions, SupportConditions
 from ...nodal.coordinates.planar import Planar
 from ...nodal.frame import frame_of
-from ...nodal.joint_motion import Factor, JointValues
-from ...nodal.joints import Joints
 from ...nodal.model import Model
 from ...nodal.rows import ElementRows, Held, NodeRows, Rows
-from ...nodal.touching_pairs import TouchingPairs
 from ...scene.effects import Pose
 from ...state.state import State
 from ...topology.framework import Framework
-from ..compiler.trace import NotTraceable
 from .chain_constants import (
     Common,
     CommonConditions,
     ElementConstants,
-    JointConstants,
     NodeConditions,
     NodeConstants,
-    StretchConstants,
-    SupportConstants,
     Trees,
     filled,
     flattened,
 )
-from .interaction import SIDES
 from .node_kinds import (
     CouplingKind,
     ElementKind,
@@ -54,6 +46,8 @@ from .node_kinds import (
     StretchKind,
     SupportKind,
 )
+from .own_batch import of_one_sample
+from .sorts import SIDES
 
 Fields = dict[str, Tensor]
 BetweenKind = JointKind | StretchKind | PairKind | CouplingKind
@@ -101,18 +95,7 @@ class LocalProblems:
     """
 
     model: Model
-    nodes: NodeConstants
-    elements: ElementConstants
-    common: Common
-    supports: SupportConstants | None = None
-    joints: JointConstants | None = None
-    stretches: StretchConstants | None = None
-    pairs: TouchingPairs | None = None
-
-    @property
-    def trees(self) -> Trees:
-        more = self.supports, self.joints, self.stretches, self.pairs
-        return Trees(self.nodes, self.elements, self.common, *more)
+    trees: Trees
 
     @property
     def order(self) -> int:
@@ -136,8 +119,8 @@ class LocalProblems:
         station.
         """
         return [
-            1 if x is self.elements.rows.coupling else self.order
-            for x, _ in flattened(self.elements)
+            1 if x is self.trees.element.rows.coupling else self.order
+            for x, _ in flattened(self.trees.element)
         ]
 
     @property
@@ -145,23 +128,16 @@ class LocalProblems:
         """How many internal states each of the loads has at a node."""
         return tuple(
             (row or load).internal
-            for row, load in zip(self.nodes.now.loads, self.common.now.loads, strict=True)
+            for row, load in zip(
+                self.trees.node.now.loads, self.trees.common.now.loads, strict=True
+            )
         )
-
-    def rubbing_points(self, kind: NodeKind) -> int:
-        """At which surfaces of a node may rub."""
-        acting = acting_loads(kind, self.nodes.now.loads, self.common.now.loads)
-        return sum(load.rubbing_points for load in acting)
-
-    def rubbing_points_between(self, kind: ElementKind) -> int:
-        """The same between the nodes of an element."""
-        acting = (self.common.now.loads[k] for k in kind.loads)
-        return sum(load.points for load in acting if load.rubs)
 
     NODE = NODE
     SAMPLE: ClassVar[tuple[str, ...]] = ()  # fields of a sample that the problem asks for
     UNKNOWNS = MidpointUnknowns
     INSTANT = MidpointProblem.INSTANT  # of the step: when loads are taken
+    OVER_STEP: ClassVar[bool] = True  # whether tendons' forces are over a step, not at an instant
 
     @property
     def options(self) -> tuple[Any, ...]:
@@ -190,7 +166,7 @@ class LocalProblems:
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
         """The problem of one node, and its unknowns."""
-        nodes, common = self._of_node(fields), self._common(fields)
+        nodes, common = self._of_node(fields), self.common_of(fields)
         given = {name: fields[name][None] for name in (*self.NODE, "u", "m") if name in fields}
         given |= {name: fields[name] for name in self.SAMPLE if name in fields}
         if INTERNAL in self.state:
@@ -198,11 +174,11 @@ class LocalProblems:
             given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
         supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
         rows = self._rows(nodes.rows, None, common, supports, _hinges(kind))
-        now = self._conditions(rows, kind, nodes.now, common, common.now, None, supports)
-        return self._problem(rows, None, common, given, now)
+        now = self.conditions(rows, kind, nodes.now, common, common.now, None, supports)
+        return self.problem(rows, None, common, given, now)
 
     def _of_node(self, fields: Fields) -> NodeConstants:
-        return filled(self.nodes, lambda k: fields[f"node.{k}"][None])
+        return filled(self.trees.node, lambda k: fields[f"node.{k}"][None])
 
     def of_element(
         self, fields: Fields, kind: ElementKind, between: bool = False
@@ -212,7 +188,7 @@ class LocalProblems:
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
-        own = filled(self.nodes.rows, lambda k: nodes(f"node.{k}"))  # they come first
+        own = filled(self.trees.node.rows, lambda k: nodes(f"node.{k}"))  # they come first
         own = replace(own, mass=torch.zeros_like(own.mass), J=None)
         given = {
             name: nodes(name)
@@ -225,28 +201,15 @@ class LocalProblems:
             for k, (side, one) in enumerate(zip(self.sides, kind.ends, strict=True))
             if one.support is not None
         )
-        element, common = self.element_constants(fields), self._common(fields)
+        element, common = self.element_constants(fields), self.common_of(fields)
         rows = self._rows(own, element.rows, common, supports, _hinges(*kind.ends))
-        now = self._conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
+        now = self.conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
         now = self._with_between(rows, now, common.now, kind) if between else now
-        return self._problem(rows, element, common, given, now)
-
-    def of_joint(self, fields: Fields, kind: JointKind) -> tuple[BalanceProblem, Any]:
-        """The same of one joint and the nodes at its ends, which have no loads."""
-        at = {side: k for k, side in enumerate(kind.sides)}
-        pair = tuple(at.get(side) for side in SIDES[1])
-        ends = self.of_ends(fields, kind, Framework(1, (), len(at), (pair,)))
-        given = ends.given | {"stress": fields["force"][None], "joints": fields["joints"][None]}
-        if "last_force" in fields:
-            given["last_stress"] = fields["last_force"][None]
-        constants = filled(self.joints, lambda k: fields[f"joint.{k}"][None])
-        rows = replace(ends.rows, joints=self._joint(ends.rows, constants, kind))
-        now = replace(ends.now, joints=JointValues(constants.effort, constants.coordinate))
-        return self._problem(rows, None, ends.common, given, now)
+        return self.problem(rows, element, common, given, now)
 
     def of_ends(self, fields: Fields, kind: BetweenKind, topology: Framework) -> Ends:
         """The nodes at the ends of what lies between those of a topology."""
-        own = filled(self.nodes.rows, lambda k: _ends(fields, kind, f"node.{k}"))
+        own = filled(self.trees.node.rows, lambda k: _ends(fields, kind, f"node.{k}"))
         given = {
             name: _ends(fields, kind, name)
             for name in (*self.NODE, "u", "m")
@@ -260,47 +223,10 @@ class LocalProblems:
             for k, side, end in ends
             if end.support is not None
         )
-        common, hinges = self._common(fields), _hinges(*(end for *_, end in ends))
+        common, hinges = self.common_of(fields), _hinges(*(end for *_, end in ends))
         rows = self._rows(own, None, common, supports, hinges, topology)
-        now = self._conditions(rows, None, None, common, common.now, None, supports)
+        now = self.conditions(rows, None, None, common, common.now, None, supports)
         return Ends(rows, given, common, now)
-
-    def _joint(self, rows: Rows, constants: JointConstants, kind: JointKind) -> Joints:
-        """The one joint between the nodes of rows."""
-        joints, like = self.model.joints, constants.c
-
-        def known(k: int, factor: Factor) -> Factor:
-            """With numbers where the kind has them: shifts, and zeros for parts that there are
-            not.
-            """
-            parts = zip(*(row[k] for row in kind.parts), strict=True)
-            own = factor.constant, *factor.fixed.unbind(-3)
-            constant, *fixed = (
-                _numbered(x, tuple(None if there else 0.0 for there in part))
-                for x, part in zip(own, parts, strict=True)
-            )
-            shift = _numbered(factor.shift, kind.shifts[k])
-            return replace(factor, constant=constant, shift=shift, fixed=torch.stack(fixed, -3))
-
-        numbers = {
-            name: like.new_tensor([getattr(kind, name)])
-            for name in ("held", "angles", "travels", "second", "prescribed")
-            if getattr(kind, name) is not None
-        }
-        numbers |= {} if constants.laws is None else {"laws": constants.laws}
-        return replace(
-            joints,
-            space=rows.space,
-            framework=rows.topology,
-            v=known(0, constants.v),
-            w=known(1, constants.w),
-            c=constants.c,
-            across=known(2, constants.across),
-            moves=joints.moves.detach(),
-            balls=replace(constants.balls, at=(0,)) if kind.ball else None,
-            behind=0,
-            **numbers,
-        )
 
     def _with_between(
         self, rows: Rows, now: Conditions, alike: CommonConditions, kind: ElementKind
@@ -311,14 +237,10 @@ class LocalProblems:
 
     def element_constants(self, fields: Fields) -> ElementConstants:
         """Of one element."""
-        return filled(self.elements, lambda k: fields[f"element.{k}"])
-
-    def stretch_constants(self, fields: Fields) -> StretchConstants:
-        """Of one stretch."""
-        return filled(self.stretches, lambda k: fields[f"stretch.{k}"])
+        return filled(self.trees.element, lambda k: fields[f"element.{k}"])
 
     def _support(self, fields: Fields, of: str, node: int, kind: SupportKind) -> SupportConditions:
-        at = filled(self.supports, lambda k: fields[f"{of}support.{k}"])
+        at = filled(self.trees.support, lambda k: fields[f"{of}support.{k}"])
         return SupportConditions(
             node,
             at.position.new_tensor(kind.fixed),
@@ -326,8 +248,8 @@ class LocalProblems:
             (at.velocity, at.spin) if kind.clamp else None,
         )
 
-    def _common(self, fields: Fields) -> Common:
-        return filled(self.common, lambda k: fields[f"common.{k}"])
+    def common_of(self, fields: Fields) -> Common:
+        return filled(self.trees.common, lambda k: fields[f"common.{k}"])
 
     def _rows(
         self,
@@ -354,7 +276,7 @@ class LocalProblems:
             topology,
         )
 
-    def _conditions(
+    def conditions(
         self,
         rows: Rows,
         kind: NodeKind | None,
@@ -373,7 +295,7 @@ class LocalProblems:
             else (acting_loads(kind, nodes.loads, alike.loads), nodes.dead)
         )
         if any(one.batch for one in common.captured):
-            loads = tuple(map(_of_one_sample, loads))
+            loads = tuple(map(of_one_sample, loads))
         return Conditions(
             common.t,
             common.inputs,
@@ -388,7 +310,7 @@ class LocalProblems:
             self.model.scene.beam.element_count,
         )
 
-    def _problem(
+    def problem(
         self,
         rows: Rows,
         element: ElementConstants | None,
@@ -435,55 +357,9 @@ class LocalProblems:
         return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
 
 
-def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:
-    """x (..., rows, n), in some rows a number."""
-    rows = zip(x.unbind(-2), numbers, strict=True)
-    return torch.stack([own if k is None else torch.full_like(own, k) for own, k in rows], -2)
-
-
 def told_to(problem: StepProblem, sort: str, fields: Fields) -> StepProblem:
     """With what the last iteration has told points of a sort, where it is given: see `Told`."""
     return problem.after({sort: fields["told"]}) if "told" in fields else problem
-
-
-class OwnBatch(NotTraceable):
-    """A function that closes over a batch, of this shape."""
-
-    def __init__(self, batch: torch.Size) -> None:
-        super().__init__(
-            f"a function has a batch {tuple(batch)} of its own; values= of a tb.Load take one"
-        )
-        self.batch = batch
-
-
-def unbatched(value: Tensor, axes: int) -> Tensor:
-    """What loads give one node, which has so many axes. Raises OwnBatch for more."""
-    if value.ndim > axes:
-        raise OwnBatch(value.shape[:-axes])
-    return value
-
-
-def _of_one_sample(load: Any) -> Any:
-    """A load whose functions read tensors by sample, each a batch of one: without that batch's axes
-    in what they return.
-    """
-    axes = 2 if vars(load).get("node") is None else 1
-
-    def one(x: Any) -> Any:
-        if isinstance(x, (tuple, list)):
-            return tuple(map(one, x))
-        while isinstance(x, Tensor) and x.ndim > axes and len(x) == 1:
-            x = x[0]
-        return x
-
-    return with_values(
-        load,
-        **{
-            own.name: lambda *args, f=own.value, **named: one(f(*args, **named))
-            for own in own_leaves(load)
-            if own.axes is None and callable(own.value)
-        },
-    )
 
 
 def far_fields(far: Tensor) -> Fields:

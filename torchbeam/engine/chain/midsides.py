@@ -8,8 +8,8 @@ from collections.abc import Iterable
 
 from ..compiler.function import Function
 from ..compiler.packing import Packing
-from .interaction import SIDES
 from .layout import BETWEEN, ELEMENT_PLACES, ELEMENTS, INNER, MIDDLE, ONE, Layout, sizes
+from .sorts import SIDES
 
 BLOCKS = ("U", "L", "far_U", "far_L")  # of an element, beside those of its nodes
 # what a midside node's move is made from, beside the moves of its element's ends

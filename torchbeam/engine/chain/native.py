@@ -21,10 +21,12 @@ from ..compiler.llvm import Module
 from ..compiler.object_cache import ObjectCache
 from ..compiler.shared_ends import share_ends
 from .disk_key import store_layout, stored_layout
-from .driver_code import DriverCode
+from .interactions import kinds_of
 from .layout import GIVEN, Layout, largest, sizes
 from .local_functions import LocalFunctions
-from .node_kinds import ElementKind, Kinds, without_side
+from .node_kinds import Kinds, without_side
+from .record_code import RecordCode
+from .sorts import ELEMENT, ENDS, LOAD
 from .tracing import Shapes, Traced, Tracing
 
 SMALL = 60  # operations of a function that is rather written into the driver than called
@@ -50,7 +52,7 @@ class NativeProgram:
     seconds    that tracing took
     """
 
-    driver: type[DriverCode]
+    driver: type[RecordCode]
 
     def __init__(
         self,
@@ -94,7 +96,7 @@ class NativeProgram:
             )
         tracing = Tracing(local, known)
         self.shapes = tracing.shapes
-        functions = self._functions(tracing, local)
+        functions = self._functions(tracing)
         self.seconds, self._untraced = time.perf_counter() - begin, None
         return functions
 
@@ -102,7 +104,7 @@ class NativeProgram:
         _ = self.functions
         return self._layout()
 
-    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+    def _functions(self, traced: Tracing) -> dict[str, Function]:
         raise NotImplementedError
 
     def _layout(self) -> Layout:
@@ -110,7 +112,7 @@ class NativeProgram:
 
     def run(self, lanes: int, cells: int = 1) -> Callable[[Any], None]:
         """The native function for so many lanes, of which each sample has as many as it has cells:
-        it takes an array of its arguments, see `DriverCode.ARGS`. Raises NotCompiled where the
+        it takes an array of its arguments, see `RecordCode.ARGS`. Raises NotCompiled where the
         compiler fails.
         """
         form = lanes if cells == 1 else (lanes, cells)
@@ -145,25 +147,29 @@ class NativeProgram:
         module = Module(lanes, self.dtype)
         for name, function in self.functions.items():
             module.define(name, function, inline=function.operations() <= SMALL)
-        module.added.append(
-            self.driver(module, self.functions, self.layout, self.kinds, self.held, cells).text()
-        )
+        of = module, self.functions, self.layout, self.kinds, self.held, cells
+        module.added.append(self.coded(*of).text())
         return module.text()
+
+    def coded(self, *of: Any) -> RecordCode:
+        """What writes the driver."""
+        return self.driver(*of)
+
+    def finishing(self, traced: Tracing) -> dict[str, Function]:
+        """What becomes of rows of all sorts at the end of a step, by kind."""
+        return {
+            f"finish {sort.name} {k}": traced(
+                partial(traced.local.finished, sort, kind), traced.of(sort)
+            )
+            for sort in (*ENDS, LOAD)
+            if sort is not ELEMENT or traced.local.element_ends
+            for k, kind in kinds_of(self.kinds, sort)
+        }
 
     @property
     def given_by_elements(self) -> str:
         """The packed field that elements give: for the rows of their ends, or of three nodes."""
         return GIVEN[self.order]
-
-    @property
-    def touching(self) -> list[int]:
-        """Numbers of the kinds of elements between whose nodes loads act."""
-        return [k for k, kind in enumerate(self.loaded) if kind is not None]
-
-    @property
-    def loaded(self) -> list[ElementKind | None]:
-        """Those kinds; None in the place of the others."""
-        return [kind if kind.loads else None for kind in self.kinds.elements]
 
     def outputs(self, name: str, *fields: str) -> list[tuple[str, int]]:
         """(field, components) of a function's outputs, all or those of `fields` that it has."""

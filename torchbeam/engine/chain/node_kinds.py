@@ -14,8 +14,8 @@ from ...nodal.centreline import piece_nodes
 from ...nodal.fixed_touching import KnownPairs
 from ...nodal.model import Model
 from ...state.instant import READINGS
-from .interaction import PAIR_SIDES, SIDES
 from .order import MANNERS, manners_of
+from .sorts import PAIR_SIDES, SIDES
 
 
 class SupportKind(NamedTuple):

@@ -13,8 +13,8 @@ from ...nodal.model import Model
 from ...topology.cut import Run
 from ...topology.framework import Framework
 from ...topology.order import Constraint, Elimination, Groups
-from .interaction import INTERACTIONS, Edges
 from .layout import INTERFACE
+from .sorts import INTERACTIONS, Edges
 
 # how nodes are eliminated, see `manners_of`
 MANNERS = (

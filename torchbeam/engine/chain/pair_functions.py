@@ -13,19 +13,21 @@ from ...nodal.surface_pairs import SurfacePairs
 from ...nodal.touching_forces import OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
-from .interaction import PAIR_SIDES
 from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems, far_fields, told_to
 from .node_kinds import PairKind
+from .sorts import PAIR_SIDES
 
 
 @dataclass(frozen=True)
-class PairFunctions(LocalProblems):
+class PairFunctions:
     """Functions of a pair."""
+
+    problems: LocalProblems
 
     def far_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
         """1 where it is too far to touch over the step; `near`: where it is not."""
-        problem, kinematics = self.of_pair(fields, kind)
+        problem, kinematics = self.problem(fields, kind)
         (near,) = problem.model.touching.near(None)
         way = problem.model.touching.way_of(problem.node_motion(kinematics))
         motion = of_nodes(near.nodes, way)
@@ -36,9 +38,9 @@ class PairFunctions(LocalProblems):
         each by the moves of each, of the first q of w, see `coupled`; `passed`, see
         `StepProblem.passed`.
         """
-        problem, kinematics = self.of_pair(fields, kind)
+        problem, kinematics = self.problem(fields, kind)
         problem = told_to(problem, "pairs", fields)
-        touching, w = problem.model.touching, self.model.space.unknowns
+        touching, w = problem.model.touching, self.problems.model.space.unknowns
         nodes = problem.TANGENT(problem.motion, kinematics)
         motion = problem.node_motion(kinematics, nodes)
         (near,) = touching.near(None)
@@ -54,18 +56,18 @@ class PairFunctions(LocalProblems):
         """So many of a node's unknowns a pair pushes, and is moved by: without friction places
         alone.
         """
-        dims = self.model.space.dims
-        return self.model.space.unknowns if kind.rubs or kind.surface else dims.position
+        dims = self.problems.model.space.dims
+        return self.problems.model.space.unknowns if kind.rubs or kind.surface else dims.position
 
     def finish_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
         """Its work over the step."""
-        problem, kinematics = self.of_pair(fields, kind)
+        problem, kinematics = self.problem(fields, kind)
         return {"work": problem.model.touching.work(problem.node_motion(kinematics))}
 
-    def of_pair(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
+    def problem(self, fields: Fields, kind: PairKind) -> tuple[Any, Any]:
         """The problem of one pair, whose nodes have no loads, and how they move."""
-        ends = self.of_ends(fields, kind, Framework(1, (), len(PAIR_SIDES)))
-        pairs = filled(self.pairs, lambda k: fields[f"pair.{k}"][None])
+        ends = self.problems.of_ends(fields, kind, Framework(1, (), len(PAIR_SIDES)))
+        pairs = filled(self.problems.trees.pair, lambda k: fields[f"pair.{k}"][None])
         if isinstance(pairs, SurfacePairs):
             pairs = pairs.of(kind.surface)
         if not kind.rubs:
@@ -74,8 +76,8 @@ class PairFunctions(LocalProblems):
             pairs = replace(pairs, taper=None)
         if not kind.damps:
             pairs = replace(pairs, damping=None)
-        touching = OnePair(ends.rows.space, self.model.touching.moves.detach(), pairs)
-        problem, x = self._problem(
+        touching = OnePair(ends.rows.space, self.problems.model.touching.moves.detach(), pairs)
+        problem, x = self.problems.problem(
             replace(ends.rows, touching=touching), None, ends.common, ends.given, ends.now
         )
         x = problem.apply_supports(x)

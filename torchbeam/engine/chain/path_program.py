@@ -18,13 +18,14 @@ from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS
-from .interaction import Interaction
 from .layout import ELEMENTS, NODES, ONE, Layout
-from .load_driver import PIVOT, PathDriver
+from .load_driver import PIVOT, PathSlots
 from .load_program import RestProgram
 from .local_problem import BetweenKind, Ends, Fields
 from .node_kinds import ElementKind, NodeKind, without_side
 from .rows import given_by_rows
+from .sample_functions import SampleFunctions
+from .sorts import ELEMENT, LOAD, NODE, Sort
 from .steady_functions import SteadyFunctions
 from .tracing import Tracing
 
@@ -63,6 +64,15 @@ class PathFunctions(SteadyFunctions):
         for.
         """
         return {PIVOT: block} if by_rows(self.model) else {}
+
+    @property
+    def samples(self) -> PathSamples:
+        return PathSamples(self.model)
+
+
+@dataclass(frozen=True)
+class PathSamples(SampleFunctions):
+    """Functions of a sample at a point of a path."""
 
     def judge(
         self,
@@ -126,32 +136,41 @@ class PathProgram(RestProgram):
     of these by the load factor.
     """
 
-    driver = PathDriver
+    slots = PathSlots
     varying = "load_factor", "reached", "slope"
     numbers = "total", "longest", "least_force", "least_moment"
     judging = (*SUMS, *numbers)
 
-    def _slopes(self, function: Function, local: PathFunctions, of: list[str]) -> Function:
+    def _slopes(self, function: Function, traced: Tracing, of: list[str]) -> Function:
         """Of such outputs, by all that rises: on the function's graph."""
-        return jvp(function, (x for x in function.inputs if without_side(x) in local.rising), of)
+        return jvp(
+            function, (x for x in function.inputs if without_side(x) in traced.local.rising), of
+        )
 
-    def _of_node(self, traced: Tracing, local: PathFunctions, kind: NodeKind) -> Function:
-        led = {RATE: self.shapes["position"], "reached": ()} if local.led else {}
-        node = traced.node | {"load_factor": ()} | led
-        balance = traced(partial(local.node, kind), node)
-        slope = self._slopes(balance, local, ["balance"])
-        return _or_else(balance, slope.inputs, {"balance": slope.outputs[dot("balance")].nodes})
+    def _of_row(self, traced: Tracing, sort: Sort, kind: Any) -> Function:
+        sides = self.sides if sort in (ELEMENT, LOAD) else getattr(kind, "sides", ())
+        given = traced.of(sort) | dict.fromkeys(self.varying, ())
+        if traced.local.led:
+            names = [f"{side}.{RATE}" for side in sides] or [RATE]
+            given |= dict.fromkeys(names, self.shapes["position"])
+        whole = traced(partial(traced.local.balance(sort), kind), given)
+        if sort is LOAD:
+            return whole
+        if sort is ELEMENT:
+            return self._of_element(traced, whole)
+        asked = ["balance"]
+        if sort is not NODE:
+            asked = [*(f"{side}.push" for side in sides), *["right"] * kind.multiplied]
+        slope = self._slopes(whole, traced, asked)
+        return _or_else(whole, slope.inputs, {x: slope.outputs[dot(x)].nodes for x in asked})
 
-    def _of_element(self, traced: Tracing, local: PathFunctions, kind: ElementKind) -> Function:
-        given = {name: () for name in self.varying}
-        if local.led:
-            given |= {f"{side}.{RATE}": self.shapes["position"] for side in self.sides}
-        element = traced(partial(local.element, kind), traced.element | given)
+    def _of_element(self, traced: Tracing, element: Function) -> Function:
+        """With what its slope asks of its nodes."""
         graph, outputs = element.graph, element.outputs
-        slope = self._slopes(element, local, ["gap", *(f"{side}.balance" for side in self.sides)])
+        slope = self._slopes(element, traced, ["gap", *(f"{side}.balance" for side in self.sides)])
         slopes = {name: out.nodes for name, out in slope.outputs.items()}
         fields = {name: outputs[name].shape for name in ("gap", "hB")}
-        pushed = traced(local.pushed, fields | traced.element).into(
+        pushed = traced(traced.local.pushed, fields | traced.element).into(
             graph, {"gap": slopes[dot("gap")], "hB": outputs["hB"].nodes}
         )
         others = {
@@ -162,19 +181,6 @@ class PathProgram(RestProgram):
             for side in self.sides
         }
         return _or_else(element, slope.inputs, {"gap": slopes[dot("gap")], **others})
-
-    def _of_interaction(
-        self, traced: Tracing, local: PathFunctions, one: Interaction, kind: Any
-    ) -> Function:
-        given = {name: () for name in self.varying}
-        if local.led:
-            given |= {f"{side}.{RATE}": self.shapes["position"] for side in kind.sides}
-        function = partial(getattr(local, one.name), kind)
-        whole = traced(function, getattr(traced, one.constants) | given)
-        asked = [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
-        slope = self._slopes(whole, local, asked)
-        others = {name: slope.outputs[dot(name)].nodes for name in asked}
-        return _or_else(whole, slope.inputs, others)
 
     def _layout(self) -> Layout:
         layout = super()._layout()

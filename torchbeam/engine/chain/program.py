@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
-from ...core.remembered import keep
-from ...core.surroundings import Surroundings
 from ..compiler.function import Function
-from ..compiler.object_cache import key_of
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import split
 from . import interactions, midsides, rows, stretches
 from .adjoint import AdjointProgram
-from .disk_key import key_on_disk, structure
-from .driver import SQUARES, SUMS
-from .interaction import FINISHED, INTERACTIONS, PAIR, Interaction
+from .driver import SUMS, Driver, Slots
 from .layout import (
     ELEMENTS,
     FLAGS,
@@ -36,90 +30,89 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import ElementKind, Kinds, NodeKind
-from .step_driver import StepDriver
-from .tracing import Shapes, Traced, Tracing
+from .row_functions import RowFunctions
+from .search_driver import SQUARES
+from .sorts import ELEMENT, INTERACTIONS, JOINT, LOAD, NODE, Sort
+from .step_driver import StepSlots
+from .tracing import Shapes, Tracing
 
-T = TypeVar("T")
 SAMPLE = "moving", "cosine", "good", "found_status", "last_status", "work"
 # of a step's search for its length: what it takes and gives of a sample
 LENGTH = "merit", "share", "waited", "best_near"
 
 
 class NewtonProgram(NativeProgram):
-    """Newton's method. Subclasses say what is of a sample (`_of_samples`), what nodes do beside
-    `node` and `update` (`_of_nodes`), and add records of their own (`_layout`).
+    """Newton's method. Subclasses say what is of a sample (`_of_samples`), what rows do beside
+    their balance (`_beside`), and add records of their own (`_layout`).
 
     unknown  fields that an iteration changes, of a node; varying: others that are not the same
              throughout a call; numbers: those that stay, of a sample; judging: those of a sample by
              which it is judged
     """
 
+    driver = Driver
+    slots: type[Slots]
     unknown: tuple[str, ...]
     varying: tuple[str, ...] = ()
     numbers = "total", "longest", "exact", "tolerance"
     judging = (*SUMS, *numbers, "before", "over", "done", "status", "iterations")
 
-    def _of_samples(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+    def coded(self, *of: Any) -> Driver:
+        return Driver(self.slots, *of)
+
+    def _of_samples(self, traced: Tracing) -> dict[str, Function]:
         """Functions that are not of a kind, beside those of Newton's method."""
         return {}
 
-    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        """Functions by kind of nodes."""
-        kinds, move = self.kinds.nodes, {"move": (self.w,)}
-        return {
-            f"node {k}": self._of_node(traced, local, kind) for k, kind in enumerate(kinds)
-        } | self._of_kinds(traced, local.update, kinds, traced.node | move)
+    def _of_rows(self, traced: Tracing, sort: Sort) -> dict[str, Function]:
+        """Balances by kind of rows."""
+        kinds = interactions.kinds_of(self.kinds, sort)
+        return {f"{sort.name} {k}": self._of_row(traced, sort, x) for k, x in kinds}
 
-    def _of_node(self, traced: Tracing, local: LocalFunctions, kind: NodeKind) -> Function:
-        """`node` of a kind."""
-        given = traced.node | dict.fromkeys(self.varying, ())
-        return traced(partial(local.node, kind), given | self._told(local.rubbing_points(kind)))
-
-    def _of_element(self, traced: Tracing, local: LocalFunctions, kind: ElementKind) -> Function:
-        """`element` of a kind."""
-        given = traced.element | dict.fromkeys(self.varying, ())
-        return traced(partial(local.element, kind), given)
-
-    def _of_interaction(
-        self, traced: Tracing, local: LocalFunctions, one: Interaction, kind: Any
-    ) -> Function:
-        """What gives pushes and blocks, of a kind."""
-        given = getattr(traced, one.constants) | dict.fromkeys(self.varying, ())
-        given |= self._told(one is PAIR and kind.rubs)
-        return traced(partial(getattr(local, one.name), kind), given)
+    def _of_row(self, traced: Tracing, sort: Sort, kind: Any) -> Function:
+        """The balance of a kind of rows."""
+        given = traced.of(sort) | dict.fromkeys(self.varying, ())
+        given |= self._told(traced.local.points_told(sort, kind))
+        return traced(partial(traced.local.balance(sort), kind), given)
 
     def _told(self, points: int) -> Shapes:
         """What the last iteration tells so many points where surfaces rub."""
         return {}
 
-    def _functions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        w, functions = self.w, self._of_samples(traced, local) | self._of_nodes(traced, local)
-        nodes = [functions[f"node {k}"] for k in range(len(self.kinds.nodes))]
+    def _beside(self, traced: Tracing) -> dict[str, Function]:
+        """What there is beside balances, by kind of rows: how unknowns follow from moves."""
+        fields = traced.node | {"move": (self.w,)}
+        return self._of_kinds(traced, traced.local.update, self.kinds.nodes, fields)
+
+    def _functions(self, traced: Tracing) -> dict[str, Function]:
+        w, functions = self.w, self._of_samples(traced)
+        nodes = [*self._of_rows(traced, NODE).values()]
+        functions |= self._beside(traced)
         own = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
-        elements = [self._of_element(traced, local, kind) for kind in self.kinds.elements]
+        elements = [*self._of_rows(traced, ELEMENT).values()]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
         names = midsides.to_nodes(shapes)
-        loads = self._of_loads_between(functions, traced, local, {n: shapes[n] for n in names})
-        between = Packing(self.given_by_elements, [*elements, *loads], names)
+        loads = self._of_loads_between(functions, traced, {n: shapes[n] for n in names})
+        between = Packing(self.given_by_elements, [*elements, *loads.values()], names)
         made = between.made()
-        for k, one in zip(self.touching, made[len(elements) :], strict=True):
-            functions[f"element load {k}"] = one.only(one.outputs)
+        for name, load in zip(loads, made[len(elements) :], strict=True):
+            functions[name] = load.only(load.outputs)
         law = Packing(LAW, made[: len(elements)], ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
         self._iterated(functions, own.made(), elements, traced)
 
         moves = {f"{side}.move": (w,) for side in self.sides}
         stress = traced(
-            local.stress, {**traced.element, **{name: shapes[name] for name in law.fields}, **moves}
+            traced.local.stress,
+            {**traced.element, **{name: shapes[name] for name in law.fields}, **moves},
         )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
         shapes |= {f"own.{name}": nodes[0].outputs[name].shape for name in own.fields}
-        functions |= rows.of_rows(local, traced, own, between, shapes, self.held, self.kinds.runs)
-        functions |= self._interactions(traced, local)
+        functions |= rows.of_rows(traced, own, between, shapes, self.held, self.kinds.runs)
+        functions |= self._interactions(traced)
         if self.held:
             functions["reaction"] = traced(
-                local.reaction,
+                RowFunctions(traced.local).reaction,
                 {
                     "rows": (w, 3 * w),
                     **{name: (w,) for name in ("asked", "free", "before", "here", "after")},
@@ -129,61 +122,56 @@ class NewtonProgram(NativeProgram):
             *self.judging,
             *((*interactions.GAPS, "constraint_size") * self.kinds.multiplied),
         )
-        functions["judge"] = traced(local.judge, dict.fromkeys(judging, ()))
-        if local.searches:
-            functions |= self._searching(local, traced, judging)
+        functions["judge"] = traced(traced.local.samples.judge, dict.fromkeys(judging, ()))
+        if traced.local.searches:
+            functions |= self._searching(traced, judging)
         return functions
 
-    def _searching(
-        self, local: LocalFunctions, traced: Tracing, judging: tuple[str, ...]
-    ) -> dict[str, Function]:
+    def _searching(self, traced: Tracing, judging: tuple[str, ...]) -> dict[str, Function]:
         """Functions of what shortens steps."""
         other = ("done", "status", "back", "ratio")
         given = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
         places = {name: self.shapes[name] for name in self.unknown}
         ends = places | {f"to_{name}": shape for name, shape in places.items()}
         functions = {
-            "search": traced(local.search, dict.fromkeys(given, ())),
-            "between": traced(local.between, ends | {"ratio": ()}),
+            "search": traced(traced.local.samples.search, dict.fromkeys(given, ())),
+            "between": traced(traced.local.samples.between, ends | {"ratio": ()}),
         }
         sizes = {"stress": self.k} | ({"multiplier": self.w} if self.kinds.multiplied else {})
         for name, size in sizes.items():
             numbers = {"x": (size,), "to": (size,), "ratio": ()}
-            functions[f"part {name}"] = traced(local.part, numbers)
+            functions[f"part {name}"] = traced(traced.local.samples.part, numbers)
         return functions
 
-    def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
+    def _interactions(self, traced: Tracing) -> dict[str, Function]:
         """Functions of what acts between nodes."""
         functions, w, kinds = {}, self.w, self.kinds
-        for one in INTERACTIONS:
-            own = partial(self._of_interaction, traced, local, one)
-            functions |= interactions.of_interaction(local, traced, one, kinds, self.held, own)
-            changing = [f"{side}.{name}" for side in one.sides for name in self.unknown]
-            for k, _ in interactions.kinds_of(kinds, one) if one.hoisted else ():
-                name = f"{one.name} {k}"
-                _split(functions, name, functions[name], (*changing, "force", *self.varying))
+        for sort in INTERACTIONS:
+            own = partial(self._of_row, traced, sort)
+            functions |= interactions.of_interaction(traced, sort, kinds, self.held, own)
+        changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
+        for k, _ in interactions.kinds_of(kinds, JOINT):
+            name = f"{JOINT.name} {k}"
+            _split(functions, name, functions[name], (*changing, "force", *self.varying))
         if kinds.multiplied:
             numbers = {"force": (w,), "move": (w,)}
-            functions["multiplier update"] = traced(local.multiplier_update, numbers)
+            functions["multiplier update"] = traced(traced.local.multiplier_update, numbers)
         shapes = dict.fromkeys(self.varying, ()) | {"told": (2,)}
-        functions |= stretches.of_tensions(local, traced, kinds.stretches, shapes)
+        functions |= stretches.of_tensions(traced, kinds.stretches, shapes)
         return functions
 
     def _of_loads_between(
-        self, functions: dict[str, Function], traced: Tracing, local: LocalFunctions, shapes: Shapes
-    ) -> list[Function]:
-        """What loads between nodes add to what elements give their nodes, of these fields; `far` of
-        each kind says where they do nothing.
+        self, functions: dict[str, Function], traced: Tracing, shapes: Shapes
+    ) -> dict[str, Function]:
+        """What loads between nodes add to what elements give their nodes, of these fields; adds
+        what says of each kind where they do nothing.
         """
-        given = traced.element | dict.fromkeys(self.varying, ())
-        for name, far in self._of_kinds(traced, local.far, self.loaded, given).items():
-            functions[name] = far if local.searches else far.only(["far"])
-        each = []
-        for kind in filter(None, self.loaded):
-            told = self._told(local.rubbing_points_between(kind))
-            load = traced(partial(local.element_load, kind), given | told)
-            each.append(load.with_zeros(shapes))
-        return each
+        varying = dict.fromkeys(self.varying, ())
+        for k, kind in interactions.kinds_of(self.kinds, LOAD):
+            far = interactions.far(traced, LOAD, kind, varying)
+            functions[f"far {LOAD.name} {k}"] = far if traced.local.searches else far.only(["far"])
+        loads = self._of_rows(traced, LOAD)
+        return {name: load.with_zeros(shapes) for name, load in loads.items()}
 
     def _iterated(
         self,
@@ -222,9 +210,9 @@ class NewtonProgram(NativeProgram):
         layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
         layout.record("at_end", NODE_PLACES, self.largest("node", END))
         midsides.record(layout, self.functions, "element 0")
-        for kind in self.touching:
-            for word in ("far", "element load"):
-                layout.record("sums", ONE, outputs(f"{word} {kind}", *FLAGS))
+        for k, _ in interactions.kinds_of(self.kinds, LOAD):
+            for word in (f"far {LOAD.name}", LOAD.name):
+                layout.record("sums", ONE, outputs(f"{word} {k}", *FLAGS))
         layout.record("sums", ONE, [(flag, row[flag]) for flag in FLAGS if flag in row])
         rows.record(layout, self.functions, w)
         layout.record("strain_law", ELEMENTS, outputs("element 0", LAW))
@@ -251,9 +239,9 @@ class NewtonProgram(NativeProgram):
             )
         if INTERFACE in self.kinds.runs:
             layout.record("push", NODES, [("push", w)])
-        for one in interactions.present(self.kinds):
-            given = self.kinds, inputs(one.constants), w
-            interactions.record(layout, self.functions, one, *given)
+        for sort in interactions.present(self.kinds):
+            given = self.kinds, inputs(sort.constants), w
+            interactions.record(layout, self.functions, sort, *given)
         if self.kinds.multiplied:
             interactions.record_multipliers(layout, w)
         if self.kinds.stretches:
@@ -270,7 +258,7 @@ class NewtonProgram(NativeProgram):
 class StepProgram(NewtonProgram):
     """Steps forwards; `adjoints` by the constants that want a gradient."""
 
-    driver = StepDriver
+    slots = StepSlots
     unknown = "u", "m"
 
     def __init__(self, local: LocalFunctions, *args: Any, **named: Any) -> None:
@@ -279,47 +267,38 @@ class StepProgram(NewtonProgram):
         super().__init__(local, *args, **named)
         self.adjoints: dict[frozenset[str], AdjointProgram] = {}
 
-    def _interactions(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        functions = super()._interactions(traced, local)
-        for one in FINISHED:
-            for k, kind in interactions.kinds_of(self.kinds, one):
-                finish = partial(getattr(local, f"finish_{one.name}"), kind)
-                functions[f"finish {one.name} {k}"] = traced(finish, getattr(traced, one.constants))
-        if self.kinds.stretches:
-            functions[stretches.WORK] = stretches.of_work(local, traced)
-        return functions
-
     def _told(self, points: int) -> Shapes:
         return {"told": (int(points), 6)} if points else {}
 
-    def _of_samples(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        functions = {"cosine": traced(local.cosine, {"m": self.shapes["m"]})}
-        if "kinetic" in local.element_ends:
-            functions["project"] = self._of_numbers(traced, local.project)
+    def _of_samples(self, traced: Tracing) -> dict[str, Function]:
+        functions = {"cosine": traced(traced.local.cosine, {"m": self.shapes["m"]})}
+        if "kinetic" in traced.local.element_ends:
+            functions["project"] = self._of_numbers(traced, traced.local.project)
             shapes = {name: self.shapes[name] for name in ("velocity", "spin")}
-            functions["scaled"] = traced(local.scaled, shapes | {"scale": ()})
-        passes = self.touching or self.kinds.pairs or local.model.bodies_touch
+            functions["scaled"] = traced(traced.local.scaled, shapes | {"scale": ()})
+        passes = (
+            interactions.kinds_of(self.kinds, LOAD)
+            or self.kinds.pairs
+            or traced.local.model.bodies_touch
+        )
         without = () if passes else ("passed",)
-        functions["outcome"] = self._of_numbers(traced, local.outcome, without)
+        functions["outcome"] = self._of_numbers(traced, traced.local.samples.outcome, without)
         return functions
 
-    def _of_nodes(self, traced: Tracing, local: LocalFunctions) -> dict[str, Function]:
-        kinds, own = self.kinds, partial(self._of_kinds, traced)
+    def _beside(self, traced: Tracing) -> dict[str, Function]:
+        """With these what unknowns start from, and what becomes of rows at the end of a step."""
         still = {name: shape for name, shape in traced.node.items() if name not in self.unknown}
-        functions = super()._of_nodes(traced, local)
-        functions |= own(local.predictor, kinds.nodes, still)
-        functions |= own(local.finish, kinds.nodes, traced.node)
-        if local.element_ends:
-            functions |= own(local.finish_element, kinds.elements, traced.element)
-        return functions | own(local.finish_element_load, self.loaded, traced.element)
+        functions = super()._beside(traced)
+        functions |= self._of_kinds(traced, traced.local.predictor, self.kinds.nodes, still)
+        return functions | self.finishing(traced)
 
     def _layout(self) -> Layout:
         layout = super()._layout()
         layout.record("common", ONE, [("least", 1)])
-        layout.record("state", NODES, self.outputs("finish 0", *self.state))
+        layout.record(NODE.state, NODES, self.outputs("finish node 0", *self.state))
         if self.element_state:
             layout.record(
-                "element_state", ELEMENTS, self.outputs("finish element 0", *self.element_state)
+                ELEMENT.state, ELEMENTS, self.outputs("finish element 0", *self.element_state)
             )
         layout.record("sample", ONE, [(name, 1) for name in SAMPLE])
         if "project" in self.functions:
@@ -341,75 +320,3 @@ def _split(
     """The function in two, of which the first does not depend on the unknowns."""
     before, rest = split(function, [field for field in function.inputs if field not in unknown])
     functions[f"before {name}"], functions[name] = before.only(before.outputs), rest
-
-
-# by structure, with the surroundings that its key is made of
-PROGRAMS: dict[tuple, tuple[NewtonProgram, Surroundings]] = {}
-TRACED: dict[tuple, tuple[Traced, Surroundings]] = {}  # likewise, what their programs share
-NOTHING = Surroundings()
-KEPT, KEPT_TRACED = 64, 8  # of them; the one that was not asked for for longest goes first
-
-
-def program_of(
-    local: LocalFunctions,
-    kinds: Kinds,
-    held: bool,
-    around: Surroundings | None = NOTHING,
-    made: type[NewtonProgram] = StepProgram,
-    known: Traced | None = None,
-) -> NewtonProgram:
-    """The program of a structure, that of an earlier scene if there was one. kinds: of all nodes
-    and elements; around: what users' functions read, which is part of it; None = that is not known,
-    and the program one of its own. known: functions of `local` that were traced; None = those of
-    the same structure.
-    """
-    kinds = kinds.distinct()
-    if around is None:
-        return made(local, kinds, held)
-    key = made, around.key, *structure(local, kinds, held)
-
-    def new() -> NewtonProgram:
-        traced = traced_of(local, kinds, held, around) if known is None else known
-        return made(local, kinds, held, key_on_disk(key), traced)
-
-    return _kept(PROGRAMS, key, KEPT, around, new)
-
-
-def traced_of(
-    local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None
-) -> Traced:
-    """Functions that programs of the same structure have traced of late, see `program_of`."""
-    if around is None:
-        return {}
-    key = around.key, *structure(local, kinds.distinct(), held)
-    return _kept(TRACED, key, KEPT_TRACED, around, dict)
-
-
-def _kept(
-    entries: dict[tuple, tuple[T, Surroundings]],
-    key: tuple,
-    count: int,
-    around: Surroundings,
-    new: Callable[[], T],
-) -> T:
-    """The entry of a key, or a new one, among at most so many; with it the surroundings that the
-    key is made of.
-    """
-    entry = entries.pop(key, None)  # other threads may ask too: at worst two of them make it
-    if entry is None:
-        entry = new(), around
-    return keep(entries, key, entry, count)[0]
-
-
-def adjoint_of(
-    program: StepProgram, local: LocalFunctions, wanted: frozenset[str], around: Surroundings | None
-) -> AdjointProgram:
-    """The adjoint of a program, for these constants: of what users' functions were when it was
-    made.
-    """
-    if wanted not in program.adjoints:
-        key = None if program.key is None else key_of(program.key, *sorted(wanted))
-        known, own = program.traced, (program.kinds, program.held)
-        known = traced_of(local, *own, around) if known is None else known
-        program.adjoints[wanted] = AdjointProgram(local, *own, wanted, key, known)
-    return program.adjoints[wanted]

@@ -8,14 +8,14 @@ from ..compiler.function import Function
 from ..compiler.packing import Packing
 from . import midsides
 from .layout import ENTRIES, INNER, INTERFACE, NODES, ONE, Layout, sizes
-from .local_functions import LocalFunctions
+from .midside_functions import MidsideFunctions
+from .row_functions import RowFunctions
 from .tracing import Shapes, Tracing
 
 ROW, RUN = ("D", "L", "U", "right"), ("ahead", "y", "side")  # of the interface, of a run
 
 
 def of_rows(
-    local: LocalFunctions,
     traced: Tracing,
     own: Packing,
     between: Packing,
@@ -30,11 +30,11 @@ def of_rows(
     later. own, between: what nodes and elements give, of these shapes, with "own." before those of
     nodes.
     """
-    w, functions = local.model.space.unknowns, {}
-    of = {
-        name: getattr(local, f"transposed_{name}" if transposed else name)
-        for name in ("condense", "restore", "row", INTERFACE)
-    }
+    w, functions = traced.local.model.space.unknowns, {}
+    of_rows, way = RowFunctions(traced.local), "transposed_" if transposed else ""
+    midside = MidsideFunctions(of_rows)
+    of = {name: getattr(of_rows, f"{way}{name}") for name in ("row", INTERFACE)}
+    of |= {name: getattr(midside, f"{way}{name}") for name in ("condense", "restore")}
     given = {f"own.{name}": shapes[f"own.{name}"] for name in own.fields}
     given |= {"right": (w,)} if transposed else {}
     words = ("free", "push") if transposed else ("free",)
@@ -74,9 +74,9 @@ def of_rows(
                 one = own.taken(one, {f"own.{field}": field for field in own.fields})
                 functions[f"held {name}" if is_held else name] = between.taken(one, sides)
     back = {"ahead": (w, w), "y": (w,), "next": (w,)}
-    functions["back"] = traced(local.back, back)
+    functions["back"] = traced(of_rows.back, back)
     if "bordered" in manners:
-        functions["back bordered"] = traced(local.back, back | bordered | {"first": (w,)})
+        functions["back bordered"] = traced(of_rows.back, back | bordered | {"first": (w,)})
     return functions
 
 

@@ -22,6 +22,7 @@ from .chain_constants import Common
 from .local_functions import LocalFunctions
 from .local_problem import Fields, Given
 from .node_kinds import NodeKind
+from .sample_functions import SampleFunctions
 
 # fields of a support's node, and their sizes
 POSE = {"position": 3, "rotation": 4, "displacement": 3, "turn": 3}
@@ -111,7 +112,14 @@ class SteadyFunctions(LocalFunctions):
             block = block[1:, 1:] - block[1:, :1] * block[:1, 1:] / first
         return {"indefinite": 1 - (least > 0).to(least)}
 
-    # Rules of a sample
+    @property
+    def samples(self) -> LoadSamples:
+        return LoadSamples(self.model)
+
+
+@dataclass(frozen=True)
+class LoadSamples(SampleFunctions):
+    """Functions of a sample whose load rises."""
 
     def judge(
         self,
@@ -122,7 +130,7 @@ class SteadyFunctions(LocalFunctions):
         least_moment: Tensor,
         **fields: Tensor,
     ) -> Fields:
-        """See `LocalFunctions.judge`; where it is all of the load, nothing is foreseen. The least:
+        """See `SampleFunctions.judge`; where it is all of the load, nothing is foreseen. The least:
         see `least_forces`.
         """
         force, moment = torch.maximum(force, least_force), torch.maximum(moment, least_moment)

@@ -1,85 +1,104 @@
-"""Native driver of steps, see `driver`: what is before and behind the iterations of each."""
+"""Slots of steps, see `driver`: what is before and behind the iterations of each."""
 
 from __future__ import annotations
 
-from .driver import Driver
-from .interaction import FINISHED
+from .conserving_functions import ENERGIES
+from .driver import Slots
+from .sorts import ENDS, NODE, Row
 
 
-class StepDriver(Driver):
+class StepSlots(Slots):
     """Steps of Newton's method."""
 
-    def _begin(self) -> None:
-        code = self.code
-        with code.loop(0, self.args["nodes"]) as j:
-            self._at_node("predictor", j, ("unknown", j))
-        self._hoisted()
-        self._start()
+    def begin(self) -> None:
+        driver = self.driver
+        driver.each_row(NODE, lambda row: driver.call_of("predictor", row, "unknown"))
+        driver.hoisted()
+        driver.start()
         for name in ("over", "done"):
-            code.call("opposite", self.at("sample", 0, name), self.at("sample", 0, "moving"))
-        self._border()
+            moving = driver.at("sample", 0, "moving")
+            self.code.call("opposite", driver.at("sample", 0, name), moving)
+        driver.border()
 
-    def _finish(self) -> None:
-        code, records = self.code, self.layout.records
-        with code.loop(0, self.args["nodes"]) as j:
-            self._call("cosine", lambda f: self.at("unknown", j, f), ("change", 0))
-            self._least_cosine(j)
-        self._over_cells("least", self.at("sample", 0, "cosine"))
+    def finish(self) -> None:
+        driver = self.driver
+        self._outcome()
+        good = driver.at("sample", 0, "good")
+        self._begin_work()
+        if driver.has_energy:
+            driver.fill(("energy", 0))
+        driver.tensions.find()
+        for sort in ENDS:
+            driver.each_of(sort, lambda row: self._end(row, good), look=True)
+        driver.tensions.read(good)
+        driver.over_cells("sum", driver.at("sample", 0, "work"))
+        if driver.has_energy:
+            self._project(good)
+        driver.keep_forces(good)
+
+    def _outcome(self) -> None:
+        """Which samples have gone well."""
+        driver = self.driver
+        with self.code.loop(0, driver.args["nodes"]) as j:
+            driver.call("cosine", lambda f: driver.at("unknown", j, f), ("change", 0))
+            driver.least_cosine(j)
+        driver.over_cells("least", driver.at("sample", 0, "cosine"))
         places = {
             "before": ("sample", 0, "last_status"),
             "> status": ("sample", 0, "found_status"),
             "> moving": ("sample", 0, "good"),
         }
         own = "common", "sums", "sample"
-        self._call("outcome", lambda f: self._first_of(own, f), places=places)
+        driver.call("outcome", lambda f: driver.first_of(own, f), places=places)
         for name, source in (("last_status", "found_status"), ("moving", "good")):
-            self._copy_to(("sample", 0, name), ("sample", 0, source))
-        good, work = self.at("sample", 0, "good"), self.at("sample", 0, "work")
-        self._begin_work()
-        if "energy" in records:
-            self._fill(("energy", 0))
-        with code.loop(0, self.args["elements"]) as e:
-            self._finish_element(e, good)
-        self._finish_tendons(good)
-        for one in FINISHED:
-            self._each_of(one, lambda entry: self._finish_interaction(entry, good), look=True)
-        with code.loop(0, self.args["nodes"]) as j:
-            self._at_node("finish", j, ("change", 0))
-            for name in self.layout.fields("state"):
-                self._take(("state", j, name), ("change", 0, name), good)
-            counted = self._counted(good, j, "own_nodes")
-            self._sum(work, self.at("change", 0, "work"), counted, 1)
-            self._add_energies()
-        self._over_cells("sum", work)
-        if "energy" in records:
-            self._project(good)
-        self._keep_forces(good)
+            driver.copy(("sample", 0, name), ("sample", 0, source))
 
-    def _finish_element(self, e: str, good: str) -> None:
-        """Its state at the end, and the work of the loads between its nodes."""
-        if "finish element 0" in self.functions:
-            self._at_element("finish element", e, ("change", 0))
-            for name in self.layout.fields("element_state"):
-                self._take(("element_state", e, name), ("change", 0, name), good)
-            self._add_energies()
-        for k in self._loaded(e):
-            self._add_rise(f"finish element load {k}", e)
-            self._sum(("sample", 0, "work"), ("change", 0, "work"), good)
+    def _end(self, row: Row, good: str) -> None:
+        """What a state has of a row after the step, of what has gone well, its work and its
+        energies.
+        """
+        driver, word = self.driver, f"finish {row.name}"
+        outputs = driver.outputs_of(word, row)
+        if not outputs:
+            return
+        driver.call_of(word, row, "change")
+        for name in driver.layout.fields(row.of.state):
+            driver.take((row.of.state, row.number, name), ("change", 0, name), good)
+        if row.own is not None:
+            driver.take(("multiplier_state", row.own, "last_force"), ("change", 0, "force"), good)
+        if "work" in outputs:
+            counted = self._counted(row, good)
+            driver.add_where(("sample", 0, "work"), ("change", 0, "work"), counted)
+        for name in ENERGIES if driver.has_energy else ():
+            if name in outputs:
+                driver.add(("energy", 0, name), ("change", 0, name))
+
+    def _counted(self, row: Row, good: str) -> str:
+        """What has gone well, in whose lanes a row counts: what cells share counts in the first of
+        them alone.
+        """
+        driver, own = self.driver, row.of.shared
+        if driver.cells == 1 or own is None:
+            return good
+        shared = self.code.compare("sge", row.number, driver.args[own])
+        return self.code.choose(shared, driver.at("sample", 0, "counted"), good, "ptr")
 
     def _begin_work(self) -> None:
         """What there is of it, and what cells share, counts in the lane of the first."""
-        if self.cells > 1:
-            work, good = self.at("sample", 0, "work"), self.at("sample", 0, "good")
+        driver = self.driver
+        if driver.cells > 1:
+            work, good = driver.at("sample", 0, "work"), driver.at("sample", 0, "good")
             self.code.call("first cell", work, work)
-            self.code.call("first cell", self.at("sample", 0, "counted"), good)
+            self.code.call("first cell", driver.at("sample", 0, "counted"), good)
 
     def _project(self, good: str) -> None:
         """Scale the velocities of the step's end."""
+        driver = self.driver
         places = {"> scale": ("energy", 0, "scale"), "> defect": ("change", 0, "defect")}
-        self._call("project", lambda f: self._first_of(("energy", "sample"), f), places=places)
-        self._take(("sample", 0, "defect"), ("change", 0, "defect"), good)
-        with self.code.loop(0, self.args["nodes"]) as j:
+        driver.call("project", lambda f: driver.first_of(("energy", "sample"), f), places=places)
+        driver.take(("sample", 0, "defect"), ("change", 0, "defect"), good)
+        with self.code.loop(0, driver.args["nodes"]) as j:
             places = {"scale": ("energy", 0, "scale")}
-            self._call("scaled", lambda f: self.at("state", j, f), ("change", 0), places)
+            driver.call("scaled", lambda f: driver.at(NODE.state, j, f), ("change", 0), places)
             for name in ("velocity", "spin"):
-                self._take(("state", j, name), ("change", 0, name), good)
+                driver.take((NODE.state, j, name), ("change", 0, name), good)

@@ -11,16 +11,21 @@ import torch
 from torch import Tensor
 
 from ...core.remembered import keep, structure_of
+from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
-from . import program as programs
+from ..compiler.trace import NotTraceable
+from . import kept_programs as programs
 from .adjoint import AdjointProgram
 from .call import Call, Field, Output, ProgramInstance, like
+from .cells import cells_of
 from .chain_constants import Trees, reader_of
-from .constants import LoadRoles
 from .cotangents import constant_fields, state_fields
+from .load_roles import LoadRoles
+from .local_functions import LocalFunctions
 from .node_kinds import Kinds
+from .order import connectivity_of
 from .program import StepProgram
 
 NUMBERS = {"status": ("sample", "last_status"), "iterations": ("sample", "iterations")}
@@ -84,6 +89,27 @@ class StepStructure:
         )
         self.forms: dict[Any, Form] = {}
         self.adjoints: dict[frozenset[str], ProgramInstance] = {}
+
+    @classmethod
+    def of(
+        cls,
+        local: LocalFunctions,
+        kinds: Kinds,
+        around: Surroundings | None,
+        values: dict[str, Tensor],
+        roles: LoadRoles,
+    ) -> StepStructure:
+        """From local functions of trees with these values; around: what users' functions read.
+        Raises NotTraceable where these write to that.
+        """
+        model = local.model
+        program = programs.program_of(local, kinds, bool(model.constraints.nodes), around)
+        if around is not None and not around.unchanged():
+            raise NotTraceable(
+                "a function of the motion writes to what it reads; one without memory is wanted"
+            )
+        by_cells = _by_cells(program, local, kinds, around)
+        return cls(program, model, kinds, local.trees, values, roles, by_cells)
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
@@ -186,6 +212,25 @@ class StepStructure:
             for part, each in parts
         ]
         return Form(call, templates, {})
+
+
+def _by_cells(
+    program: StepProgram, local: LocalFunctions, kinds: Kinds, around: Surroundings | None
+) -> ProgramInstance | None:
+    """The model cell by cell, where it has any and nothing else couples them."""
+    model = local.model
+    alone = model.scene.batch_shape.numel() < program.lanes()
+    known = around is not None and "energy" not in program.layout.records
+    if not (kinds.joints and alone and known):
+        return None
+    connectivity = connectivity_of(model)
+    cells = cells_of(connectivity, kinds)
+    if cells is None:
+        return None
+    held = bool(connectivity.supports)
+    traced = programs.traced_of(local, kinds, held, around)
+    own = programs.program_of(local, cells.kinds, held, around, known=traced)
+    return ProgramInstance(own, model, kinds, cells)
 
 
 _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whatever has a `program`

@@ -7,19 +7,17 @@ from functools import partial
 from ..compiler.function import Function
 from .interactions import Derivative
 from .layout import ONE, STRETCHES, TENDONS, Layout, cotangents
-from .local_functions import LocalFunctions
 from .node_kinds import StretchKind, distinct
+from .sorts import TIE
 from .tendon_functions import SUMMED
 from .tracing import Tracing
 
-WORK = "tendon work"
 READINGS = 3  # numbers of a tendon in a state
 PULL = {"tension": 1, "slope": 1, "ratio": 1, "by_q": 3, "turned": 3}
 AT_STRETCH = {**dict.fromkeys(SUMMED, 1), "direction": 3}
 
 
 def of_tensions(
-    local: LocalFunctions,
     traced: Tracing,
     kinds: tuple[StretchKind, ...],
     varying: dict[str, tuple[int, ...]] | None = None,
@@ -30,16 +28,16 @@ def of_tensions(
     shapes, functions = traced.stretch | (varying or {}), {}
     for name in ("stretch", "tension_first", "tension_next"):
         for k, kind in distinct(kinds, name.partition("_")[0]):
-            function = partial(getattr(local, name), kind)
+            function = partial(getattr(traced.local.of(TIE), name), kind)
             functions[f"{name.replace('_', ' ')} {k}"] = traced(function, shapes)
     return functions
 
 
 def adjoint_of_stretches(
-    local: LocalFunctions, traced: Tracing, kinds: tuple[StretchKind, ...], derivative: Derivative
+    traced: Tracing, kinds: tuple[StretchKind, ...], derivative: Derivative
 ) -> dict[str, Function]:
     """Functions of the adjoint, by kind."""
-    functions = of_tensions(local, traced, kinds)
+    functions = of_tensions(traced, kinds)
     ends = ("own.direction", "last.direction", "last.tension")
     sums = [f"beyond.{name}" for name in SUMMED]
     bars = {"stretch": ["u", "m"], "tension first": sums, "tension next": [*sums, *ends]}
@@ -49,18 +47,7 @@ def adjoint_of_stretches(
             whole = functions[f"{name} {k}"]
             of = () if word == "stretch" else ["tension"]
             functions[f"{name} {k} bar"] = derivative(whole, of, own)
-    if kinds:
-        work = of_work(local, traced)
-        functions["tendon work bar"] = derivative(work, (), ["change", "start"])
-        if "rise" in work.outputs:
-            functions["ended tendon"] = work.only(["rise"])
     return functions
-
-
-def of_work(local: LocalFunctions, traced: Tracing) -> Function:
-    """`tendon_work`."""
-    start = {} if local.OVER_STEP else {"start": ()}
-    return traced(local.tendon_work, {"tension": (), "change": ()} | start)
 
 
 def record(layout: Layout) -> None:

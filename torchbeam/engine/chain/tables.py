@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import accumulate, pairwise
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +17,13 @@ from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
-from .interaction import INTERACTIONS, LAST, OWN, Edge, Edges, Interaction
 from .layout import ELEMENT_PLACES, ENTRIES, INTERFACE, MULTIPLIERS, NODE_PLACES, SIGNS
 from .order import Connectivity, Order, connectivity_of, order_of
+from .sorts import INTERACTIONS, LAST, OWN, Edge, Edges, Sort
 
 # tables of integers that code reads, and numbers, by name
 LISTS = (
-    *("bases", "kinds", "element_kinds", "held", "support_of", "support_nodes"),
+    *("bases", "node_kinds", "element_kinds", "held", "support_of", "support_nodes"),
     *(f"{one.constants}_{what}" for one in INTERACTIONS for what in ("kinds", "table")),
     *("element_nodes", "left_elements", "right_elements", "node_places", "element_places"),
     *("kept_nodes", "kept_elements", "interface", "direct", "elimination", "substitution"),
@@ -78,158 +79,206 @@ def flat(rows: Iterable[Iterable[int]]) -> list[int]:
 
 @lru_cache(maxsize=64)
 def _tables(w: int, connectivity: Connectivity) -> Tables:
-    framework, _, edges, shared = connectivity
-    order = order_of(connectivity)
-    how, ends = framework.cut, framework.ends
-    nodes = [ends[end] for end in how.interface]
-    runs = [run for runs in how.runs for run in runs]
-    forward, backward = (
-        [run for run in runs if run.manner == manner] for manner in ("forward", "backward")
-    )
-    couplings = [*order.couplings, *((run.before, run.after) for run in order.bordered)]
-    groups, moves, equation = _equations(order, len(nodes), w)
-    units = len(equation)
-    at_nodes = {node: k for k, node in enumerate(nodes)}
-    multipliers = {unit: k for k, unit in enumerate(order.constraints)}
-    blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
-    blocks += [(equation[node], node) for node in range(len(nodes))]
-    # what a following run goes on from, also where the node's equation stands elsewhere
-    outer = tuple(range(units, units + len(order.following)))
-    for unit, (_, place) in zip(outer, order.following, strict=True):
-        blocks += [(place, unit), (equation[place], unit)]
-    pattern = BlockPattern(w, groups, blocks, outer, moves)
+    return _Builder(w, connectivity).tables()
 
-    def own(place: int | None) -> tuple[int, ...]:
+
+class _Builder:
+    """Makes the tables of a structure whose nodes have w unknowns."""
+
+    def __init__(self, w: int, connectivity: Connectivity) -> None:
+        self.w, (self.framework, _, self.edges, self.shared) = w, connectivity
+        self.order = order = order_of(connectivity)
+        self.how, self.ends = self.framework.cut, self.framework.ends
+        self.nodes = [self.ends[end] for end in self.how.interface]
+        self.at_nodes = {node: k for k, node in enumerate(self.nodes)}
+        self.multipliers = {unit: k for k, unit in enumerate(order.constraints)}
+        self.groups, moves, self.equation = _equations(order, len(self.nodes), w)
+        equation, units = self.equation, len(self.equation)
+        couplings = [*order.couplings, *((run.before, run.after) for run in order.bordered)]
+        blocks = [(equation[a], b) for pair in couplings for a, b in (pair, pair[::-1])]
+        blocks += [(equation[node], node) for node in range(len(self.nodes))]
+        # what a following run goes on from, also where the node's equation stands elsewhere
+        self.outer = tuple(range(units, units + len(order.following)))
+        for unit, (_, place) in zip(self.outer, order.following, strict=True):
+            blocks += [(place, unit), (equation[place], unit)]
+        self.pattern = BlockPattern(w, self.groups, blocks, self.outer, moves)
+        self.between = cache(lambda row, column: self.pattern.place(equation[row], column))
+
+    def tables(self) -> Tables:
+        places = _places(self.framework)
+        lists = places | self._of_runs() | self._of_interactions()
+        lists["elimination"] = np.concatenate((np.empty(0, int), *self.pattern.elimination))
+        lists["substitution"] = flat(self.pattern.substitution)
+        numbers = self._numbers() | {
+            f"kept_{what}_count": len(places[f"kept_{what}s"]) for what in ("node", "element")
+        }
+        for table, width in WIDTH.items():
+            own = lists.get(f"{table}_table", lists.get(table, ()))
+            numbers[f"{table}_count"] = len(own) // width
+        rows = self._rows() | {
+            NODE_PLACES: self.framework.order + 1 + len(places["kept_nodes"]),
+            ELEMENT_PLACES: ELEMENT_TURNS + len(places["kept_elements"]),
+        }
+        numbers |= {f"{one.of}_count": rows[one.of] for one in INTERACTIONS if one.of}
+        return Tables(rows, lists, numbers)
+
+    def _rows(self) -> dict[str, int]:
+        """How many there are of what acts between nodes, and of the system's numbers."""
+        size = self.pattern.size
+        flags = size // BYTES + 1  # one a number, in bytes
+        rows = {
+            INTERFACE: len(self.nodes),
+            ENTRIES: size + flags,
+            MULTIPLIERS: len(self.multipliers),
+        }
+        for one, own_edges in zip(INTERACTIONS, self.edges, strict=True):
+            rows[one.rows] = len(own_edges)
+            if one.of is not None:
+                rows[one.of] = len({edge.more[-1] for edge in own_edges})
+        rows[SIGNS] = max((self.w * len(group) for group in self.groups), default=0) ** 2
+        return rows
+
+    # Runs of nodes
+
+    def _of_runs(self) -> dict[str, Any]:
+        """Tables of the interface's nodes, and of runs between them."""
+        how, ends, order = self.how, self.ends, self.order
+        own, between, solution = self._own, self.between, self.pattern.solution
+        runs = [run for runs in how.runs for run in runs]
+        forward, backward = (
+            [run for run in runs if run.manner == manner] for manner in ("forward", "backward")
+        )
+        parts, back = self._parts
+        return {
+            "interface": flat((node, *own(k), solution(k)) for k, node in enumerate(self.nodes)),
+            "direct": flat((i, j, *between(i, j), *between(j, i)) for _, i, j in how.direct),
+            "forward": flat(
+                (ends[x.first], x.count, -1 if x.after is None else x.after, *own(x.after))
+                for x in forward
+            ),
+            "backward": flat(
+                (ends[x.first + x.count - 1], x.count, x.before, *own(x.before)) for x in backward
+            ),
+            "bordered": flat(map(self._border, order.bordered)),
+            "following": flat(
+                (*self._follow(self.outer[k], run, place), *parts[k + 1], *back[k])
+                for k, (run, place) in enumerate(order.following)
+            ),
+        }
+
+    def _own(self, place: int | None) -> tuple[int, ...]:
         if place is None:
             return (*NONE, *NONE)
-        return (*between(place, place), *pattern.right(equation[place]))
+        return (*self.between(place, place), *self.pattern.right(self.equation[place]))
 
-    @cache
-    def between(row: int, column: int) -> tuple[int, int]:
-        return pattern.place(equation[row], column)
+    def _follow(self, unit: int, run: Run, place: int) -> list[int]:
+        """A run that goes on from a node which is eliminated, to the other one."""
+        pattern, onwards, last = self.pattern, place == run.before, run.first + run.count - 1
+        other = run.after if onwards else run.before
+        first = self.ends[run.first if onwards else last]
+        table = [first, run.count, 1 if onwards else -1, place, *self.between(place, unit)]
+        table += [*pattern.place(place, unit), pattern.right(place).first, other]
+        return [*table, *self._own(other), pattern.solution(other), pattern.solution(unit)]
 
-    def row(one: Interaction, edge: Edge, own: int | None) -> list[int]:
-        """Of an interaction; own: the unit of its unknowns."""
-        units = dict.fromkeys(one.sides) | {OWN: own, LAST: own - 1 if edge.chained else None}
-        units |= zip(one.sides, map(at_nodes.get, edge.nodes), strict=False)
-        table = [0 if units[side] is None else nodes[units[side]] for side in one.sides]
+    def _border(self, run: Run) -> tuple[int, ...]:
+        pair, between = (run.before, run.after), self.between
+        both = (*self._own(run.before), *self._own(run.after), *between(*pair))
+        return self.ends[run.first], run.count, *pair, *both, *between(*pair[::-1])
+
+    # What acts between nodes
+
+    def _of_interactions(self) -> dict[str, Any]:
+        """Tables of interactions, and of multipliers."""
+        tables: dict[str, Any] = {
+            f"{one.constants}_table": self._table(one, own, units) if own else []
+            for one, own, units in zip(INTERACTIONS, self.edges, self.order.own, strict=True)
+        }
+        solutions = [self.pattern.solution(unit) for unit in self.order.constraints]
+        return tables | {"multipliers": solutions}
+
+    def _table(
+        self, one: Sort, own: Edges, units: tuple[int | None, ...]
+    ) -> Sequence[int] | np.ndarray:
+        """Row by row, or, of edges that have nothing but nodes, all at once."""
+        if one.unknowns or any(len(edge.nodes) < len(one.sides) for edge in own):
+            pairs = zip(own, units, strict=True)
+            return flat(self._row(one, edge, unit) for edge, unit in pairs)
+        at = np.array([[self.at_nodes[node] for node in edge.nodes] for edge in own], int)
+        at = at.reshape(len(own), len(one.sides))
+        rows = np.array([self.equation[node] for node in range(len(self.nodes))], int)[at]
+        blocks = self.pattern.places(rows[:, :, None], at[:, None]).reshape(len(own), -1)
+        return np.concatenate((np.array(self.nodes, int)[at], blocks), -1).ravel()
+
+    def _row(self, one: Sort, edge: Edge, own: int | None) -> list[int]:
+        """own: the unit of its unknowns."""
+        pattern, units = self.pattern, dict.fromkeys(one.sides)
+        units |= {OWN: own, LAST: own - 1 if edge.chained else None}
+        units |= zip(one.sides, map(self.at_nodes.get, edge.nodes), strict=False)
+        table = [0 if units[side] is None else self.nodes[units[side]] for side in one.sides]
         table += edge.more
         for block in one.blocks:
             at = [units[name] for name in block]
-            there = None not in at and (block != "oo" or equation[own] == own)  # a weld has none
-            table += between(*at) if there else NONE
+            # a weld has none
+            there = None not in at and (block != "oo" or self.equation[own] == own)
+            table += self.between(*at) if there else NONE
         if own is None:
             return [*table, *NONE, -1, -1] if one.unknowns else table
-        table += *pattern.right(equation[own]), pattern.solution(own)
-        return [*table, multipliers.get(own, -1)]
+        table += *pattern.right(self.equation[own]), pattern.solution(own)
+        return [*table, self.multipliers.get(own, -1)]
 
-    def follow(unit: int, run: Run, place: int) -> list[int]:
-        """A run that goes on from a node which is eliminated, to the other one."""
-        onwards, last = place == run.before, run.first + run.count - 1
-        other = run.after if onwards else run.before
-        table = [ends[run.first if onwards else last], run.count, 1 if onwards else -1, place]
-        table += [*between(place, unit), *pattern.place(place, unit), pattern.right(place).first]
-        return [*table, other, *own(other), pattern.solution(other), pattern.solution(unit)]
+    # Groups
 
-    def border(run: Run) -> tuple[int, ...]:
-        pair = run.before, run.after
-        both = (*own(run.before), *own(run.after), *between(*pair), *between(*pair[::-1]))
-        return ends[run.first], run.count, *pair, *both
+    @cached_property
+    def _common(self) -> set[int]:
+        """Units that cells share."""
+        nodes = {*range(len(self.nodes) - self.shared, len(self.nodes))}
+        constraints = self.order.constraints.items()
+        return nodes | {k for k, one in constraints if {*one.ends} <= {*nodes, None}}
 
-    def table(one: Interaction, own: Edges, units: tuple[int | None, ...]) -> Sequence[int]:
-        """Of an interaction, row by row, or, of edges that have nothing but nodes, all at once."""
-        if one.unknowns or any(len(edge.nodes) < len(one.sides) for edge in own):
-            return flat(row(one, edge, unit) for edge, unit in zip(own, units, strict=True))
-        at = np.array([[at_nodes[node] for node in edge.nodes] for edge in own], int)
-        at = at.reshape(len(own), len(one.sides))
-        rows = np.array([equation[node] for node in range(len(nodes))], int)[at]
-        blocks = pattern.places(rows[:, :, None], at[:, None]).reshape(len(own), -1)
-        return np.concatenate((np.array(nodes, int)[at], blocks), -1).ravel()
+    @cached_property
+    def _own_groups(self) -> int:
+        return sum(not self._common & {*group} for group in self.pattern.groups)
 
-    common = {*range(len(nodes) - shared, len(nodes))}
-    of_common = [k for k, one in order.constraints.items() if {*one.ends} <= {*common, None}]
-    common |= {*of_common}
-    # groups between following runs, and of what cells share: how many, and where their tables begin
-    cuts = [
-        1 + max(g for g, group in enumerate(pattern.groups) if {place, equation[place]} & {*group})
-        for _, place in order.following
-    ]
-    own_groups = sum(not common & {*group} for group in pattern.groups)
-    cuts = [0, *cuts, own_groups, len(pattern.groups)]
-    begins = [0, *accumulate(map(len, pattern.elimination))]
-    ends_of = [0, *accumulate(map(len, pattern.substitution))]
-    parts = [(b - a, begins[a]) for a, b in pairwise(cuts)]
-    back = [(b - a, ends_of[len(pattern.groups) - b]) for a, b in pairwise(cuts)]
+    @cached_property
+    def _parts(self) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+        """Groups between following runs, and of what cells share, forth and back: how many, and
+        where their tables begin.
+        """
+        groups, equation = self.pattern.groups, self.equation
+        cuts = [
+            1 + max(g for g, group in enumerate(groups) if {place, equation[place]} & {*group})
+            for _, place in self.order.following
+        ]
+        cuts = [0, *cuts, self._own_groups, len(groups)]
+        begins = [0, *accumulate(map(len, self.pattern.elimination))]
+        ends_of = [0, *accumulate(map(len, self.pattern.substitution))]
+        parts = [(b - a, begins[a]) for a, b in pairwise(cuts)]
+        return parts, [(b - a, ends_of[len(groups) - b]) for a, b in pairwise(cuts)]
 
-    node_places, element_places, kept_nodes, kept_elements = _places(framework)
-    left, right = ([-1] * framework.node_count for _ in range(2))
-    for e, (first, *_, last) in enumerate(zip(*framework.elements, strict=True)):
-        right[first], left[last] = e, e
-    lists = {
-        "element_nodes": list(framework.elements[0]),
-        "left_elements": left,
-        "right_elements": right,
-        "node_places": node_places,
-        "element_places": element_places,
-        "kept_nodes": kept_nodes,
-        "kept_elements": kept_elements,
-        "interface": flat((node, *own(k), pattern.solution(k)) for k, node in enumerate(nodes)),
-        "direct": flat((i, j, *between(i, j), *between(j, i)) for _, i, j in how.direct),
-        "forward": flat(
-            (ends[x.first], x.count, -1 if x.after is None else x.after, *own(x.after))
-            for x in forward
-        ),
-        "backward": flat(
-            (ends[x.first + x.count - 1], x.count, x.before, *own(x.before)) for x in backward
-        ),
-        "bordered": flat(map(border, order.bordered)),
-        "following": flat(
-            (*follow(outer[k], run, place), *parts[k + 1], *back[k])
-            for k, (run, place) in enumerate(order.following)
-        ),
-        **{
-            f"{one.constants}_table": table(one, own_edges, units) if own_edges else []
-            for one, own_edges, units in zip(INTERACTIONS, edges, order.own, strict=True)
-        },
-        "multipliers": [pattern.solution(unit) for unit in order.constraints],
-        "elimination": np.concatenate((np.empty(0, int), *pattern.elimination)),
-        "substitution": flat(pattern.substitution),
-    }
-    numbers = {
-        "kept_node_count": len(kept_nodes),
-        "kept_element_count": len(kept_elements),
-        "entry_count": pattern.size,
-        "group_count": len(pattern.groups),
-        "first_groups": parts[0][0],
-        "last_groups": back[-2][0],
-        "last_table": back[-2][1],
-        "shared_groups": parts[-1][0],
-        "shared_table": parts[-1][1],
-        "shared_first": pattern.begin(own_groups),
-        "shared_size": pattern.begin(len(pattern.groups)) - pattern.begin(own_groups),
-        "own_nodes": framework.node_count - shared,
-        "own_interface": len(nodes) - shared,
-        "own_edges": len(order.constraints) - len(of_common),
-    }
-    for table, width in WIDTH.items():
-        numbers[f"{table}_count"] = len(lists.get(f"{table}_table", lists.get(table, ()))) // width
-    flags = pattern.size // BYTES + 1  # one a number, in bytes
-    rows = {INTERFACE: len(nodes), ENTRIES: pattern.size + flags, MULTIPLIERS: len(multipliers)}
-    for one, own_edges in zip(INTERACTIONS, edges, strict=True):
-        rows[one.rows] = len(own_edges)
-        if one.of is not None:
-            rows[one.of] = len({edge.more[-1] for edge in own_edges})
-            numbers[f"{one.of}_count"] = rows[one.of]
-    rows[SIGNS] = max((w * len(group) for group in groups), default=0) ** 2
-    rows |= {NODE_PLACES: framework.order + 1 + len(kept_nodes)}
-    rows |= {ELEMENT_PLACES: ELEMENT_TURNS + len(kept_elements)}
-    return Tables(rows, lists, numbers)
+    def _numbers(self) -> dict[str, int]:
+        """How many entries, groups and rows there are, where tables do not say so."""
+        pattern, (parts, back), nodes = self.pattern, self._parts, len(self.nodes)
+        edges, begin = self.order.constraints, pattern.begin(self._own_groups)
+        return {
+            "entry_count": pattern.size,
+            "group_count": len(pattern.groups),
+            "first_groups": parts[0][0],
+            "last_groups": back[-2][0],
+            "last_table": back[-2][1],
+            "shared_groups": parts[-1][0],
+            "shared_table": parts[-1][1],
+            "shared_first": begin,
+            "shared_size": pattern.begin(len(pattern.groups)) - begin,
+            "own_nodes": self.framework.node_count - self.shared,
+            "own_interface": nodes - self.shared,
+            "own_edges": len(edges) - len(self._common & {*edges}),
+        }
 
 
-def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list[int]]:
-    """Where what nodes and elements give is held, and which have a place of their own: those at the
-    interface, and what else is next to it. The others take turns along a run, the node between an
-    element's ends in the last of these.
+def _places(framework: Framework) -> dict[str, list[int]]:
+    """Which nodes and elements are next to each other; where what they give is held, and which have
+    a place of their own: those at the interface, and what else is next to it. The others take turns
+    along a run, the node between an element's ends in the last of these.
     """
     how, ends, turns = framework.cut, framework.ends, framework.order + 1
     at_interface = {ends[end] for end in how.interface}
@@ -245,7 +294,18 @@ def _places(framework: Framework) -> tuple[list[int], list[int], list[int], list
         node_places[node] = turns + k
     for k, e in enumerate(kept_elements):
         element_places[e] = ELEMENT_TURNS + k
-    return node_places, element_places, kept_nodes, kept_elements
+    left, right = ([-1] * framework.node_count for _ in range(2))
+    for e, (first, *_, last) in enumerate(zip(*framework.elements, strict=True)):
+        right[first], left[last] = e, e
+    return {
+        "element_nodes": list(framework.elements[0]),
+        "left_elements": left,
+        "right_elements": right,
+        "node_places": node_places,
+        "element_places": element_places,
+        "kept_nodes": kept_nodes,
+        "kept_elements": kept_elements,
+    }
 
 
 def _equations(

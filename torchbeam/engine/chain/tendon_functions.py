@@ -17,7 +17,7 @@ Of the first stretch ratio and by_q are 0.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -28,26 +28,27 @@ from ...nodal.joint_motion import end_moves
 from ...nodal.rope import Rope, Stretches, along_stretch
 from ...nodal.tendons import Tendons, mean_tension
 from ...topology.framework import Framework
-from .interaction import SIDES
+from .chain_constants import StretchConstants, filled
 from .interaction_functions import pushed
 from .local_problem import Fields, LocalProblems
 from .node_kinds import EndKind, StretchKind
+from .sorts import SIDES
 
 # what a tension follows from, of all stretches from one on
 SUMMED = "length", "before", "change", "rate"
 
 
 @dataclass(frozen=True)
-class TendonFunctions(LocalProblems):
+class TendonFunctions:
     """Functions of a stretch."""
 
-    OVER_STEP: ClassVar[bool] = True  # whether its force is one over a step, not at an instant
+    problems: LocalProblems
 
     def stretch(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Its length after the step, and where forces act at its start, before; by how much it has
         become longer; its direction (3) after; with friction the rate at which it did before.
         """
-        problem, x = self.of_stretch(fields, kind)
+        problem, x = self.problem(fields, kind)
         motion = problem.node_motion(problem.node_balance(problem.apply_supports(x))[0])
         tendons = problem.model.tendons
         motion = motion.placed(tendons.eyelets)
@@ -55,9 +56,9 @@ class TendonFunctions(LocalProblems):
         stretches = Stretches.of(step)
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
-        if kind.rubs and self.OVER_STEP:
+        if kind.rubs and self.problems.OVER_STEP:
             outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
-        if kind.coupled and self.OVER_STEP:
+        if kind.coupled and self.problems.OVER_STEP:
             outputs["change"] = stretches.change(step._replace(way=tendons.way(motion)))[0]
         elif motion.start is not None:
             outputs["change"] = after - tendons.lengths_before(motion, 0)[0]
@@ -67,10 +68,10 @@ class TendonFunctions(LocalProblems):
         """Tension of the first stretch, from the sums over all, and its derivative by the
         length.
         """
-        constants = self.stretch_constants(fields)
+        constants = self._constants(fields)
         rope, before, change = self._rope(constants, kind), None, None
         given = rope.raised(constants.given, fields.get("load_factor"))
-        if self.OVER_STEP:
+        if self.problems.OVER_STEP:
             before = fields["beyond.before"]
             change = fields["beyond.change"] if kind.elastic else None
         T, slope = rope.pull(given, fields["beyond.length"], before, change)
@@ -84,11 +85,11 @@ class TendonFunctions(LocalProblems):
         if not kind.rubs:
             one = torch.ones_like(last)
             return {"tension": last, "slope": 0 * one, "ratio": one, "by_q": none, "turned": none}
-        rope = self._rope(self.stretch_constants(fields), kind)
+        rope = self._rope(self._constants(fields), kind)
         slide = None
-        if self.OVER_STEP:
+        if self.problems.OVER_STEP:
             sums = (fields[f"beyond.{name}"][None] for name in ("change", "rate"))
-            slide = *sums, self._common(fields).dt
+            slide = *sums, self.problems.common_of(fields).dt
         ends = fields["last.direction"], fields["own.direction"]
         told = fields["told"][None] if "told" in fields else None
         grip = rope.grip(ends[0][None], ends[1][None], slide, told)
@@ -109,12 +110,16 @@ class TendonFunctions(LocalProblems):
         """
         if not kind.sides:  # between points of the ground
             return self._own_blocks(fields) if kind.coupled else {}
-        problem, x = self.of_stretch(fields, kind)
+        problem, x = self.problem(fields, kind)
         kinematics, inertia, _ = problem.node_balance(problem.apply_supports(x))
         nodes, _ = problem.node_tangent(kinematics, inertia)
         motion = problem.node_motion(kinematics, nodes)._replace(share=None)  # its tension has it
         tendons, T = problem.model.tendons, fields["tension"]
-        placed, w, n = motion.placed(tendons.eyelets), self.model.space.unknowns, len(kind.sides)
+        placed, w, n = (
+            motion.placed(tendons.eyelets),
+            self.problems.model.space.unknowns,
+            len(kind.sides),
+        )
         unit = tendons.loaded(T.new_zeros(n, w), placed, T.new_ones(1))
         blocks = tendons.blocks(placed, T[None]).unflatten(0, (n, n))
         outputs = pushed(T * unit, kind.sides, blocks)
@@ -128,7 +133,7 @@ class TendonFunctions(LocalProblems):
 
     def _own_blocks(self, fields: Fields) -> Fields:
         """Of dT, dS, dA by themselves, by those of the stretch before, and of dS there."""
-        w, T = self.model.space.unknowns, fields["tension"]
+        w, T = self.problems.model.space.unknowns, fields["tension"]
         entries = {
             "oo": {(0, 1): -fields["slope"]},
             "op": {(0, 0): -fields["ratio"], (0, 2): -T},
@@ -155,24 +160,25 @@ class TendonFunctions(LocalProblems):
             rows = sign * motion.of.rate * tendons.wrench(lever, by)
             if half is not None:
                 k = nodes.index(tendons.nodes[end])
-                rows = rows @ end_moves(half[k], self.model.space.dims.position)
+                rows = rows @ end_moves(half[k], self.problems.model.space.dims.position)
             w = rows.shape[-1]
             by_side[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
         return by_side
 
-    def tendon_work(self, tension: Tensor, change: Tensor, start: Tensor | None = None) -> Fields:
+    def finish_tie(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""
-        return {"work": -mean_tension(tension, start) * change}
+        start = None if self.problems.OVER_STEP else fields["start"]
+        return {"work": -mean_tension(fields["tension"], start) * fields["change"]}
 
-    def of_stretch(self, fields: Fields, kind: StretchKind) -> tuple[Any, Any]:
+    def problem(self, fields: Fields, kind: StretchKind) -> tuple[Any, Any]:
         """The problem of one stretch, a tendon of two eyelets, and the nodes at its ends, which
         have no loads.
         """
         n = len(kind.sides)
         some = kind if n else kind._replace(ends=(EndKind(), None))  # a problem has a node
         nodes = len(some.sides)
-        ends = self.of_ends(fields, some, Framework(1, (), nodes, (), (tuple(range(n)),)))
-        constants, tendons = self.stretch_constants(fields), self.model.tendons
+        ends = self.problems.of_ends(fields, some, Framework(1, (), nodes, (), (tuple(range(n)),)))
+        constants, tendons = self._constants(fields), self.problems.model.tendons
         numbers = iter(range(n))
         nodes = tuple(None if end is None else next(numbers) for end in kind.ends)
         rope = Rope(constants.drawn, None, constants.friction if kind.rubs else None)
@@ -188,7 +194,11 @@ class TendonFunctions(LocalProblems):
         )
         rows = replace(ends.rows, tendons=tendons)
         now = replace(ends.now, tendons=constants.given[None])
-        return self._problem(rows, None, ends.common, ends.given, now)
+        return self.problems.problem(rows, None, ends.common, ends.given, now)
+
+    def _constants(self, fields: Fields) -> StretchConstants:
+        """Of one stretch."""
+        return filled(self.problems.trees.stretch, lambda k: fields[f"stretch.{k}"])
 
     def _rope(self, constants: Any, kind: StretchKind) -> Rope:
         return Rope(

@@ -32,7 +32,8 @@ from ...nodal.touching_pairs import PairMotion
 from ...scene.effects import Inputs
 from ...state.state import State
 from .clearance import Clearance
-from .compiled_step import CompiledStep, Steps, Whole
+from .compiled_step import CompiledStep
+from .steps import Steps, Whole
 
 SKIN = 0.25  # of an element's length, of a pair that comes no nearer
 AHEAD, MOST = 256, 4.0  # steps that a skin is for; of an element's length, the widest

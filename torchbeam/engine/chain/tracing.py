@@ -13,27 +13,26 @@ from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
 from .extrapolated_functions import OTHER
-from .interaction import PAIR_SIDES, SIDES
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
+from .sorts import PAIR_SIDES, SIDES, Sort
 from .tendon_functions import SUMMED
 
 Shapes = dict[str, tuple[int, ...]]
 FORCES = ("force", "last_force", "after_force", "force_bar")  # of constraints
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 # functions that ask loads, and so what users wrote
-OF_LOADS = ("node", "finish", "coupling", "transposed_interaction", "finish_coupling")
+OF_LOADS = ("node", "coupling", "transposed_interaction", "finished")
 
 
 class Tracing:
-    """shapes: of the states' and unknowns' fields; constants: of a node's, an element's, the
-    common, a support's and a joint's ones; node, element, joint, stretch, pair: all that a function
-    of one may read; known: functions of the same trees that were traced before, and are not traced
-    again, to which those that are traced now are added.
+    """shapes: of the states' and unknowns' fields; constants: of those of each record; node,
+    element, joint, stretch, pair, coupling: see `of`; known: functions of the same trees that were
+    traced before, and are not traced again, to which those that are traced now are added.
     """
 
     def __init__(self, local: LocalFunctions, known: Traced) -> None:
-        self.like, self.known = local.model.length.detach(), known
+        self.local, self.known, self.like = local, known, local.model.length.detach()
         space = local.model.space
         p, s, k = space.dims.position, space.dims.spin, space.dims.strain
         q = space.identity(self.like.new_zeros(p)).shape[-1]
@@ -58,7 +57,7 @@ class Tracing:
             }
             for kind, tree in local.trees._asdict().items()
         }
-        elements = zip(flattened(local.elements), local.element_rows, strict=True)
+        elements = zip(flattened(local.trees.element), local.element_rows, strict=True)
         self.constants["element"] = {
             f"element.{i}": (rows, *x.shape[x.ndim - axes + 1 :])
             for i, ((x, axes), rows) in enumerate(elements)
@@ -69,7 +68,7 @@ class Tracing:
             **{name: self.shapes[name] for name in (*local.state, "u", "m")},
             **self.constants["support"],
         }
-        support = {"found": (p + s,), "last": (p + s,)} if local.supports is not None else {}
+        support = {"found": (p + s,), "last": (p + s,)} if local.trees.support is not None else {}
         self.node = {**own, **self.constants["common"], **support}
         self.element = {
             **self.constants["element"],
@@ -90,20 +89,24 @@ class Tracing:
         self.pair |= _at_sides(own | free, PAIR_SIDES)
         self.coupling = self.pair | forces | {"memory": (local.model.scene.memory[1],)}
 
-        own = [x for one in local.common.captured for x, _ in flattened(one)]
+        own = [x for one in local.trees.common.captured for x, _ in flattened(one)]
         self.captured = {
             f"common.{i}": x
-            for i, (x, _) in enumerate(flattened(local.common))
+            for i, (x, _) in enumerate(flattened(local.trees.common))
             if any(x is y for y in own)
         }
+
+    def of(self, sort: Sort) -> Shapes:
+        """All that a function of such a row may read."""
+        return getattr(self, sort.constants)
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
         function = partial(function)  # of one, the same
-        name, named = function.func.__name__, tuple(sorted(function.keywords.items()))
-        key = name, function.args, named, tuple(shapes.items())
+        func, named = function.func, tuple(sorted(function.keywords.items()))
+        key = func.__qualname__, function.args, named, tuple(shapes.items())
         if key not in self.known:
-            captured = self.captured if name in OF_LOADS else {}
+            captured = self.captured if func.__name__ in OF_LOADS else {}
             self.known[key] = self._traced(function, shapes, captured)
         return self.known[key].copied()  # in a graph of its own, that grows
 

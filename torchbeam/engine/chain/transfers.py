@@ -28,7 +28,7 @@ ENTRY = (
 
 class Transfers:
     """Text of the functions `gather`, `scatter`, and `drain` (scatter, and leave zeros), which
-    `DriverCode` calls.
+    `RecordCode` calls.
     """
 
     NAMES = "gather", "scatter", "drain"

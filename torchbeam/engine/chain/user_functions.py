@@ -24,7 +24,7 @@ from ...scene.effects.effect import of_library
 from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
 from ..compiler.readings import NotTraceable, Readings, Ungraded
 from .constants import Constants
-from .local_problem import OwnBatch
+from .own_batch import OwnBatch
 
 Made = TypeVar("Made")
 

@@ -122,7 +122,7 @@ def test_an_adjoint_that_is_first_wanted_in_a_checkpoint_is_compiled(monkeypatch
     """Of a load whose tangent is by automatic differentiation, with no program kept; the engine
     does not change on the way.
     """
-    monkeypatch.setattr("torchbeam.engine.chain.program.PROGRAMS", {})
+    monkeypatch.setattr("torchbeam.engine.chain.kept_programs.PROGRAMS", {})
     monkeypatch.setenv("TORCHBEAM_CACHE", str(tmp_path))
     found = []
     for checkpoint in (True, False):

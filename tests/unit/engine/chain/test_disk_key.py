@@ -8,7 +8,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.compiled_step_cases import straight
-from torchbeam.engine.chain import disk_key, native, program
+from torchbeam.engine.chain import disk_key, kept_programs, native
 from torchbeam.engine.chain.layout import Layout
 from torchbeam.engine.chain.node_kinds import Kinds
 
@@ -21,7 +21,7 @@ class Own(tb.MassDamping):
 
 def found(damping=tb.MassDamping, samples=(), gradient=True):
     """A step and its gradient (or not), by a process that knows no program yet."""
-    program.PROGRAMS.clear()
+    kept_programs.PROGRAMS.clear()
     force = torch.tensor((0.0, 0.3, 0.0), requires_grad=gradient)
     scene = tb.Scene(straight(3), [tb.TipLoad(force=force), damping(0.1)], plane="xy")
     stepper = tb.Stepper(scene, 0.01, engine="compiled")
@@ -32,7 +32,7 @@ def found(damping=tb.MassDamping, samples=(), gradient=True):
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
     monkeypatch.setenv("TORCHBEAM_CACHE", str(tmp_path))
-    monkeypatch.setattr(program, "PROGRAMS", {})
+    monkeypatch.setattr(kept_programs, "PROGRAMS", {})
     monkeypatch.setattr(disk_key, "source_key", lambda: "source")
     return tmp_path
 
@@ -101,7 +101,7 @@ def test_a_gradient_traces_no_function_that_its_step_has_traced(folder, monkeypa
         return first(self, function, *given)
 
     monkeypatch.setattr(native.Tracing, "_traced", counted)
-    monkeypatch.setattr(program, "TRACED", {})
+    monkeypatch.setattr(kept_programs, "TRACED", {})
     inputs = [torch.tensor((0.0, 0.3, 0.0)), torch.tensor(0.1)]
     for wanted in inputs:
         wanted.requires_grad_()
@@ -135,9 +135,9 @@ def test_programs_that_were_not_asked_for_for_longest_go_first(monkeypatch):
     """Three of four structures, told apart by what is held, are kept; the one asked for again is
     among them.
     """
-    monkeypatch.setattr(program, "PROGRAMS", {})
-    monkeypatch.setattr(program, "KEPT", 3)
-    monkeypatch.setattr(program, "structure", lambda local, kinds, held: (held,))
+    monkeypatch.setattr(kept_programs, "PROGRAMS", {})
+    monkeypatch.setattr(kept_programs, "KEPT", 3)
+    monkeypatch.setattr(kept_programs, "structure", lambda local, kinds, held: (held,))
     made = []
 
     def new(local, kinds, held, key, known):
@@ -145,7 +145,7 @@ def test_programs_that_were_not_asked_for_for_longest_go_first(monkeypatch):
         return object()
 
     def asked(held):
-        return program.program_of(None, Kinds((), ()), held, made=new)
+        return kept_programs.program_of(None, Kinds((), ()), held, made=new)
 
     first = asked(0)
     for held in (1, 2, 0, 3):
@@ -153,4 +153,4 @@ def test_programs_that_were_not_asked_for_for_longest_go_first(monkeypatch):
     assert asked(0) is first and made == [0, 1, 2, 3]
     assert asked(2) is not None and made == [0, 1, 2, 3]
     asked(1)
-    assert made == [0, 1, 2, 3, 1] and len(program.PROGRAMS) == 3
+    assert made == [0, 1, 2, 3, 1] and len(kept_programs.PROGRAMS) == 3

@@ -356,7 +356,7 @@ def test_a_compiler_that_fails_leaves_auto_eager_and_is_said_once(auto, monkeypa
         raise OSError("no room for code")
 
     monkeypatch.setattr("torchbeam.engine.chain.native.Library", broken)
-    monkeypatch.setattr("torchbeam.engine.chain.program.PROGRAMS", {})
+    monkeypatch.setattr("torchbeam.engine.chain.kept_programs.PROGRAMS", {})
     scene = arm()
     stepper, start = tb.Stepper(scene, 0.01), moving(scene)
     u = torch.ones(3)
@@ -374,7 +374,7 @@ def test_a_cache_folder_that_cannot_be_written_is_gone_without(auto, monkeypatch
     file = tmp_path / "file"
     file.write_text("no folder")
     monkeypatch.setenv("TORCHBEAM_CACHE", str(file))
-    monkeypatch.setattr("torchbeam.engine.chain.program.PROGRAMS", {})
+    monkeypatch.setattr("torchbeam.engine.chain.kept_programs.PROGRAMS", {})
     scene = arm(N=1)
     with caplog.at_level(logging.INFO, logger="torchbeam"):
         stepper = tb.Stepper(scene, 0.01)

@@ -13,7 +13,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.dynamics import step_solver
-from torchbeam.engine.chain import native, program, step_structure, touching_step
+from torchbeam.engine.chain import kept_programs, native, step_structure, touching_step
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
@@ -178,7 +178,7 @@ def test_what_takes_some_seconds_is_made_before_the_motion(names, monkeypatch):
     states = [replace(tb.rest(scene), velocity=speeds)]
     library, made, counts, touched = native.Library, [], [], set()
     monkeypatch.setattr(native, "Library", lambda *given: made.append(1) or library(*given))
-    monkeypatch.setattr(program, "PROGRAMS", {})
+    monkeypatch.setattr(kept_programs, "PROGRAMS", {})
     monkeypatch.setattr(step_structure, "_STRUCTURES", {})
     monkeypatch.setattr(touching_step, "AHEAD", 0)
     stepper = tb.Stepper(scene, 2e-3, engine="compiled")

@@ -1,0 +1,158 @@
+"""Local functions of a sample in a step: what becomes of its iterations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...core.status import BROKEN, DIVERGED, SUCCESS
+from ...nodal.balance import mixed, scaled
+from ...nodal.model import Model
+from ...nodal.multipliers import measured
+from ...solvers.newton import Length, converged, first_wait, step_length
+from .local_problem import Fields
+
+
+@dataclass(frozen=True)
+class SampleFunctions:
+    """Functions of a sample of a model; of one of its nodes, elements and multipliers `between` and
+    `part`.
+    """
+
+    model: Model
+
+    # Functions of a sample
+
+    def search(
+        self,
+        square_force: Tensor,
+        square_moment: Tensor,
+        longest: Tensor,
+        iterations: Tensor,
+        over: Tensor,
+        merit: Tensor,
+        share: Tensor,
+        waited: Tensor,
+        near: Tensor,
+        best_near: Tensor,
+        **judged: Tensor,
+    ) -> Fields:
+        """What becomes of the last step, see `Length`; `forth`: which samples do not take it back,
+        `still`: which make no other one, `stays`: which do not go to the best; `best_near`: whether
+        anything is near enough to touch at the best. judged: what `_converged` takes.
+        """
+        free = (over == 0) & (iterations > 0) & ~self._converged(longest=longest, **judged)[1]
+        free = free & ((near != 0) | (best_near != 0))
+        patient = self.model.patient
+        waited = torch.where(iterations > 0, waited, first_wait(patient))
+        now = square_force * longest.square() + square_moment
+        length = step_length(now, merit, share, waited, free, patient)
+        outputs = {name: value.to(over) for name, value in length._asdict().items()}
+        still, forth = torch.maximum(over, outputs["back"]), 1 - outputs["back"]
+        outputs["stays"] = (length.ratio > 0).to(over)
+        near = torch.where(length.worse, best_near, near)
+        return outputs | {"still": still, "forth": forth, "best_near": near}
+
+    def _converged(
+        self,
+        exact: Tensor,
+        tolerance: Tensor,
+        before: Tensor,
+        foresee: Tensor | None = None,
+        **sizes: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """Size of the residual; whether it is small enough, see `converged`. sizes: what `_size`
+        takes.
+        """
+        size = self._size(**sizes)
+        if foresee is None and not self.model.smooth:
+            foresee = size < 0  # never
+        return size, converged(size, before, exact != 0, tolerance, foresee)
+
+    def _size(
+        self,
+        force: Tensor,
+        moment: Tensor,
+        strain: Tensor,
+        left_force: Tensor,
+        left_moment: Tensor,
+        left_strain: Tensor,
+        total: Tensor,
+        longest: Tensor,
+        **joints: Tensor,
+    ) -> Tensor:
+        """The scaled residual; joints: the largest gap and turn of joints, and the size of what
+        they connect.
+        """
+        size = scaled(
+            left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
+        )
+        return self.with_gaps(size, joints)
+
+    def judge(
+        self,
+        before: Tensor,
+        over: Tensor,
+        done: Tensor,
+        status: Tensor,
+        iterations: Tensor,
+        back: Tensor | None = None,
+        ratio: Tensor | None = None,
+        **judged: Tensor,
+    ) -> Fields:
+        """What `newton` asks of an iteration's largest numbers: size of the residual, which samples
+        are done or over, iterations, the status of those that are not done (that of the first
+        iteration, when `iterations` was 0). judged: what `_converged` takes.
+        """
+        size, ends = self._converged(before=before, **judged)
+        finite = torch.isfinite(size)
+        first = torch.where(finite, float(DIVERGED), float(BROKEN))
+        going = over == 0
+        done = torch.where(going & ends, torch.ones_like(done), done)
+        length = None
+        if back is not None:
+            length = Length(back, back != 0, ratio, back, back, back)
+        return {
+            "before": size if length is None else length.before(before, size),
+            "done": done,
+            "over": ((done != 0) | ~finite).to(done),
+            "status": torch.where(iterations == 0, first, status),
+            "iterations": iterations + going.to(iterations),
+        }
+
+    def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:
+        """A scaled residual with the gaps of joints, if there are any, see `judge`."""
+        if not joints:
+            return size
+        apart = joints["gap_position"] / joints["constraint_size"]
+        return measured(size, torch.maximum(apart, joints["gap_rotation"]))
+
+    def outcome(
+        self,
+        moving: Tensor,
+        done: Tensor,
+        status: Tensor,
+        before: Tensor,
+        cosine: Tensor,
+        least: Tensor,
+        passed: Tensor | None = None,
+    ) -> Fields:
+        """The status (that of `before` where a sample does not move): it has converged, and no node
+        has turned too far or passed through what it is to touch; and whether it moves on.
+        """
+        lost = cosine < least if passed is None else (cosine < least) | (passed != 0)
+        status = torch.where(done != 0, torch.where(lost, float(DIVERGED), float(SUCCESS)), status)
+        status = torch.where(moving != 0, status, before)
+        return {"status": status, "moving": ((status == SUCCESS) & (moving != 0)).to(moving)}
+
+    def between(self, u: Tensor, m: Tensor, to_u: Tensor, to_m: Tensor, ratio: Tensor) -> Fields:
+        """The unknowns of a node, so much of the way from u and m to others."""
+        m = self.model.space.normalize(torch.lerp(m, to_m, ratio))
+        return {"u": torch.lerp(u, to_u, ratio), "m": m}
+
+    @staticmethod
+    def part(x: Tensor, to: Tensor, ratio: Tensor) -> Fields:
+        """The stress of an element, or multipliers, so much of the way from x."""
+        return {"x": torch.lerp(x, to, ratio)}
