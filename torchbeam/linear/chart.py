@@ -5,6 +5,7 @@ nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -23,6 +24,7 @@ from ..state.state import State
 from .minimal_moves import pivots
 
 ITERATIONS = 30
+SLOW = 0.1  # of the move before: a move after which the rows are taken anew
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,8 @@ class Chart:
         turn, frame a.
         """
         rows = self._rows(position, rotation)
+        if self.space.dims.spin == 1:  # a turn in the plane is its own logarithm
+            return self.solve @ rows
         p, w = self.space.dims.position, self.space.unknowns
         parts = []
         for k, base in enumerate(self.bases):
@@ -155,11 +159,14 @@ class Chart:
         lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
         return self.solve @ torch.cat([x.expand(*lead, -1, -1) for x in parts], -2)
 
-    def independent_and_held(self, position: Tensor, rotation: Tensor) -> Tensor:
+    def independent_and_held(
+        self, position: Tensor, rotation: Tensor, by_moves: Tensor | None = None
+    ) -> Tensor:
         """(..., n, w (N+1)): the independent coordinates, and behind them what joints hold, by
-        moves of the nodes at a configuration.
+        moves of the nodes at a configuration; by_moves: those there, None = not known.
         """
-        rows = self.independent @ self.by_moves(position, rotation)
+        by_moves = self.by_moves(position, rotation) if by_moves is None else by_moves
+        rows = self.independent @ by_moves
         if not self.joints.count:
             return rows
         return stacked(rows, self.joints.held_rows(self.joints.pose(position, rotation)))
@@ -174,7 +181,8 @@ class Chart:
     ) -> tuple[Tensor, Tensor, Tensor | None]:
         """The configuration whose coordinates are those of `near` and `by` more, by Newton's method
         from that of `near`, where `rows` are `independent_and_held`, with readings of joints; its
-        last step is recorded.
+        last step is recorded. Where nothing is, the rows stay as long as moves become short quickly
+        (the chord method).
         """
         space, size = self.space, self.length.detach().sum((-1, -2))[..., None]
         if self.joints.count:
@@ -189,25 +197,28 @@ class Chart:
         position, rotation, joints = near.position, near.rotation, near.joints
         at = self(position, rotation, joints)
         q, at = at + by, at.detach()
-        enough, largest = torch.finfo(q.dtype).eps ** 0.5, torch.inf
+        recorded = torch.is_grad_enabled() and q.requires_grad
+        enough, largest, share = torch.finfo(q.dtype).eps, torch.inf, 0.0
         for k in range(ITERATIONS):
+            anew = not k or recorded or share > SLOW
             if k:
                 with torch.no_grad():
-                    rows = self.independent_and_held(position, rotation)
+                    rows = self.independent_and_held(position, rotation) if anew else rows
                     at = self(position, rotation, joints)
             change = self.independent_alone(q - at)
             if self.joints.count:
                 gaps = self.joints.gaps(self.joints.pose(position, rotation), near.joints).detach()
                 change = change - pad(gaps, (self.independent.shape[-2], 0))
             move = self._free_moves(rows, change).unflatten(-1, (-1, space.unknowns))
-            largest = concrete((move.detach() / unit).abs().amax()).item()
+            before, largest = largest, concrete((move.detach() / unit).abs().amax()).item()
+            share = largest if anew else largest / before  # what is left of a move after it
             displacement, turn = move.split((space.dims.position, space.dims.spin), -1)
             turn = space.exponential(turn if space.turns else space.to_section(rotation, turn))
             position = position + displacement
             rotation = space.normalize(space.multiply(turn, rotation))
             if self.joints.count:
                 joints = self.joints.reading(self.joints.pose(position, rotation), joints)
-            if not largest > enough:
+            if not largest * min(share, 1.0) > enough:
                 return position, rotation, joints
             position, rotation = position.detach(), rotation.detach()
             joints = None if joints is None else joints.detach()
@@ -231,7 +242,7 @@ class Chart:
         """(..., r, w (N+1)): displacements and turns of the bases, strains and coordinates of
         joints by moves of the nodes, frame a.
         """
-        w, moves = self.space.unknowns, self.unit_moves()
+        w, moves = self.space.unknowns, self.unit_moves
         B = self.space.strain_operator(self.kinematics(position, rotation), self.length)
         rows = torch.einsum("...eij,mej->...eim", B, moves).flatten(-3, -2)
         eye = torch.eye(len(moves), dtype=rows.dtype, device=rows.device).unflatten(0, (-1, w))
@@ -270,6 +281,7 @@ class Chart:
         solve = solve.new_zeros(*solve.shape[:-1], len(at)).index_copy(-1, chosen, solve)
         return solve, all_rows[..., chosen, :]
 
+    @cached_property
     def unit_moves(self) -> Tensor:
         """(w (N+1), N, numbers) of the elements, by unit moves of the nodes."""
         w = self.space.unknowns

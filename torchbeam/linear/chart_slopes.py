@@ -28,7 +28,7 @@ def slopes(chart: Chart, state: State) -> tuple[Tensor, Tensor]:
     """
     space, u, free = chart.space, chart.velocity(state), chart.free
     J = chart.by_moves(state.position, state.rotation)
-    rows = chart.independent_and_held(state.position, state.rotation)
+    rows = chart.independent_and_held(state.position, state.rotation, J)
     before = space.to_frame(chart.own.rotation, chart.own.spin)
     carried = _of_each(pad(space.skew(before), (0, space.dims.spin, 0, space.dims.spin)))
     rate, held_rate = _by_moves_of_rate(chart, state, u)
@@ -68,7 +68,7 @@ def _by_moves_of_rate(chart: Chart, state: State, u: Tensor) -> tuple[Tensor, Te
         (ends / length).expand(len(eye), *lead, -1),
         K.expand(len(eye), *lead, *K.shape[-2:]),
     )
-    strains = torch.einsum("...ekb,meb->...ekm", strains, chart.unit_moves()).flatten(-3, -2)
+    strains = torch.einsum("...ekb,meb->...ekm", strains, chart.unit_moves).flatten(-3, -2)
     p, w = space.dims.position, space.unknowns
     bases = strains.new_zeros(*strains.shape[:-2], w * len(chart.bases), strains.shape[-1])
     if space.turns and space.dims.spin > 1:
