@@ -23,9 +23,11 @@ from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered
 from .instruments import Instruments, still
-from .interval import Interval, Moved
+from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
 from .unknowns import Slopes, Unknowns, with_priors
+
+STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
 
 class KalmanFilter:
@@ -118,6 +120,7 @@ class KalmanFilter:
             drive = function("drive", drive, "parameters", "u")
         self.interval = Interval(mean, scene, instruments, stepper, model, steps, method, drive)
         self.read, self.moves = instruments.count, model.reads.shape[-2]
+        self._standing: Standing | None = None  # the last; no result depends on it
         n = self.moves
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
@@ -125,6 +128,9 @@ class KalmanFilter:
         self.shaken = (
             like.new_zeros(0, self.size) if root is None else pad(root, (0, self.size - n))
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_standing": None}
 
     @property
     def size(self) -> int:
@@ -185,21 +191,23 @@ class KalmanFilter:
                 those that are not given are 0; with `drive` what that takes
         """
         instance("before", before, Filtered)
-        state, expected, x, columns = self._moved(before.state, before.x, self._inputs(u))
+        about = self._about(before)
+        after, expected, x, columns = self._moved(before.state, before.x, self._inputs(u), about)
         error = self._readings(y, expected) - expected
         by_x, learnt = self._conditioned(before.factor, columns, error)
         read = (~torch.isnan(error)).sum(-1).to(error)
         now = replace(
             before,
-            state=state,
+            state=after.state,
             x=x,
             factor=learnt.root[..., : self.size, :],
             nis=(learnt.unit**2).sum(-1),
             readings=read,
             log_likelihood=before.log_likelihood + learnt.log_density(read),
             learnt=(by_x, learnt),
+            about=about,
         )
-        return self._changed(now.judged(), learnt.change)
+        return self._changed(now.judged(), learnt.change, after)
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
@@ -225,28 +233,50 @@ class KalmanFilter:
             smooth.append(self._changed(replace(before, factor=root), change))
         return smooth[::-1]
 
-    def _changed(self, found: Filtered, change: Tensor) -> Filtered:
-        """With x (..., size) changed so, and the state with z."""
-        state = self.interval.changed(found.state, change[..., : self.moves])
+    def _changed(self, found: Filtered, change: Tensor, after: Moved | None = None) -> Filtered:
+        """With x (..., size) changed so, and the state with z; after: what x is of, beyond whose
+        state it may be.
+        """
+        by, place = change[..., : self.moves], None
+        if after is not None:
+            by, place = by + after.more[..., : self.moves], after.places[1]
+        state = self.interval.changed(found.state, by, place)
         return replace(found, x=found.x + change, state=state)
 
-    def _moved(self, state: State, x: Tensor, u: Tensor) -> tuple[State, Tensor, Tensor, Tensor]:
-        """An interval later, of what is as x (..., size) and under inputs u (..., inputs) says: the
-        state, what is read of it (..., m), x, and `_columns` of both.
+    def _about(self, before: Filtered) -> Tensor:
+        """(..., p): coordinates of parameters at which each sample's structure stands: where it
+        stood, as long as none has moved by more than a share of its deviation.
         """
-        own, k = self.unknowns, self.moves + len(self.unknowns.names)
-        beside, underway = x[..., self.moves : k], x[..., k:]
+        own = slice(self.moves, self.moves + self.unknowns.of_model)
+        now, about = before.x[..., own], before.about
+        if about is None:
+            return now
+        moved = (now - about).abs() > STANDS * before.factor[..., own].norm(dim=-2)
+        return torch.where(moved.any(-1, keepdim=True), now, about) if moved.any() else about
+
+    def _moved(
+        self, state: State, x: Tensor, u: Tensor, about: Tensor
+    ) -> tuple[Moved, Tensor, Tensor, Tensor]:
+        """An interval later, of what is as x (..., size) and under inputs u (..., inputs) says: the
+        motion of a structure of parameters of coordinates `about`; by those of x what is read of it
+        (..., m), x, and `_columns` of both.
+        """
+        own, n, k = self.unknowns, self.moves, self.moves + len(self.unknowns.names)
+        beside, underway = x[..., n:k], x[..., k:]
         coordinates = beside[..., : own.of_model]
-        given = u if self.interval.drive is None else torch.zeros_like(own.white)
-        after = self.interval.move(state, own, coordinates, own.acting(beside, given), u)
-        lead, read = after.readings.shape[:-1], after.readings
+        given, standing = u if self.interval.drive is None else torch.zeros_like(own.white), None
+        if own.of_model:
+            lead = broadcast_shapes(state.batch_shape, x.shape[:-1], u.shape[:-1])
+            standing = self._standing = self.interval.standing(own, about, lead, self._standing)
+        after = self.interval.move(state, own, coordinates, own.acting(beside, given), u, standing)
+        z, read = after.z + after.more[..., :n], after.readings + after.more[..., n:]
+        lead = read.shape[:-1]
         if self.delay:
-            read = underway[..., -self.read :]
-            underway = torch.cat((after.readings, underway[..., : -self.read]), -1)
-        z = self.interval.model.departure(after.state)
+            arriving, read = read, underway[..., -self.read :]
+            underway = torch.cat((arriving, underway[..., : -self.read]), -1)
         parts = [part.expand(*lead, -1) for part in (z, beside * own.stays, underway)]
         read = own.with_offsets(read, beside).expand(*lead, -1)
-        return after.state, read, torch.cat(parts, -1), self._columns(after)
+        return after, read, torch.cat(parts, -1), self._columns(after)
 
     def _readings(self, y: Any, like: Tensor) -> Tensor:
         """y (..., m), NaN where one is missing; None = all."""

@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.arguments import choice, count, instance
 from ...core.validation import as_tensor, refusal, shown
+from ...linear.chart import Place
 from ...math.shapes import broadcast_shapes
 from ...math.square_root import triangle
 from ...scene.scene import Scene
@@ -44,13 +45,22 @@ class Linearised(NamedTuple):
     """An interval of a window, linear about its begin as it was estimated.
 
     begin  of state and x (..., size), under inputs (..., inputs), with readings y (..., m) behind
-    expected, ends, columns  what follows: `MovingHorizon._moved`
+    place  of that begin;  expected, ends, columns  what follows: `MovingHorizon._moved`
     """
 
     begin: Begin
+    place: Place
     expected: Tensor
     ends: Tensor
     columns: Tensor
+
+
+class Motion(NamedTuple):
+    """The state at an interval's end, and its place; more (..., n): what z is beyond it."""
+
+    state: State
+    place: Place
+    more: Tensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,15 +178,16 @@ class MovingHorizon(KalmanFilter):
         lead = broadcast_shapes(x.shape[:-1], y.shape[:-1], inputs.shape[:-1])
         x, y, inputs = (part.expand(*lead, -1) for part in (x, y, inputs))
         begin = Begin(before.state.broadcast(lead), x, inputs, y)
-        window, state = self._with(before, begin)
+        about = self._about(before)
+        window, last = self._with(before, begin, about)
         newest = window.intervals[-1]
         for k in range(self.iterations):
             if k:
-                intervals, state = self._linear(self._begins(window, slice(None)))
+                intervals, last = self._linear(self._begins(window, slice(None)), about)
                 window = replace(window, intervals=intervals)
             if len(window.intervals) > self.window:
                 window = self._without_first(window)
-            window = self._solved(window, state)
+            window = self._solved(window, last)
         error = y - newest.expected
         by_x, learnt = self._conditioned(before.factor, newest.columns, error, window.weight[-1])
         read = (~torch.isnan(error)).sum(-1).to(x)
@@ -191,6 +202,7 @@ class MovingHorizon(KalmanFilter):
             log_likelihood=before.log_likelihood + learnt.log_density(read),
             learnt=(by_x, learnt),
             window=window,
+            about=about,
         )
         return now.judged()
 
@@ -199,8 +211,9 @@ class MovingHorizon(KalmanFilter):
         a window later (or to the last): one more than `found`.
         """
         last, known = found[-1].window, [start, *found]
-        intervals, state = self._linear(self._begins(last, slice(None)))
-        last = self._solved(replace(last, intervals=intervals), state)
+        begins = self._begins(last, slice(None))
+        intervals, motion = self._linear(begins, self._about(found[-1]))
+        last = self._solved(replace(last, intervals=intervals), motion)
         begins = self._begins(last, slice(None))
         lately = min(len(begins), len(found))
         smooth = []
@@ -227,22 +240,26 @@ class MovingHorizon(KalmanFilter):
             for k, (begin, x) in enumerate(zip(old, places, strict=True))
         ]
 
-    def _linear(self, begins: Sequence[Begin]) -> tuple[tuple[Linearised, ...], State]:
-        """About these begins, side by side; and the state at the end of the last."""
+    def _linear(
+        self, begins: Sequence[Begin], about: Tensor
+    ) -> tuple[tuple[Linearised, ...], Motion]:
+        """About these begins, side by side; and how the last ends."""
         states, *numbers = zip(*begins, strict=True)
         x, inputs, _ = (together(part) for part in numbers)
-        ends, *parts = self._moved(State.stack(states), x, inputs)
-        each = zip(begins, *(part.unbind() for part in parts), strict=True)
-        return tuple(Linearised(*parts) for parts in each), ends[-1]
+        after, *parts = self._moved(State.stack(states), x, inputs, about)
+        (starts, ends), more = after.places, after.more[..., : self.moves]
+        each = zip(begins, map(Place, *starts), *(part.unbind() for part in parts), strict=True)
+        last = Motion(after.state[-1], Place(*(part[-1] for part in ends)), more[-1])
+        return tuple(Linearised(*own) for own in each), last
 
-    def _with(self, before: Filtered, begin: Begin) -> tuple[Window, State]:
-        """The window with the interval that begins so, and the state at its end; intervals that
+    def _with(self, before: Filtered, begin: Begin, about: Tensor) -> tuple[Window, Motion]:
+        """The window with the interval that begins so, and how that ends; intervals that
         stood on what is doubtful now are linear about the estimate: the one that leaves, or all.
         """
         window, x, weight = before.window, begin.x[None], torch.ones_like(begin.y)[None]
         if window is None:
-            intervals, state = self._linear([begin])
-            return Window(begin.x, before.factor, intervals, weight, x), state
+            intervals, last = self._linear([begin], about)
+            return Window(begin.x, before.factor, intervals, weight, x), last
         old, places = window.intervals, window.places
         stood = together([interval.begin.x for interval in old])
         moved = (places - stood).abs() > MOVED * before.factor.norm(dim=-2)
@@ -250,13 +267,13 @@ class MovingHorizon(KalmanFilter):
         if moved[..., self.moves : self.moves + self.unknowns.of_model].any():
             again = len(old)
         begins = self._begins(window, slice(again)) if again else []
-        new, state = self._linear([*begins, begin])
+        new, last = self._linear([*begins, begin], about)
         intervals = (*new[:again], *old[again:], new[again])
         places, weight = (
             torch.cat((past.expand(len(past), *part.shape[1:]), part))
             for past, part in ((places, x), (window.weight, weight))
         )
-        return replace(window, intervals=intervals, places=places, weight=weight), state
+        return replace(window, intervals=intervals, places=places, weight=weight), last
 
     def _without_first(self, window: Window) -> Window:
         """With what the first interval says in what is known of the second's begin."""
@@ -269,13 +286,13 @@ class MovingHorizon(KalmanFilter):
         factor = learnt.root[..., : self.size, :]
         return Window(mean, factor, window.intervals[1:], window.weight[1:], window.places[1:])
 
-    def _solved(self, window: Window, state: State) -> Window:
+    def _solved(self, window: Window, last: Motion) -> Window:
         """After a Gauss-Newton step: at the least of |v|^2 and the losses of the readings, v (N,)
         independent sources of unit variance: of x at the begin, and of what comes on top in each
-        interval. state: at the end of the last, as it was expected.
+        interval. last: how the last ends, as was expected.
         """
         m, size = self.read, self.size
-        begins, *parts = zip(*window.intervals, strict=True)
+        begins, starts, *parts = zip(*window.intervals, strict=True)
         x, y = (together(part) for part in list(zip(*begins, strict=True))[1::2])
         expected, ends, columns = (together(part) for part in parts)
         by_x, by_fresh = columns.split((size, columns.shape[-2] - size), -2)
@@ -311,14 +328,15 @@ class MovingHorizon(KalmanFilter):
             if (weight - before).abs().max() < SETTLED:
                 break
         places = torch.cat((x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
-        change = (places[-1] - ends[-1])[..., : self.moves]
-        near, first = state.broadcast(tuple(lead)), None
+        change = (places[-1] - ends[-1])[..., : self.moves] + last.more
+        near, first = last.state.broadcast(tuple(lead)), None
         if W < self.window:
-            state = self.interval.changed(near, change)
+            state = self.interval.changed(near, change, last.place)
         else:  # in one go, the begin of what leaves next
             near = State.stack([begins[0].state.broadcast(tuple(lead)), near])
             change = torch.stack(((places[0] - x[0])[..., : self.moves], change))
-            both = self.interval.changed(near, change)
+            place = Place(*(together(pair) for pair in zip(starts[0], last.place, strict=True)))
+            both = self.interval.changed(near, change, place)
             first, state = both[0], both[1]
         end = End(state, places[-1], roots, R)
         return replace(window, places=places[:-1], weight=weight, first=first, end=end)
