@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ...core.arguments import instance
 from ...core.status import DIVERGED
+from ...core.validation import refusal
 from ...dynamics.step_jacobian import diagonal, step_slopes
 from ...dynamics.stepper import Stepper
 from ...linear.chart import Place
@@ -113,7 +114,7 @@ class Interval:
             held = dict(zip(self.inputs, parts, strict=True))
             if self.drive is not None and u is not None:
                 known = unknowns.given(given["coordinates"]) if unknowns.of_model else {}
-                held |= {k: held[k] + part for k, part in self.drive(known, u).items()}
+                held |= {k: held[k] + part for k, part in self.driven(known, u).items()}
             for _ in range(self.steps):
                 now = stepper.advance(now, held)
             duration = self.steps * stepper.dt
@@ -134,6 +135,22 @@ class Interval:
         motion, read = by.rows(slice(n)), by.rows(slice(n, n + m))
         z = (model.reads @ model.charted.coordinates(end, places[1])[..., None])[..., 0]
         return Moved(space.to_public(end), z, readings, motion, read, more, places)
+
+    def driven(self, parameters: dict[str, Tensor], u: Tensor) -> dict[str, Tensor]:
+        """Inputs by name, of u (..., k). Raises ValueError for a u that `drive` does not take, and
+        for what are no inputs of the scene.
+        """
+        try:
+            inputs = self.drive(parameters, u)
+        except (IndexError, RuntimeError, ValueError) as error:
+            given = f"u of shape {tuple(u.shape)}"
+            raise refusal(given, f"numbers (..., k) that `drive` takes ({error})", are=True) from None
+        wrong = {k: v for k, v in inputs.items() if v.shape[-1:] != (self.inputs.get(k),)}
+        if wrong:
+            made = ", ".join(f"{k!r} of shape {tuple(v.shape)}" for k, v in wrong.items())
+            wanted = ", ".join(f"{k!r} of {size} numbers" for k, size in self.inputs.items())
+            raise refusal(f"u of shape {tuple(u.shape)}, of which `drive` makes {made},", wanted)
+        return inputs
 
     def slope_of(self, read: Callable[[State], Tensor], state: State) -> tuple[Tensor, Tensor]:
         """read(state) (..., r) of what follows from the motion, and by z (..., r, n)."""

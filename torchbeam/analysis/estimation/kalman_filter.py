@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -25,6 +26,7 @@ from .filtered import Filtered
 from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
+from .products import Products
 from .unknowns import Slopes, Unknowns, with_priors
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
@@ -129,6 +131,12 @@ class KalmanFilter:
             like.new_zeros(0, self.size) if root is None else pad(root, (0, self.size - n))
         )
 
+    @cached_property
+    def products(self):
+        import os
+        if not self.unknowns.of_model or os.environ.get("SECOND") == "0": return None
+        return Products.of(self.interval, self.unknowns)
+
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_standing": None}
 
@@ -194,7 +202,13 @@ class KalmanFilter:
         about = self._about(before)
         after, expected, x, columns = self._moved(before.state, before.x, self._inputs(u), about)
         error = self._readings(y, expected) - expected
-        by_x, learnt = self._conditioned(before.factor, columns, error)
+        if self.products is not None:
+            mean, rows = self._second(before.factor)
+            error, x = error - mean[..., : self.read], x + mean[..., self.read :]
+            by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
+            after = after._replace(more=after.more + torch.cat((mean[..., self.read:self.read+self.moves], mean[..., : self.read]), -1))
+        else:
+            by_x, learnt = self._conditioned(before.factor, columns, error)
         read = (~torch.isnan(error)).sum(-1).to(error)
         now = replace(
             before,
@@ -284,7 +298,12 @@ class KalmanFilter:
         return axis_last("y", as_tensor(y, like.dtype, like.device), self.read)
 
     def _conditioned(
-        self, factor: Tensor, columns: Tensor, error: Tensor, weight: Tensor | float = 1.0
+        self,
+        factor: Tensor,
+        columns: Tensor,
+        error: Tensor,
+        weight: Tensor | float = 1.0,
+        rows: Tensor | None = None,
     ) -> tuple[Tensor, Conditioned]:
         """Readings and x' by x, and what readings with errors (..., m) from those expected (NaN =
         missing) and weights say of x', where x has this factor.
@@ -294,10 +313,29 @@ class KalmanFilter:
         by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
         roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
         noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
-        rows = (roots @ by_x, by_fresh, pad(torch.diag_embed(noise), (0, self.size)))
+        more = () if rows is None else (torch.where(pad(seen, (0, self.size), value=True)[..., None, :], rows, 0.0),)
+        rows = (roots @ by_x, by_fresh, *more, pad(torch.diag_embed(noise), (0, self.size)))
         lead = broadcast_shapes(*(part.shape[:-2] for part in rows))
         whole = torch.cat([part.expand(*lead, -1, -1) for part in rows], -2)
         return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
+
+    def _second(self, factor: Tensor) -> tuple[Tensor, Tensor]:
+        """Of readings and x', as `_columns` has them: mean (..., m + size) and rows
+        (..., s, m + size) of what products of motion and parameters add.
+        """
+        n, m, p = self.moves, self.read, self.unknowns.of_model
+        added = self.products(factor[..., :n], factor[..., n : n + p])
+        late = self.delay * m
+
+        def placed(x: Tensor) -> Tensor:
+            z, read = x.split((n, m), -1)
+            if not late:
+                return torch.cat((read, pad(z, (0, self.size - n))), -1)
+            rest = self.size - n - late
+            return torch.cat((torch.zeros_like(read), pad(z, (0, rest)), pad(read, (0, late - m))), -1)
+
+        mean, rows = added
+        return placed(mean), placed(rows)
 
     def _columns(self, after: Moved) -> Tensor:
         """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their
