@@ -144,7 +144,9 @@ class Interval:
             inputs = self.drive(parameters, u)
         except (IndexError, RuntimeError, ValueError) as error:
             given = f"u of shape {tuple(u.shape)}"
-            raise refusal(given, f"numbers (..., k) that `drive` takes ({error})", are=True) from None
+            raise refusal(
+                given, f"numbers (..., k) that `drive` takes ({error})", are=True
+            ) from None
         wrong = {k: v for k, v in inputs.items() if v.shape[-1:] != (self.inputs.get(k),)}
         if wrong:
             made = ", ".join(f"{k!r} of shape {tuple(v.shape)}" for k, v in wrong.items())

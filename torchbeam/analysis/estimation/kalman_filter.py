@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import torch
@@ -12,10 +11,11 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
-from ...core.arguments import count, function, instance, number, step_size
+from ...core.arguments import boolean, count, function, instance, number, step_size
 from ...core.validation import as_tensor, axis_last, positive, refusal, shown
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
+from ...linear.chart import Place
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
 from ...math.shapes import broadcast_shapes
@@ -61,6 +61,8 @@ class KalmanFilter:
         model: whose coordinates are z; a reduced one: amplitudes of modes, the rest follows. None =
             that of `linearize`, about the equilibrium of the mean parameters without inputs
         method: as in `Stepper`, but for one that remembers more than z
+        second_order: whether products of deviations of z and of the parameters count in mean and
+            covariance of what is expected; their derivatives are those about `model`'s own state
 
     Derivatives of the motion and of the readings are exact, by one interval of as many samples as z
     and the readings have numbers. Readings may depend on the force in their interval; one that is
@@ -100,6 +102,7 @@ class KalmanFilter:
         steps: int = 1,
         model: Linear | None = None,
         method: str = "midpoint",
+        second_order: bool = True,
     ) -> None:
         self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
         steps, known = count("steps", steps), with_priors(parameters)
@@ -126,16 +129,14 @@ class KalmanFilter:
         n = self.moves
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
+        # of motion and parameters, where these are of the scene
+        self.products = None
+        if boolean("second_order", second_order) and self.unknowns.of_model:
+            self.products = Products.of(self.interval, self.unknowns)
         # (s, size): what comes on top of x at the begin of an interval
         self.shaken = (
             like.new_zeros(0, self.size) if root is None else pad(root, (0, self.size - n))
         )
-
-    @cached_property
-    def products(self):
-        import os
-        if not self.unknowns.of_model or os.environ.get("SECOND") == "0": return None
-        return Products.of(self.interval, self.unknowns)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_standing": None}
@@ -202,13 +203,12 @@ class KalmanFilter:
         about = self._about(before)
         after, expected, x, columns = self._moved(before.state, before.x, self._inputs(u), about)
         error = self._readings(y, expected) - expected
+        more, rows = after.more[..., : self.moves], None
         if self.products is not None:
-            mean, rows = self._second(before.factor)
+            mean, rows = self._second_order(before.factor)
             error, x = error - mean[..., : self.read], x + mean[..., self.read :]
-            by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
-            after = after._replace(more=after.more + torch.cat((mean[..., self.read:self.read+self.moves], mean[..., : self.read]), -1))
-        else:
-            by_x, learnt = self._conditioned(before.factor, columns, error)
+            more = more + mean[..., self.read :][..., : self.moves]
+        by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
         read = (~torch.isnan(error)).sum(-1).to(error)
         now = replace(
             before,
@@ -221,7 +221,7 @@ class KalmanFilter:
             learnt=(by_x, learnt),
             about=about,
         )
-        return self._changed(now.judged(), learnt.change, after)
+        return self._changed(now.judged(), learnt.change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
@@ -247,14 +247,17 @@ class KalmanFilter:
             smooth.append(self._changed(replace(before, factor=root), change))
         return smooth[::-1]
 
-    def _changed(self, found: Filtered, change: Tensor, after: Moved | None = None) -> Filtered:
-        """With x (..., size) changed so, and the state with z; after: what x is of, beyond whose
-        state it may be.
+    def _changed(
+        self,
+        found: Filtered,
+        change: Tensor,
+        more: Tensor | float = 0.0,
+        place: Place | None = None,
+    ) -> Filtered:
+        """With x (..., size) changed so, and the state with z, by `more` (..., n) beside, by which
+        x is beyond that state; place: of the state, None = not known.
         """
-        by, place = change[..., : self.moves], None
-        if after is not None:
-            by, place = by + after.more[..., : self.moves], after.places[1]
-        state = self.interval.changed(found.state, by, place)
+        state = self.interval.changed(found.state, change[..., : self.moves] + more, place)
         return replace(found, x=found.x + change, state=state)
 
     def _about(self, before: Filtered) -> Tensor:
@@ -306,35 +309,34 @@ class KalmanFilter:
         rows: Tensor | None = None,
     ) -> tuple[Tensor, Conditioned]:
         """Readings and x' by x, and what readings with errors (..., m) from those expected (NaN =
-        missing) and weights say of x', where x has this factor.
+        missing) and weights say of x', where x has this factor; rows (..., s, m + size): further
+        sources of both, None = none.
         """
         seen = ~torch.isnan(error)
-        columns = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], columns, 0.0)
+        kept = pad(seen, (0, self.size), value=True)[..., None, :]
+        columns = torch.where(kept, columns, 0.0)
+        more = () if rows is None else (torch.where(kept, rows, 0.0),)
         by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
         roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
         noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
-        more = () if rows is None else (torch.where(pad(seen, (0, self.size), value=True)[..., None, :], rows, 0.0),)
-        rows = (roots @ by_x, by_fresh, *more, pad(torch.diag_embed(noise), (0, self.size)))
-        lead = broadcast_shapes(*(part.shape[:-2] for part in rows))
-        whole = torch.cat([part.expand(*lead, -1, -1) for part in rows], -2)
+        parts = (roots @ by_x, by_fresh, *more, pad(torch.diag_embed(noise), (0, self.size)))
+        lead = broadcast_shapes(*(part.shape[:-2] for part in parts))
+        whole = torch.cat([part.expand(*lead, -1, -1) for part in parts], -2)
         return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
 
-    def _second(self, factor: Tensor) -> tuple[Tensor, Tensor]:
-        """Of readings and x', as `_columns` has them: mean (..., m + size) and rows
-        (..., s, m + size) of what products of motion and parameters add.
+    def _second_order(self, factor: Tensor) -> tuple[Tensor, Tensor]:
+        """Of readings and x', as `_columns` has them: mean (..., m + size), and rows
+        (..., s, m + size) of what `products` add where x has this factor.
         """
-        n, m, p = self.moves, self.read, self.unknowns.of_model
-        added = self.products(factor[..., :n], factor[..., n : n + p])
-        late = self.delay * m
+        n, m, p, late = self.moves, self.read, self.unknowns.of_model, self.delay * self.read
 
         def placed(x: Tensor) -> Tensor:
             z, read = x.split((n, m), -1)
             if not late:
                 return torch.cat((read, pad(z, (0, self.size - n))), -1)
-            rest = self.size - n - late
-            return torch.cat((torch.zeros_like(read), pad(z, (0, rest)), pad(read, (0, late - m))), -1)
+            return torch.cat((pad(z, (m, self.size - n - late)), pad(read, (0, late - m))), -1)
 
-        mean, rows = added
+        mean, rows = self.products(factor[..., :n], factor[..., n : n + p])
         return placed(mean), placed(rows)
 
     def _columns(self, after: Moved) -> Tensor:

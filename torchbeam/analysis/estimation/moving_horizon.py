@@ -106,7 +106,8 @@ class MovingHorizon(KalmanFilter):
     `KalmanFilter` does; of a linear structure both say the same.
 
     Args:
-        scene, sensors: as `filter`, all that `KalmanFilter` takes
+        scene, sensors: as `filter`, all that `KalmanFilter` takes; but for `second_order`, which is
+            of the filter alone
         window: intervals
         iterations: Gauss-Newton steps a reading
         loss: "huber" or "student": of readings that miss by much, in place of squares
@@ -145,6 +146,7 @@ class MovingHorizon(KalmanFilter):
         bounds: Mapping[str, Any] | None = None,
         **filter: Any,
     ) -> None:
+        filter.setdefault("second_order", False)  # intervals are linear about what all say
         super().__init__(scene, sensors, **filter)
         self.window, self.iterations = count("window", window), count("iterations", iterations)
         self.loss = None if loss is None else LOSSES[choice("loss", loss, tuple(LOSSES))]
