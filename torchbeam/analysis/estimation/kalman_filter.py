@@ -27,7 +27,7 @@ from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
 from .products import Products
-from .unknowns import Slopes, Unknowns, with_priors
+from .unknowns import Slopes, Unknowns, mean_scene, with_priors
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
@@ -106,7 +106,7 @@ class KalmanFilter:
     ) -> None:
         self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
         steps, known = count("steps", steps), with_priors(parameters)
-        mean = _mean_scene(scene, known)
+        mean = mean_scene(scene, known)
         self.like = like = mean.beam.nodes.new_zeros(())
         instruments = Instruments.of(sensors, noise, rate, mean, like)
         self.unknowns = Unknowns.of(
@@ -257,8 +257,10 @@ class KalmanFilter:
         """With x (..., size) changed so, and the state with z, by `more` (..., n) beside, by which
         x is beyond that state; place: of the state, None = not known.
         """
-        state = self.interval.changed(found.state, change[..., : self.moves] + more, place)
-        return replace(found, x=found.x + change, state=state)
+        by = change[..., : self.moves] + more
+        return replace(
+            found, x=found.x + change, state=self.interval.changed(found.state, by, place)
+        )
 
     def _about(self, before: Filtered) -> Tensor:
         """(..., p): coordinates of parameters at which each sample's structure stands: where it
@@ -325,8 +327,8 @@ class KalmanFilter:
         return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
 
     def _second_order(self, factor: Tensor) -> tuple[Tensor, Tensor]:
-        """Of readings and x', as `_columns` has them: mean (..., m + size), and rows
-        (..., s, m + size) of what `products` add where x has this factor.
+        """What `products` add to readings and x', where x has this factor: mean (..., m + size),
+        rows (..., s, m + size).
         """
         n, m, p, late = self.moves, self.read, self.unknowns.of_model, self.delay * self.read
 
@@ -387,17 +389,3 @@ class KalmanFilter:
         lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
         parts = [part.expand(*lead, -1) for part in parts]
         return torch.cat(parts, -1) if parts else like.new_zeros(0)
-
-
-def _mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
-    """That of the parameters' means."""
-    if isinstance(scene, Scene):
-        if parameters:
-            raise ValueError(
-                "parameters were given beside a Scene; a function parameters -> Scene is wanted"
-            )
-        return scene
-    if not callable(scene) or not parameters:
-        raise refusal(f"scene = {shown(scene)}", "a Scene, or a function of `parameters`,")
-    means = {name: one.start for name, one in parameters.items()}
-    return instance("what scene gives", scene(means), Scene)

@@ -32,7 +32,8 @@ def test_slopes_are_those_of_the_derivatives():
         lambda p: strip(p["E"]), TIP, dt=DT, noise=1e-3, parameters={"E": E}, model=model
     )
     plain, stiffer = (
-        tb.Stepper(strip(1.01**k), DT).jacobian(model.state, torch.zeros(3), model)[0] for k in (-1, 1)
+        tb.Stepper(strip(1.01**k), DT).jacobian(model.state, torch.zeros(3), model)[0]
+        for k in (-1, 1)
     )
     slope = (stiffer - plain) / (2 * torch.tensor(1.01).log())
     scale = slope.abs().max()
