@@ -220,6 +220,7 @@ class Estimated(Controller):
             model=model,
             method=config.method,
             drive=self.drive,
+            second_order=False,  # the returns on record are without
         )
         self.heard = self._heard(own)
         self.covariance = None

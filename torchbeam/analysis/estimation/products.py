@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ...math.square_root import triangle
-from ...state.state import State
+from .instruments import still
 from .interval import Interval
 from .unknowns import Unknowns
 
@@ -25,16 +25,20 @@ class Products:
 
     @classmethod
     def of(cls, interval: Interval, unknowns: Unknowns) -> Products:
-        """Of z and the readings at an interval's end, in this order."""
-        p = unknowns.of_model
+        """Of z and the readings at an interval's end, in this order; of sensors of several samples
+        their mean.
+        """
+        p, rest, scene = unknowns.of_model, interval.model.state, interval.scene
+        lead = interval.instruments.now(scene, rest, still(scene)).shape[:-1]
         steps = STEP * torch.eye(p).to(unknowns.start)
         at = torch.stack((steps, -steps)) + unknowns.start[:p]
-        state: State = interval.model.state.broadcast((2, p))
-        standing = interval.standing(unknowns, at, (2, p), None)
-        still = unknowns.white.new_zeros(len(unknowns.white))
-        moved = interval.move(state, unknowns, at, still, None, standing)
+        at = at.reshape(2, p, *[1] * len(lead), p).expand(2, p, *lead, p)
+        standing = interval.standing(unknowns, at, at.shape[:-1], None)
+        none = unknowns.white.new_zeros(len(unknowns.white))
+        moved = interval.move(rest.broadcast(at.shape[:-1]), unknowns, at, none, None, standing)
         rows = torch.cat((moved.motion_by.motion, moved.readings_by.motion), -2)
-        return cls((rows[0] - rows[1]) / (2 * STEP))
+        slopes = (rows[0] - rows[1]) / (2 * STEP)
+        return cls(slopes.flatten(1, -3).mean(1) if lead else slopes)
 
     def __call__(self, z: Tensor, parameters: Tensor) -> tuple[Tensor, Tensor]:
         """Mean (..., r) of what the products add, and rows (..., s, r) of independent sources of
