@@ -70,6 +70,28 @@ def acting(asked: Tensor, latency: Tensor, lag: Tensor, interval: float, spare: 
     return (weights[..., None] * arrived).sum(-2)
 
 
+def acting_ahead(
+    before: Tensor, queue: Tensor, latency: Tensor, lag: Tensor, interval: float, spare: int
+) -> Tensor:
+    """(n, T, a) what acts over the next T intervals by a queue (n, spare + T, a), oldest first, and
+    by what acted last (n, a): what `late_action`, then `lagging` make of it one after the other.
+    """
+    if spare:
+        late = torch.arange(spare, -1, -1).to(latency)
+        hats = (1 - (latency[:, None] - late).abs()).clamp(min=0)[..., None, None]
+        parts = (queue[:, k : queue.shape[1] - spare + k] for k in range(spare + 1))
+        queue = torch.stack(
+            [hat * part for hat, part in zip(hats.unbind(1), parts, strict=True)]
+        ).sum(0)
+    if not lag.ndim:
+        return queue
+    share, at = _followed(lag, interval)[:, None], torch.arange(queue.shape[1]).to(lag)
+    passed = at[:, None] - at
+    left = (1 - share[..., None]) ** passed.clamp(min=0)
+    weights = torch.where(passed >= 0, share[..., None] * left, 0.0)
+    return weights @ queue + ((1 - share) ** (at + 1))[..., None] * before[:, None]
+
+
 def erroneous(seen: Tensor, noise: float, bias: Tensor, key: Tensor, steps: Tensor) -> Tensor:
     """Readings (n, o) at their steps (n,), with white noise of this standard deviation and constant
     errors of that of `bias` (n,), () = none.

@@ -72,6 +72,7 @@ class Estimated(Controller):
         super().begin(env)
         self.controller.begin(env)
         self.z: tb.Filtered | None = None
+        self.stands: tuple[Tensor, tb.Stepper] | None = None
 
     def restart(self, fresh: Tensor) -> None:
         self.controller.restart(fresh)
@@ -99,17 +100,28 @@ class Estimated(Controller):
         """The episodes (n,), by the most likely latencies."""
         now, likely = self.env.state, self.z.log_likelihood.argmax(0)
         at = likely, torch.arange(len(likely), device=likely.device)
-        plant, own = now.plant, self.filter.unknowns
-        params = dict(self.told)
+        own, params = self.filter.unknowns, dict(self.told)
         if own.of_model:
             params |= own.given(self.z.x[at][:, self.filter.moves :][:, : own.of_model])
             params["latency"] = params["latency"].clamp(*self.late)
-        if not self.known:
-            scene = self.scene(params) if own.of_model else self.filter.interval.scene
-            step = self.filter.interval.stepper
-            plant = Plant(params, tb.Stepper(scene, step.dt, self.method))
+        plant = now.plant if self.known else self._plant(params, at)
         acting = self.acting(params, self.asked)
         return replace(now, plant=plant, beam=self.z.state[at], acting=acting)
+
+    def _plant(self, params: dict[str, Tensor], at: tuple[Tensor, Tensor]) -> Plant:
+        """Of these parameters; of its beam, that of those at which the filter's structure stands,
+        and the last one where it is that.
+        """
+        f, about = self.filter, self.z.about
+        if not f.unknowns.of_model:
+            return Plant(params, f.interval.stepper)
+        about = self.z.x[at][:, f.moves :] if about is None else about[at]
+        stands, stepper = self.stands or (None, None)
+        if stands is None or not stands.equal(about):
+            scene = self.scene(f.unknowns.given(about[:, : f.unknowns.of_model]))
+            stepper = tb.Stepper(scene, f.interval.stepper.dt, self.method)
+            self.stands = about, stepper
+        return Plant(params, stepper)
 
     def acting(self, params: dict[str, Tensor], asked: Tensor) -> Tensor:
         """(..., a) what acts, before the gain, by what was asked (..., H, a), the last first."""
@@ -155,6 +167,9 @@ class Estimated(Controller):
             for name, axes in (("x", 1), ("factor", 2), ("log_likelihood", 0), ("lately", 1))
             for a, b in [(getattr(first, name), getattr(self.z, name))]
         }
+        if (about := self.z.about) is not None:
+            start = first.x[..., self.filter.moves :][..., : about.shape[-1]]
+            rows["about"] = torch.where(fresh[:, None], start, about)
         self.z = replace(self.z, state=first.state.where(fresh, self.z.state), **rows)
         self.asked = torch.where(fresh[:, None, None], 0.0, self.asked)
 
@@ -205,6 +220,7 @@ class Estimated(Controller):
             model=model,
             method=config.method,
             drive=self.drive,
+            second_order=False,  # the returns on record are without
         )
         self.heard = self._heard(own)
         self.covariance = None

@@ -4,7 +4,7 @@ target; where hinges turn, around the arm at rest.
 
 from __future__ import annotations
 
-from math import inf
+from math import floor, inf
 from numbers import Real
 from typing import Any
 
@@ -24,6 +24,15 @@ from .riccati import delayed_gain
 #   SlewPlanar     -996  -362  -186  -149  -141  -144   (no action -787)
 #   TwoLinkPlanar   -17   -29   -32   -36   -42   -53   (no action -138)
 EFFORT = 0.5
+
+
+def mean_latency(env: BeamVectorEnv) -> int:
+    """Intervals by which actions act later than the env's delay, on average: its latency, and the
+    lag of its actuators, which follow what is asked by so many s.
+    """
+    drawn = env.simulation.ranges
+    latency, lag = (sum(drawn.get(name, (0.0,))) / 2 for name in ("latency", "lag"))
+    return floor(latency + lag / env.config.control_interval + 0.5)
 
 
 class Late:
@@ -112,7 +121,8 @@ class LQR(Controller):
 
     Args:
         effort, speed_weight: of the cost
-        latency: intervals by which the model has actions act later than the env's delay
+        latency: intervals by which the model has actions act later than the env's delay; None =
+            their mean where the env draws one, with the lag of its actuators
         schedule: models about the equilibria of so many held actions (odd), from -1 to 1 along each
             action, between which gains are interpolated at `hold`; 1 = about that without action
 
@@ -135,10 +145,11 @@ class LQR(Controller):
         effort: float = 0.01,
         speed_weight: float = 0.1,
         *,
-        latency: int = 0,
+        latency: int | None = None,
         schedule: int = 1,
     ) -> None:
         env = vector_env(env)
+        latency = mean_latency(env) if latency is None else latency
         if not env.task.HOLDS:
             raise ValueError(
                 "a task whose targets no constant action holds was given (a hub turns); LQR "
@@ -279,9 +290,10 @@ class JointLQR(Controller):
         effort: float = EFFORT,
         speed_weight: float = 0.1,
         *,
-        latency: int = 0,
+        latency: int | None = None,
     ) -> None:
         env = vector_env(env)
+        latency = mean_latency(env) if latency is None else latency
         scene, task = env.plant.scene, env.task
         if type(task).resting is Task.resting:
             raise ValueError(

@@ -77,7 +77,7 @@ class LQG(LQR):
         effort: float = 0.01,
         speed_weight: float = 0.1,
         *,
-        latency: int = 0,
+        latency: int | None = None,
         schedule: int = 1,
         action: float = ACTION,
         disturbance: float = 0.0,
@@ -152,7 +152,7 @@ class JointLQG(JointLQR):
         effort: float = EFFORT,
         speed_weight: float = 0.1,
         *,
-        latency: int = 0,
+        latency: int | None = None,
         action: float = ACTION,
         disturbance: float = 0.0,
     ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -10,6 +9,7 @@ from torch import Tensor
 
 from torchbeam.extend import count
 
+from .. import imperfections
 from ..core import BeamVectorEnv
 from .holding import Controller, vector_env
 from .linear import amount
@@ -93,15 +93,16 @@ class MPC(Controller):
         """(n, horizon, a): what acts in the next intervals; given over those of the delay at the
         end, an action would act after them.
         """
-        now, rest = self.env.state, self.env.config.delay
+        now, simulation = self.env.state, self.env.simulation
         if not self.informed:
             return torch.cat((now.pending, plan), 1)
-        gain, acts = now.plant.params["gain"], []
-        for action in (*plan.unbind(1), *rest * [torch.zeros_like(plan[:, 0])]):
-            acting, pending, late = self.env.simulation.acting(now, action)
-            now = replace(now, acting=acting, pending=pending, late=late)
-            acts.append(gain.reshape(-1, 1) * acting)
-        return torch.stack(acts, 1)
+        late, params = () if now.late is None else (now.late,), now.plant.params
+        queue = torch.cat((*late, now.pending, plan), 1)
+        interval = self.env.config.control_interval
+        acts = imperfections.acting_ahead(
+            now.acting, queue, params["latency"], params["lag"], interval, simulation.spare
+        )
+        return params["gain"].reshape(-1, 1, 1) * acts
 
     def _better(self, plan: Tensor) -> Tensor:
         """The plan after a step."""

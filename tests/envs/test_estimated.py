@@ -1,11 +1,13 @@
 """Controllers that estimate: what they read, and what they reach."""
 
+import math
 from dataclasses import replace
 
 import pytest
 import torch
-from torchbeam_envs import TipReachVectorEnv
+from torchbeam_envs import FlutterHoldVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Estimated
+from torchbeam_envs.baselines.estimated import LASTING
 from torchbeam_envs.uncertain import UNCERTAIN
 
 import torchbeam as tb
@@ -73,3 +75,39 @@ def test_episodes_that_begin_later():
             assert controller(observation).isfinite().all()
             latest = controller.z.log_likelihood
             assert (latest[:, 0] == 0).all() and (latest[:, 1] != 0).all()
+
+
+def test_what_acts_is_what_the_env_has_act():
+    """Of arms of a delay, each with a latency, a lag and a gain of its own, which are told: to what
+    a lag leaves of an action that is no more remembered.
+    """
+    env = make(3, delay=1, max_episode_steps=20)
+    observation, _ = env.reset(seed=4)
+    controller = Estimated(LQR(env, effort=0.1), known=True)
+    controller.begin(env)
+    assert env.state.plant.params["latency"].min() > 0.1
+    for _ in range(8):
+        observation, *_ = env.step(controller(observation))
+        acts = controller.acting(controller.told, controller.asked)
+        assert (acts - env.state.acting).abs().max() < math.exp(-LASTING)
+    assert acts.abs().max() > 0.1
+
+
+@pytest.mark.steps
+def test_readings_of_a_motion_that_is_not_estimated_are_left_out():
+    """Thrust at an elastic clamp starts a quick vibration along the arm: its velocities alone, and
+    none where noise is larger, or the arm rests.
+    """
+    arguments = {**SMALL, **UNCERTAIN["FlutterHold"]}
+    del arguments["planar"]
+    left = []
+    loud = {**arguments, "noise": 1.0}
+    flutter = (FlutterHoldVectorEnv(2, **given) for given in (arguments, loud))
+    for env in (*flutter, make(2)):
+        observation, _ = env.reset(seed=0)
+        controller = Estimated(LQR(env, effort=0.1))
+        controller.begin(env)
+        controller(observation)
+        labels = controller.filter.interval.instruments.labels
+        left.append([name for name, on in zip(labels, controller.heard, strict=True) if not on])
+    assert left == [["sensors tip velocity x", "sensors node 1 velocity x"], [], []]

@@ -3,12 +3,13 @@ an elastic clamp, a mass on the tip.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 import torchbeam_envs as envs
-from torchbeam_envs.imperfections import acting
+from torchbeam_envs.imperfections import acting, acting_ahead
 
 import torchbeam as tb
 
@@ -81,6 +82,29 @@ def test_what_acts_follows_from_all_that_was_asked():
     found = acting(due, late, lag, env.config.control_interval, 2)
     assert (found - now.acting).abs().max() < 1e-14
     assert now.acting.abs().min() > 1e-3
+
+
+def test_what_will_act_follows_from_what_waits():
+    """Over the next intervals, of arms with a latency and a lag of their own, at once: as step by
+    step; and of arms without either.
+    """
+    late, lag = torch.tensor([0.0, 0.6, 1.25, 2.0]), torch.tensor([0.02, 0.0, 0.02, 0.015])
+    for env, given in (
+        (reach(4, randomize={"latency": (0, 2)}), dict(latency=late.tolist(), lag=lag.tolist())),
+        (reach(4), {}),
+    ):
+        _, now = run(env, actions(4, 5), **given)
+        plan, interval = actions(4, 6).movedim(0, 1), env.config.control_interval
+        waits = (now.pending,) if now.late is None else (now.late, now.pending)
+        ahead = acting_ahead(
+            now.acting, torch.cat((*waits, plan), 1), *(
+                now.plant.params[name] for name in ("latency", "lag")
+            ), interval, env.simulation.spare,
+        )  # fmt: skip
+        for k, action in enumerate(plan.unbind(1)):
+            acts, pending, waiting = env.simulation.acting(now, action)
+            now = replace(now, acting=acts, pending=pending, late=waiting)
+            assert (ahead[:, k] - acts).abs().max() < 1e-14
 
 
 def test_bias_stays_through_an_episode():

@@ -5,7 +5,8 @@ nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -23,6 +24,16 @@ from ..state.state import State
 from .minimal_moves import pivots
 
 ITERATIONS = 30
+SLOW = 1e-3  # of the move before: a move after which the rows are taken anew
+
+
+class Place(NamedTuple):
+    """Of a configuration: q (..., w (N+1)), and dq by moves of the nodes, displacement and turn,
+    frame a, (..., w (N+1), w (N+1)).
+    """
+
+    q: Tensor
+    by_moves: Tensor
 
 
 @dataclass(frozen=True)
@@ -81,12 +92,21 @@ class Chart:
             solve, independent = inverse_unchecked(rows), eye[chart.free]
         return replace(chart, solve=solve, independent=independent)
 
-    def __call__(self, position: Tensor, rotation: Tensor, joints: Tensor | None = None) -> Tensor:
-        """q (..., w (N+1)) of a configuration in the space's coordinates; joints: as in `State`."""
+    def __call__(
+        self,
+        position: Tensor,
+        rotation: Tensor,
+        joints: Tensor | None = None,
+        kinematics: Any = None,
+    ) -> Tensor:
+        """q (..., w (N+1)) of a configuration in the space's coordinates; joints: as in `State`;
+        kinematics: of the elements, None = not known.
+        """
+        kinematics = self.kinematics(position, rotation) if kinematics is None else kinematics
         space, reference, bases = self.space, self.own, list(self.bases)
         turn = space.logarithm(space.multiply(rotation, space.inverse(reference.rotation)))
         turn = turn if space.turns else space.to_frame(reference.rotation, turn)
-        strain = space.strains(self.kinematics(position, rotation), self.length) - self.strain
+        strain = space.strains(kinematics, self.length) - self.strain
         displacement = (position - reference.position)[..., bases, :]
         turn = turn[..., bases, :]
         lead = broadcast_shapes(displacement.shape[:-2], turn.shape[:-2])
@@ -99,30 +119,40 @@ class Chart:
         lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return (self.solve @ torch.cat([x.expand(*lead, -1) for x in parts], -1)[..., None])[..., 0]
 
-    def coordinates(self, state: State) -> Tensor:
+    def place(self, state: State) -> Place:
+        """Of the configuration of a state in the space's coordinates."""
+        position, rotation = state.position, state.rotation
+        kinematics = self.kinematics(position, rotation)
+        q = self(position, rotation, state.joints, kinematics)
+        return Place(q, self.by_moves(position, rotation, kinematics))
+
+    def coordinates(self, state: State, place: Place | None = None) -> Tensor:
         """[q; q'; internal states less own ones] (..., 2 w (N+1) + Z) of a state in the space's
-        coordinates.
+        coordinates; place: its, None = not known.
         """
-        rate = (
-            self.by_moves(state.position, state.rotation)
-            @ self.velocity(state).flatten(-2)[..., None]
-        )[..., 0]
+        q, by_moves = self.place(state) if place is None else place
+        rate = (by_moves @ self.velocity(state).flatten(-2)[..., None])[..., 0]
         lags = () if self.own.internal is None else (state.internal - self.own.internal,)
-        parts = (self(state.position, state.rotation, state.joints), rate, *lags)
+        parts = (q, rate, *lags)
         lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
         return torch.cat([x.expand(*lead, -1) for x in parts], -1)
 
-    def moved(self, near: State, by: Tensor) -> State:
+    def moved(self, near: State, by: Tensor, place: Place | None = None) -> State:
         """The state whose coordinates are those of `near` and `by` (..., 2 w (N+1) + Z) more, all
         in the space's coordinates; what supports hold and joints prescribe stays as `near` has
-        it, and so do stress, reaction, time. First derivatives by `by` are exact. Raises ValueError
-        where there is none.
+        it, and so do stress, reaction, time; place: of `near`, None = not known. First derivatives
+        by `by` are exact. Raises ValueError where there is none.
         """
         space, reference, w = self.space, self.own, self.solve.shape[-2]
         q, rate, lags = by.split((w, w, by.shape[-1] - 2 * w), -1)
-        before = self.independent_and_held(near.position, near.rotation)
-        position, rotation, joints = self._placed(near, q, before.detach())
-        u, rows = self.velocity(near).flatten(-2), self.independent_and_held(position, rotation)
+        at, by_moves = self.place(near) if place is None else place
+        before = self.independent_and_held(near.position, near.rotation, by_moves)
+        position, rotation, joints = self._placed(near, at, q, before.detach())
+        by_moves = self.by_moves(position, rotation)
+        u, rows = (
+            self.velocity(near).flatten(-2),
+            self.independent_and_held(position, rotation, by_moves),
+        )
         more = before - rows
         more = self.independent_alone(rate) + (more @ u[..., None])[..., 0]
         u = (u + self._free_moves(rows, more)).unflatten(-1, (-1, space.unknowns))
@@ -141,11 +171,13 @@ class Chart:
             internal=None if near.internal is None else near.internal + lags,
         )
 
-    def by_moves(self, position: Tensor, rotation: Tensor) -> Tensor:
+    def by_moves(self, position: Tensor, rotation: Tensor, kinematics: Any = None) -> Tensor:
         """J (..., w (N+1), w (N+1)): dq by moves of the nodes at a configuration, displacement and
-        turn, frame a.
+        turn, frame a; kinematics: of the elements, None = not known.
         """
-        rows = self._rows(position, rotation)
+        rows = self._rows(position, rotation, kinematics)
+        if self.space.dims.spin == 1:  # a turn in the plane is its own logarithm
+            return self.solve @ rows
         p, w = self.space.dims.position, self.space.unknowns
         parts = []
         for k, base in enumerate(self.bases):
@@ -155,11 +187,11 @@ class Chart:
         lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
         return self.solve @ torch.cat([x.expand(*lead, -1, -1) for x in parts], -2)
 
-    def independent_and_held(self, position: Tensor, rotation: Tensor) -> Tensor:
+    def independent_and_held(self, position: Tensor, rotation: Tensor, by_moves: Tensor) -> Tensor:
         """(..., n, w (N+1)): the independent coordinates, and behind them what joints hold, by
-        moves of the nodes at a configuration.
+        moves of the nodes at a configuration, where all of q are so by them.
         """
-        rows = self.independent @ self.by_moves(position, rotation)
+        rows = self.independent @ by_moves
         if not self.joints.count:
             return rows
         return stacked(rows, self.joints.held_rows(self.joints.pose(position, rotation)))
@@ -170,11 +202,12 @@ class Chart:
         return pad(moves, (0, len(self.free) - moves.shape[-1]))
 
     def _placed(
-        self, near: State, by: Tensor, rows: Tensor
+        self, near: State, at: Tensor, by: Tensor, rows: Tensor
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """The configuration whose coordinates are those of `near` and `by` more, by Newton's method
-        from that of `near`, where `rows` are `independent_and_held`, with readings of joints; its
-        last step is recorded.
+        """The configuration whose coordinates are those of `near`, `at`, and `by` more, by Newton's
+        method from that of `near`, where `rows` are `independent_and_held`, with readings of
+        joints; its last step is recorded. Where nothing is, the rows stay as long as moves become
+        short quickly (the chord method).
         """
         space, size = self.space, self.length.detach().sum((-1, -2))[..., None]
         if self.joints.count:
@@ -187,27 +220,32 @@ class Chart:
             -1,
         )[..., None, :]
         position, rotation, joints = near.position, near.rotation, near.joints
-        at = self(position, rotation, joints)
         q, at = at + by, at.detach()
-        enough, largest = torch.finfo(q.dtype).eps ** 0.5, torch.inf
+        recorded = torch.is_grad_enabled() and q.requires_grad
+        enough, largest, share = torch.finfo(q.dtype).eps, torch.inf, 0.0
         for k in range(ITERATIONS):
+            anew = not k or recorded or share > SLOW
             if k:
                 with torch.no_grad():
-                    rows = self.independent_and_held(position, rotation)
-                    at = self(position, rotation, joints)
+                    kinematics = self.kinematics(position, rotation)
+                    at = self(position, rotation, joints, kinematics)
+                    if anew:
+                        by_moves = self.by_moves(position, rotation, kinematics)
+                        rows = self.independent_and_held(position, rotation, by_moves)
             change = self.independent_alone(q - at)
             if self.joints.count:
                 gaps = self.joints.gaps(self.joints.pose(position, rotation), near.joints).detach()
                 change = change - pad(gaps, (self.independent.shape[-2], 0))
             move = self._free_moves(rows, change).unflatten(-1, (-1, space.unknowns))
-            largest = concrete((move.detach() / unit).abs().amax()).item()
+            before, largest = largest, concrete((move.detach() / unit).abs().amax()).item()
+            share = largest if anew else largest / before  # what is left of a move after it
             displacement, turn = move.split((space.dims.position, space.dims.spin), -1)
             turn = space.exponential(turn if space.turns else space.to_section(rotation, turn))
             position = position + displacement
             rotation = space.normalize(space.multiply(turn, rotation))
             if self.joints.count:
                 joints = self.joints.reading(self.joints.pose(position, rotation), joints)
-            if not largest > enough:
+            if not largest * min(share, 1.0) > enough:
                 return position, rotation, joints
             position, rotation = position.detach(), rotation.detach()
             joints = None if joints is None else joints.detach()
@@ -227,12 +265,13 @@ class Chart:
     def kinematics(self, position: Tensor, rotation: Tensor) -> Any:
         return self.space.kinematics(*self.assembly.poses(position, rotation), self.length)
 
-    def _rows(self, position: Tensor, rotation: Tensor) -> Tensor:
+    def _rows(self, position: Tensor, rotation: Tensor, kinematics: Any = None) -> Tensor:
         """(..., r, w (N+1)): displacements and turns of the bases, strains and coordinates of
         joints by moves of the nodes, frame a.
         """
-        w, moves = self.space.unknowns, self.unit_moves()
-        B = self.space.strain_operator(self.kinematics(position, rotation), self.length)
+        w, moves = self.space.unknowns, self.unit_moves
+        kinematics = self.kinematics(position, rotation) if kinematics is None else kinematics
+        B = self.space.strain_operator(kinematics, self.length)
         rows = torch.einsum("...eij,mej->...eim", B, moves).flatten(-3, -2)
         eye = torch.eye(len(moves), dtype=rows.dtype, device=rows.device).unflatten(0, (-1, w))
         parts = [eye[list(self.bases)].flatten(0, 1), rows]
@@ -270,6 +309,7 @@ class Chart:
         solve = solve.new_zeros(*solve.shape[:-1], len(at)).index_copy(-1, chosen, solve)
         return solve, all_rows[..., chosen, :]
 
+    @cached_property
     def unit_moves(self) -> Tensor:
         """(w (N+1), N, numbers) of the elements, by unit moves of the nodes."""
         w = self.space.unknowns

@@ -13,10 +13,10 @@ from ..math.shapes import broadcast_shapes, stacked
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.moves import moved
 from ..state.state import State
-from .chart import Chart
+from .chart import Chart, Place
 
 
-def slopes(chart: Chart, state: State) -> tuple[Tensor, Tensor]:
+def slopes(chart: Chart, state: State, place: Place | None = None) -> tuple[Tensor, Tensor]:
     """Derivatives of `chart.coordinates` by a move of the state (see `nodal.moves`), (..., 2 w
     (N+1) + Z, 2 w (N+1) + Z), and of the move by coordinates, where what supports hold stays, and
     what joints hold. With u the velocities less those of the model's own motion,
@@ -25,10 +25,12 @@ def slopes(chart: Chart, state: State) -> tuple[Tensor, Tensor]:
         (W: what the model's own spin makes of a displacement)
 
     and of what joints hold likewise, 0 = G m and 0 = G (v - W m) + d(G u)/dm m.
+
+    place: of the state, None = not known.
     """
     space, u, free = chart.space, chart.velocity(state), chart.free
-    J = chart.by_moves(state.position, state.rotation)
-    rows = chart.independent_and_held(state.position, state.rotation)
+    _, J = chart.place(state) if place is None else place
+    rows = chart.independent_and_held(state.position, state.rotation, J)
     before = space.to_frame(chart.own.rotation, chart.own.spin)
     carried = _of_each(pad(space.skew(before), (0, space.dims.spin, 0, space.dims.spin)))
     rate, held_rate = _by_moves_of_rate(chart, state, u)
@@ -68,7 +70,7 @@ def _by_moves_of_rate(chart: Chart, state: State, u: Tensor) -> tuple[Tensor, Te
         (ends / length).expand(len(eye), *lead, -1),
         K.expand(len(eye), *lead, *K.shape[-2:]),
     )
-    strains = torch.einsum("...ekb,meb->...ekm", strains, chart.unit_moves()).flatten(-3, -2)
+    strains = torch.einsum("...ekb,meb->...ekm", strains, chart.unit_moves).flatten(-3, -2)
     p, w = space.dims.position, space.unknowns
     bases = strains.new_zeros(*strains.shape[:-2], w * len(chart.bases), strains.shape[-1])
     if space.turns and space.dims.spin > 1:

@@ -18,7 +18,7 @@ from ..math.quadratic_eigen import covering, lowest
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from ..state.state_check import of_mesh
-from .chart import Chart
+from .chart import Chart, Place
 from .chart_slopes import slopes
 
 SYMMETRIC = 1e-6
@@ -134,13 +134,18 @@ class Linear:
         state = self.charted.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
         return self.space.to_public(state).broadcast()
 
-    def slopes(self, state: State) -> tuple[Tensor, Tensor]:
+    def slopes(self, state: State, place: Place | None = None) -> tuple[Tensor, Tensor]:
         """Derivatives at a state in the space's coordinates: dz/dm (..., n, 2 w (N+1) + Z) of the
         departure by a move m of the state, see `torchbeam.nodal.moves`, and dm/dz (..., 2 w
-        (N+1) + Z, n); what z does not tell follows z's own motion.
+        (N+1) + Z, n); what z does not tell follows z's own motion. place: as in `place`, None = not
+        known.
         """
-        by_moves, moves = slopes(self.charted, instance("a state", state, State))
+        by_moves, moves = slopes(self.charted, instance("a state", state, State), place)
         return self.reads @ by_moves, moves @ self.moves
+
+    def place(self, state: State) -> Place:
+        """What departure, derivatives and moves of a state in the space's coordinates share."""
+        return self.charted.place(state)
 
     def discrete(self, dt: float) -> Linear:
         """Model in discrete time, with the inputs held over steps of dt (s): exact, by the

@@ -247,7 +247,12 @@ class State(Instant):
                 f"shape = {tuple(shape)} was given for a state of {tuple(self.batch_shape)}; axes "
                 "that it broadcasts to are wanted"
             )
-        return map_leaves(lambda x, axes: x.expand((*shape, *x.shape[x.ndim - axes :])), self)
+
+        def expanded(x: Tensor, axes: int) -> Tensor:
+            own = x.ndim - axes
+            return x if x.shape[:own] == shape else x.expand((*shape, *x.shape[own:]))
+
+        return map_leaves(expanded, self)
 
 
 def plain(state: State) -> State:

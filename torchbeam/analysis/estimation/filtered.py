@@ -53,6 +53,7 @@ class Filtered:
     lately: Tensor  # (..., 3): of the readings' errors, sum of squares, its mean, its variance
     # of the last interval: readings and x' by x, and what the readings said
     learnt: tuple[Tensor, Conditioned] | None = None
+    about: Tensor | None = None  # (..., p): parameters' coordinates at which the structure stands
     window: Any = None  # of a `MovingHorizon`
 
     def __repr__(self) -> str:

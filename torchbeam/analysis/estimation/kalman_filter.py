@@ -11,10 +11,11 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
-from ...core.arguments import count, function, instance, number, step_size
+from ...core.arguments import boolean, count, function, instance, number, step_size
 from ...core.validation import as_tensor, axis_last, positive, refusal, shown
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
+from ...linear.chart import Place
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
 from ...math.shapes import broadcast_shapes
@@ -23,9 +24,12 @@ from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered
 from .instruments import Instruments, still
-from .interval import Interval, Moved
+from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
-from .unknowns import Slopes, Unknowns, with_priors
+from .products import Products
+from .unknowns import Slopes, Unknowns, mean_scene, with_priors
+
+STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
 
 class KalmanFilter:
@@ -57,6 +61,8 @@ class KalmanFilter:
         model: whose coordinates are z; a reduced one: amplitudes of modes, the rest follows. None =
             that of `linearize`, about the equilibrium of the mean parameters without inputs
         method: as in `Stepper`, but for one that remembers more than z
+        second_order: whether products of deviations of z and of the parameters count in mean and
+            covariance of what is expected; their derivatives are those about `model`'s own state
 
     Derivatives of the motion and of the readings are exact, by one interval of as many samples as z
     and the readings have numbers. Readings may depend on the force in their interval; one that is
@@ -96,10 +102,11 @@ class KalmanFilter:
         steps: int = 1,
         model: Linear | None = None,
         method: str = "midpoint",
+        second_order: bool = True,
     ) -> None:
         self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
         steps, known = count("steps", steps), with_priors(parameters)
-        mean = _mean_scene(scene, known)
+        mean = mean_scene(scene, known)
         self.like = like = mean.beam.nodes.new_zeros(())
         instruments = Instruments.of(sensors, noise, rate, mean, like)
         self.unknowns = Unknowns.of(
@@ -118,13 +125,21 @@ class KalmanFilter:
             drive = function("drive", drive, "parameters", "u")
         self.interval = Interval(mean, scene, instruments, stepper, model, steps, method, drive)
         self.read, self.moves = instruments.count, model.reads.shape[-2]
+        self._standing: Standing | None = None  # the last; no result depends on it
         n = self.moves
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
+        # of motion and parameters, where these are of the scene
+        self.products = None
+        if boolean("second_order", second_order) and self.unknowns.of_model:
+            self.products = Products.of(self.interval, self.unknowns)
         # (s, size): what comes on top of x at the begin of an interval
         self.shaken = (
             like.new_zeros(0, self.size) if root is None else pad(root, (0, self.size - n))
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_standing": None}
 
     @property
     def size(self) -> int:
@@ -185,21 +200,28 @@ class KalmanFilter:
                 those that are not given are 0; with `drive` what that takes
         """
         instance("before", before, Filtered)
-        state, expected, x, columns = self._moved(before.state, before.x, self._inputs(u))
+        about = self._about(before)
+        after, expected, x, columns = self._moved(before.state, before.x, self._inputs(u), about)
         error = self._readings(y, expected) - expected
-        by_x, learnt = self._conditioned(before.factor, columns, error)
+        more, rows = after.more[..., : self.moves], None
+        if self.products is not None:
+            mean, rows = self._second_order(before.factor)
+            error, x = error - mean[..., : self.read], x + mean[..., self.read :]
+            more = more + mean[..., self.read :][..., : self.moves]
+        by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
         read = (~torch.isnan(error)).sum(-1).to(error)
         now = replace(
             before,
-            state=state,
+            state=after.state,
             x=x,
             factor=learnt.root[..., : self.size, :],
             nis=(learnt.unit**2).sum(-1),
             readings=read,
             log_likelihood=before.log_likelihood + learnt.log_density(read),
             learnt=(by_x, learnt),
+            about=about,
         )
-        return self._changed(now.judged(), learnt.change)
+        return self._changed(now.judged(), learnt.change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
@@ -225,28 +247,55 @@ class KalmanFilter:
             smooth.append(self._changed(replace(before, factor=root), change))
         return smooth[::-1]
 
-    def _changed(self, found: Filtered, change: Tensor) -> Filtered:
-        """With x (..., size) changed so, and the state with z."""
-        state = self.interval.changed(found.state, change[..., : self.moves])
-        return replace(found, x=found.x + change, state=state)
-
-    def _moved(self, state: State, x: Tensor, u: Tensor) -> tuple[State, Tensor, Tensor, Tensor]:
-        """An interval later, of what is as x (..., size) and under inputs u (..., inputs) says: the
-        state, what is read of it (..., m), x, and `_columns` of both.
+    def _changed(
+        self,
+        found: Filtered,
+        change: Tensor,
+        more: Tensor | float = 0.0,
+        place: Place | None = None,
+    ) -> Filtered:
+        """With x (..., size) changed so, and the state with z, by `more` (..., n) beside, by which
+        x is beyond that state; place: of the state, None = not known.
         """
-        own, k = self.unknowns, self.moves + len(self.unknowns.names)
-        beside, underway = x[..., self.moves : k], x[..., k:]
+        by = change[..., : self.moves] + more
+        return replace(
+            found, x=found.x + change, state=self.interval.changed(found.state, by, place)
+        )
+
+    def _about(self, before: Filtered) -> Tensor:
+        """(..., p): coordinates of parameters at which each sample's structure stands: where it
+        stood, as long as none has moved by more than a share of its deviation.
+        """
+        own = slice(self.moves, self.moves + self.unknowns.of_model)
+        now, about = before.x[..., own], before.about
+        if about is None:
+            return now
+        moved = (now - about).abs() > STANDS * before.factor[..., own].norm(dim=-2)
+        return torch.where(moved.any(-1, keepdim=True), now, about) if moved.any() else about
+
+    def _moved(
+        self, state: State, x: Tensor, u: Tensor, about: Tensor
+    ) -> tuple[Moved, Tensor, Tensor, Tensor]:
+        """An interval later, of what is as x (..., size) and under inputs u (..., inputs) says: the
+        motion of a structure of parameters of coordinates `about`; by those of x what is read of it
+        (..., m), x, and `_columns` of both.
+        """
+        own, n, k = self.unknowns, self.moves, self.moves + len(self.unknowns.names)
+        beside, underway = x[..., n:k], x[..., k:]
         coordinates = beside[..., : own.of_model]
-        given = u if self.interval.drive is None else torch.zeros_like(own.white)
-        after = self.interval.move(state, own, coordinates, own.acting(beside, given), u)
-        lead, read = after.readings.shape[:-1], after.readings
+        given, standing = u if self.interval.drive is None else torch.zeros_like(own.white), None
+        if own.of_model:
+            lead = broadcast_shapes(state.batch_shape, x.shape[:-1], u.shape[:-1])
+            standing = self._standing = self.interval.standing(own, about, lead, self._standing)
+        after = self.interval.move(state, own, coordinates, own.acting(beside, given), u, standing)
+        z, read = after.z + after.more[..., :n], after.readings + after.more[..., n:]
+        lead = read.shape[:-1]
         if self.delay:
-            read = underway[..., -self.read :]
-            underway = torch.cat((after.readings, underway[..., : -self.read]), -1)
-        z = self.interval.model.departure(after.state)
+            arriving, read = read, underway[..., -self.read :]
+            underway = torch.cat((arriving, underway[..., : -self.read]), -1)
         parts = [part.expand(*lead, -1) for part in (z, beside * own.stays, underway)]
         read = own.with_offsets(read, beside).expand(*lead, -1)
-        return after.state, read, torch.cat(parts, -1), self._columns(after)
+        return after, read, torch.cat(parts, -1), self._columns(after)
 
     def _readings(self, y: Any, like: Tensor) -> Tensor:
         """y (..., m), NaN where one is missing; None = all."""
@@ -254,20 +303,43 @@ class KalmanFilter:
         return axis_last("y", as_tensor(y, like.dtype, like.device), self.read)
 
     def _conditioned(
-        self, factor: Tensor, columns: Tensor, error: Tensor, weight: Tensor | float = 1.0
+        self,
+        factor: Tensor,
+        columns: Tensor,
+        error: Tensor,
+        weight: Tensor | float = 1.0,
+        rows: Tensor | None = None,
     ) -> tuple[Tensor, Conditioned]:
         """Readings and x' by x, and what readings with errors (..., m) from those expected (NaN =
-        missing) and weights say of x', where x has this factor.
+        missing) and weights say of x', where x has this factor; rows (..., s, m + size): further
+        sources of both, None = none.
         """
         seen = ~torch.isnan(error)
-        columns = torch.where(pad(seen, (0, self.size), value=True)[..., None, :], columns, 0.0)
+        kept = pad(seen, (0, self.size), value=True)[..., None, :]
+        columns = torch.where(kept, columns, 0.0)
+        more = () if rows is None else (torch.where(kept, rows, 0.0),)
         by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
         roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
         noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
-        rows = (roots @ by_x, by_fresh, pad(torch.diag_embed(noise), (0, self.size)))
-        lead = broadcast_shapes(*(part.shape[:-2] for part in rows))
-        whole = torch.cat([part.expand(*lead, -1, -1) for part in rows], -2)
+        parts = (roots @ by_x, by_fresh, *more, pad(torch.diag_embed(noise), (0, self.size)))
+        lead = broadcast_shapes(*(part.shape[:-2] for part in parts))
+        whole = torch.cat([part.expand(*lead, -1, -1) for part in parts], -2)
         return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
+
+    def _second_order(self, factor: Tensor) -> tuple[Tensor, Tensor]:
+        """What `products` add to readings and x', where x has this factor: mean (..., m + size),
+        rows (..., s, m + size).
+        """
+        n, m, p, late = self.moves, self.read, self.unknowns.of_model, self.delay * self.read
+
+        def placed(x: Tensor) -> Tensor:
+            z, read = x.split((n, m), -1)
+            if not late:
+                return torch.cat((read, pad(z, (0, self.size - n))), -1)
+            return torch.cat((pad(z, (m, self.size - n - late)), pad(read, (0, late - m))), -1)
+
+        mean, rows = self.products(factor[..., :n], factor[..., n : n + p])
+        return placed(mean), placed(rows)
 
     def _columns(self, after: Moved) -> Tensor:
         """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their
@@ -317,17 +389,3 @@ class KalmanFilter:
         lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
         parts = [part.expand(*lead, -1) for part in parts]
         return torch.cat(parts, -1) if parts else like.new_zeros(0)
-
-
-def _mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
-    """That of the parameters' means."""
-    if isinstance(scene, Scene):
-        if parameters:
-            raise ValueError(
-                "parameters were given beside a Scene; a function parameters -> Scene is wanted"
-            )
-        return scene
-    if not callable(scene) or not parameters:
-        raise refusal(f"scene = {shown(scene)}", "a Scene, or a function of `parameters`,")
-    means = {name: one.start for name, one in parameters.items()}
-    return instance("what scene gives", scene(means), Scene)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.arguments import choice, count, instance
 from ...core.validation import as_tensor, refusal, shown
+from ...linear.chart import Place
 from ...math.shapes import broadcast_shapes
 from ...math.square_root import triangle
 from ...scene.scene import Scene
@@ -29,49 +30,56 @@ SETTLED = 1e-4  # change of weights that is none
 MOVED = 1.0  # deviation of a parameter, after which all intervals are linear anew
 
 
-class Intervals(NamedTuple):
-    """Intervals (W, ...) of a window, each linear about its begin as it was estimated.
-
-    starts (W, ...), x (W, ..., size)  of that begin;  inputs (W, ..., inputs) that were given
-    states, expected, ends, columns  what follows: `MovingHorizon._moved`
-    y (W, ..., m)  readings at the ends;  weight (W, ..., m) of these, by the loss
-    places (W, ..., size)  x at the begin, by all readings
+class Begin(NamedTuple):
+    """Of an interval: state and x (..., size), inputs (..., inputs) that are given in it, readings
+    (..., m) at its end.
     """
 
-    starts: State
+    state: State
     x: Tensor
     inputs: Tensor
-    states: State
+    y: Tensor
+
+
+class Linearised(NamedTuple):
+    """An interval of a window, linear about its begin as it was estimated.
+
+    begin  of state and x (..., size), under inputs (..., inputs), with readings y (..., m) behind
+    place  of that begin;  expected, ends, columns  what follows: `MovingHorizon._moved`
+    """
+
+    begin: Begin
+    place: Place
     expected: Tensor
     ends: Tensor
     columns: Tensor
-    y: Tensor
-    weight: Tensor
-    places: Tensor
 
-    def part(self, which: slice) -> Intervals:
-        return Intervals(*(part[which] for part in self))
 
-    def then(self, later: Intervals) -> Intervals:
-        return Intervals(*_joined(self, later))
+class Motion(NamedTuple):
+    """The state at an interval's end, and its place; more (..., n): what z is beyond it."""
+
+    state: State
+    place: Place
+    more: Tensor
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The last intervals, and what is known of their begin by what was read before.
+    """The last W intervals, and what is known of their begin by what was read before.
 
-    mean (..., size), factor (..., size, size)  of x at the first begin;  known  its factor by all
+    mean (..., size), factor (..., size, size)  of x at the first begin
+    weight (W, ..., m)  how much each reading counts, by the loss
+    places (W, ..., size)  x at the begins, by all readings
+    first  state at the first of them, where the interval leaves next;  end  what all say
     """
 
     mean: Tensor
     factor: Tensor
-    known: Tensor
-    intervals: Intervals
-
-    @property
-    def weight(self) -> Tensor:
-        """(W, ..., m): how much each reading counts, by the loss."""
-        return self.intervals.weight
+    intervals: tuple[Linearised, ...]
+    weight: Tensor
+    places: Tensor
+    first: State | None = None
+    end: End | None = None
 
 
 class End(NamedTuple):
@@ -98,7 +106,8 @@ class MovingHorizon(KalmanFilter):
     `KalmanFilter` does; of a linear structure both say the same.
 
     Args:
-        scene, sensors: as `filter`, all that `KalmanFilter` takes
+        scene, sensors: as `filter`, all that `KalmanFilter` takes; but for `second_order`, which is
+            of the filter alone
         window: intervals
         iterations: Gauss-Newton steps a reading
         loss: "huber" or "student": of readings that miss by much, in place of squares
@@ -137,6 +146,7 @@ class MovingHorizon(KalmanFilter):
         bounds: Mapping[str, Any] | None = None,
         **filter: Any,
     ) -> None:
+        filter.setdefault("second_order", False)  # intervals are linear about what all say
         super().__init__(scene, sensors, **filter)
         self.window, self.iterations = count("window", window), count("iterations", iterations)
         self.loss = None if loss is None else LOSSES[choice("loss", loss, tuple(LOSSES))]
@@ -168,35 +178,33 @@ class MovingHorizon(KalmanFilter):
         x, inputs = instance("before", before, Filtered).x, self._inputs(u)
         y = self._readings(y, x)
         lead = broadcast_shapes(x.shape[:-1], y.shape[:-1], inputs.shape[:-1])
-        state, x = before.state.broadcast(lead), x.expand(*lead, -1)
-        y, inputs = (part.expand(*lead, -1) for part in (y, inputs))
-        begin = state[None], x[None], inputs[None], y[None], torch.ones_like(y)[None]
-        if (window := before.window) is None:
-            window = Window(x, before.factor, before.factor, self._linear(*begin))
-            newest = window.intervals
-        else:
-            window, newest = self._with(window, begin, before.factor)
+        x, y, inputs = (part.expand(*lead, -1) for part in (x, y, inputs))
+        begin = Begin(before.state.broadcast(lead), x, inputs, y)
+        about = self._about(before)
+        window, last = self._with(before, begin, about)
+        newest = window.intervals[-1]
         for k in range(self.iterations):
             if k:
-                window = replace(window, intervals=self._linear(*self._begins(window.intervals)))
-            if len(window.intervals.x) > self.window:
+                intervals, last = self._linear(self._begins(window, slice(None)), about)
+                window = replace(window, intervals=intervals)
+            if len(window.intervals) > self.window:
                 window = self._without_first(window)
-            window, end = self._solved(window)
-        error = (newest.y - newest.expected)[-1]
-        weight = window.weight[-1]
-        by_x, learnt = self._conditioned(before.factor, newest.columns[-1], error, weight)
+            window = self._solved(window, last)
+        error = y - newest.expected
+        by_x, learnt = self._conditioned(before.factor, newest.columns, error, window.weight[-1])
         read = (~torch.isnan(error)).sum(-1).to(x)
         now = replace(
             before,
             filter=self,
-            state=end.state,
-            x=end.x,
-            factor=end.factor(-1),
+            state=window.end.state,
+            x=window.end.x,
+            factor=window.end.factor(-1),
             nis=(learnt.unit**2).sum(-1),
             readings=read,
             log_likelihood=before.log_likelihood + learnt.log_density(read),
             learnt=(by_x, learnt),
-            window=replace(window, known=end.factor(0)),
+            window=window,
+            about=about,
         )
         return now.judged()
 
@@ -205,84 +213,110 @@ class MovingHorizon(KalmanFilter):
         a window later (or to the last): one more than `found`.
         """
         last, known = found[-1].window, [start, *found]
-        last = replace(last, intervals=self._linear(*self._begins(last.intervals)))
-        window, end = self._solved(last)
-        states, x, *_ = self._begins(window.intervals)
-        lately = min(len(x), len(found))
+        begins = self._begins(last, slice(None))
+        intervals, motion = self._linear(begins, self._about(found[-1]))
+        last = self._solved(replace(last, intervals=intervals), motion)
+        begins = self._begins(last, slice(None))
+        lately = min(len(begins), len(found))
         smooth = []
         for j, now in enumerate(known[: -lately - 1]):
-            first = known[j + self.window].window
-            begin, place, *_ = self._begins(first.intervals.part(slice(1)))
-            smooth.append(replace(now, state=begin[0], x=place[0], factor=first.known))
+            window = known[j + self.window].window
+            (first,) = self._begins(window, slice(1))
+            smooth.append(replace(now, state=first.state, x=first.x, factor=window.end.factor(0)))
         for k in range(-lately, 0):
-            at = dict(state=states[k], x=x[k], factor=end.factor(k - 1))
+            at = dict(state=begins[k].state, x=begins[k].x, factor=last.end.factor(k - 1))
             smooth.append(replace(known[k - 1], **at))
         return [*smooth, found[-1]]
 
-    def _begins(self, old: Intervals) -> tuple[State, Tensor, Tensor, Tensor, Tensor]:
-        """What `_linear` takes, about the begins as they are estimated now."""
-        change = (old.places - old.x)[..., : self.moves]
-        starts = self.interval.changed(old.starts, change)
-        return starts, old.places, old.inputs, old.y, old.weight
+    def _begins(self, window: Window, which: slice) -> list[Begin]:
+        """Of intervals of a window, as they are estimated now."""
+        old = [interval.begin for interval in window.intervals[which]]
+        places = window.places[which].unbind()
+        if window.first is not None and which == slice(1):
+            return [old[0]._replace(state=window.first, x=places[0])]
+        near = State.stack([begin.state.broadcast() for begin in old])
+        change = torch.stack([x - begin.x for x, begin in zip(places, old, strict=True)])
+        states = self.interval.changed(near, change[..., : self.moves])
+        return [
+            begin._replace(state=states[k], x=x)
+            for k, (begin, x) in enumerate(zip(old, places, strict=True))
+        ]
 
     def _linear(
-        self, starts: State, x: Tensor, inputs: Tensor, y: Tensor, weight: Tensor
-    ) -> Intervals:
-        """About these begins."""
-        return Intervals(starts, x, inputs, *self._moved(starts, x, inputs), y, weight, x)
+        self, begins: Sequence[Begin], about: Tensor
+    ) -> tuple[tuple[Linearised, ...], Motion]:
+        """About these begins, side by side; and how the last ends."""
+        states, *numbers = zip(*begins, strict=True)
+        x, inputs, _ = (together(part) for part in numbers)
+        after, *parts = self._moved(State.stack(states), x, inputs, about)
+        (starts, ends), more = after.places, after.more[..., : self.moves]
+        each = zip(begins, map(Place, *starts), *(part.unbind() for part in parts), strict=True)
+        last = Motion(after.state[-1], Place(*(part[-1] for part in ends)), more[-1])
+        return tuple(Linearised(*own) for own in each), last
 
-    def _with(
-        self, window: Window, begin: Iterable[Any], factor: Tensor
-    ) -> tuple[Window, Intervals]:
-        """With the interval that begins so; those that stood on what is doubtful now are linear
-        about the estimate: the one that leaves, or all; and what is so.
+    def _with(self, before: Filtered, begin: Begin, about: Tensor) -> tuple[Window, Motion]:
+        """The window with the interval that begins so, and how that ends; intervals that
+        stood on what is doubtful now are linear about the estimate: the one that leaves, or all.
         """
-        old, of_model = window.intervals, slice(self.moves, self.moves + self.unknowns.of_model)
-        moved = (old.places - old.x).abs() > MOVED * factor.norm(dim=-2)
-        again = len(old.x) if moved[..., of_model].any() else int(len(old.x) == self.window)
-        if again:
-            begin = _joined(self._begins(old.part(slice(again))), begin)
-        new = self._linear(*begin)
-        stays = old.part(slice(again, None)).then(new.part(slice(again, None)))
-        return replace(window, intervals=new.part(slice(again)).then(stays)), new
+        window, x, weight = before.window, begin.x[None], torch.ones_like(begin.y)[None]
+        if window is None:
+            intervals, last = self._linear([begin], about)
+            return Window(begin.x, before.factor, intervals, weight, x), last
+        old, places = window.intervals, window.places
+        stood = together([interval.begin.x for interval in old])
+        moved = (places - stood).abs() > MOVED * before.factor.norm(dim=-2)
+        again = int(len(old) == self.window)
+        if moved[..., self.moves : self.moves + self.unknowns.of_model].any():
+            again = len(old)
+        begins = self._begins(window, slice(again)) if again else []
+        new, last = self._linear([*begins, begin], about)
+        intervals = (*new[:again], *old[again:], new[again])
+        places, weight = (
+            torch.cat((past.expand(len(past), *part.shape[1:]), part))
+            for past, part in ((places, x), (window.weight, weight))
+        )
+        return replace(window, intervals=intervals, places=places, weight=weight), last
 
     def _without_first(self, window: Window) -> Window:
         """With what the first interval says in what is known of the second's begin."""
-        first = Intervals(*(part[0] for part in window.intervals))
+        first = window.intervals[0]
         by_x = first.columns[..., : self.size, :]
-        off = ((window.mean - first.x)[..., None, :] @ by_x)[..., 0, :]
-        error = first.y - first.expected - off[..., : self.read]
-        learnt = self._conditioned(window.factor, first.columns, error, first.weight)[1]
+        off = ((window.mean - first.begin.x)[..., None, :] @ by_x)[..., 0, :]
+        error = first.begin.y - first.expected - off[..., : self.read]
+        learnt = self._conditioned(window.factor, first.columns, error, window.weight[0])[1]
         mean = first.ends + off[..., self.read :] + learnt.change
         factor = learnt.root[..., : self.size, :]
-        return Window(mean, factor, factor, window.intervals.part(slice(1, None)))
+        return Window(mean, factor, window.intervals[1:], window.weight[1:], window.places[1:])
 
-    def _solved(self, window: Window) -> tuple[Window, End]:
+    def _solved(self, window: Window, last: Motion) -> Window:
         """After a Gauss-Newton step: at the least of |v|^2 and the losses of the readings, v (N,)
         independent sources of unit variance: of x at the begin, and of what comes on top in each
-        interval.
+        interval. last: how the last ends, as was expected.
         """
-        m, size, own = self.read, self.size, window.intervals
-        by_x, by_fresh = own.columns.split((size, own.columns.shape[-2] - size), -2)
+        m, size = self.read, self.size
+        begins, starts, *parts = zip(*window.intervals, strict=True)
+        x, y = (together(part) for part in list(zip(*begins, strict=True))[1::2])
+        expected, ends, columns = (together(part) for part in parts)
+        by_x, by_fresh = columns.split((size, columns.shape[-2] - size), -2)
         sources = torch.cat((self.shaken @ by_x, by_fresh[..., self.fresh, :]), -2)
-        nodes, (W, *lead, s, _) = torch.cat((own.x[1:], own.ends[-1:])), sources.shape
+        nodes, (W, *lead, s, _) = torch.cat((x[1:], ends[-1:])), sources.shape
         N = size + W * s
-        more = own.x.new_zeros(W, *lead, N + 1, m + size)  # rows: of each source, and of the mean
-        more[..., N, m:] = own.ends - nodes
+        more = x.new_zeros(W, *lead, N + 1, m + size)  # rows: of each source, and of the mean
+        more[..., N, m:] = ends - nodes
         of_each = more[..., size:N, :].unflatten(-2, (W, s)).diagonal(dim1=0, dim2=-3)
         of_each.copy_(sources.movedim(0, -1))
-        now = own.x.new_zeros(*lead, N + 1, size)
+        now = x.new_zeros(*lead, N + 1, size)
         now[..., :size, :] = self._ordered(window.factor)
-        now[..., N, :] = window.mean - own.x[0]
+        now[..., N, :] = window.mean - x[0]
         rows = [pad(now, (m, 0))]
-        for k in range(W):
-            rows.append(rows[-1][..., m:] @ by_x[k] + more[k])
+        for by, top in zip(by_x, more, strict=True):
+            rows.append(rows[-1][..., m:] @ by + top)
         rows = torch.stack(rows)
         roots, off, G = rows[..., :N, m:], rows[..., N, m:], rows[1:, ..., :N, :m]
-        seen = ~torch.isnan(own.y)
+        seen = ~torch.isnan(y)
         share = seen / self.interval.instruments.noise
-        r = torch.nan_to_num(own.y - own.expected - rows[1:, ..., N, :m], nan=0.0) * share
-        G, weight = G.flip(-2) * share[..., None, :], own.weight
+        r = torch.nan_to_num(y - expected - rows[1:, ..., N, :m], nan=0.0) * share
+        G, weight = G.flip(-2) * share[..., None, :], window.weight
         unit = torch.eye(N, N + 1).to(G).expand(*lead, N, N + 1)
         for _ in range(1 if self.loss is None else ROUNDS):
             both = torch.cat((G, r[..., None, :]), -2) * weight.sqrt()[..., None, :]
@@ -295,11 +329,19 @@ class MovingHorizon(KalmanFilter):
             before, weight = weight, self.loss((r - (G.mT @ v)[..., 0]) * seen)
             if (weight - before).abs().max() < SETTLED:
                 break
-        places = torch.cat((own.x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
-        change = (places[-1] - own.ends[-1])[..., : self.moves]
-        state = self.interval.changed(own.states[-1].broadcast(tuple(lead)), change)
-        intervals = own._replace(places=places[:-1], weight=weight)
-        return replace(window, intervals=intervals), End(state, places[-1], roots, R)
+        places = torch.cat((x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
+        change = (places[-1] - ends[-1])[..., : self.moves] + last.more
+        near, first = last.state.broadcast(tuple(lead)), None
+        if W < self.window:
+            state = self.interval.changed(near, change, last.place)
+        else:  # in one go, the begin of what leaves next
+            near = State.stack([begins[0].state.broadcast(tuple(lead)), near])
+            change = torch.stack(((places[0] - x[0])[..., : self.moves], change))
+            place = Place(*(together(pair) for pair in zip(starts[0], last.place, strict=True)))
+            both = self.interval.changed(near, change, place)
+            first, state = both[0], both[1]
+        end = End(state, places[-1], roots, R)
+        return replace(window, places=places[:-1], weight=weight, first=first, end=end)
 
     def _ordered(self, factor: Tensor) -> Tensor:
         """A factor of the same covariance, in which what is bounded follows from its first rows."""
@@ -321,17 +363,10 @@ class MovingHorizon(KalmanFilter):
         return torch.cat((c[..., :-p, :], M @ (inside - mean)[..., None]), -2)
 
 
-def _joined(earlier: Iterable[Any], later: Iterable[Any]) -> Iterator[Any]:
-    """Both of each pair of tensors or states (W, ...), of the samples of the later one."""
-
-    def both(a: Tensor, b: Tensor) -> Tensor:
-        return torch.cat((a.expand(len(a), *b.shape[1:]), b))
-
-    for a, b in zip(earlier, later, strict=True):
-        if isinstance(a, State):
-            yield a.broadcast((a.batch_shape[0], *b.batch_shape[1:])).map(both, b.broadcast())
-        else:
-            yield both(a, b)
+def together(parts: Sequence[Tensor]) -> Tensor:
+    """(W, ...) of tensors that broadcast."""
+    same = len({part.shape for part in parts}) == 1
+    return torch.stack(list(parts) if same else torch.broadcast_tensors(*parts))
 
 
 def within(H: Tensor, best: Tensor, least: Tensor, largest: Tensor) -> Tensor:

@@ -15,9 +15,10 @@ import torch
 from torch import Tensor
 from torch.distributions import LogNormal, Normal
 
-from ...core.arguments import number
+from ...core.arguments import instance, number
 from ...core.validation import as_tensor, positive, refusal, shown
 from ...math.shapes import broadcast_shapes
+from ...scene.scene import Scene
 from ..identification.parameter import Parameter
 from ..identification.parameters import Parameters
 from .instruments import of_each
@@ -190,6 +191,20 @@ def with_priors(parameters: Mapping[str, Any] | None) -> dict[str, Parameter]:
             )
         found[name] = one
     return found
+
+
+def mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
+    """That of the parameters' means."""
+    if isinstance(scene, Scene):
+        if parameters:
+            raise ValueError(
+                "parameters were given beside a Scene; a function parameters -> Scene is wanted"
+            )
+        return scene
+    if not callable(scene) or not parameters:
+        raise refusal(f"scene = {shown(scene)}", "a Scene, or a function of `parameters`,")
+    means = {name: one.start for name, one in parameters.items()}
+    return instance("what scene gives", scene(means), Scene)
 
 
 def _deviations(known: Parameters, like: Tensor) -> Tensor:

@@ -7,6 +7,7 @@ import torch
 from torch.distributions import LogNormal
 
 import torchbeam as tb
+from torchbeam.analysis.estimation import kalman_filter
 
 DT = 0.01
 TIP = tb.sensors.TipPosition()["z"]
@@ -293,6 +294,11 @@ def test_a_drive_stands_between_what_is_given_and_the_inputs():
     assert (one.covariance - other.covariance).abs().max() < 1e-16
     with pytest.raises(ValueError, match="that `drive` takes"):
         twice(other, y[0])
+    with pytest.raises(ValueError, match=r"u of shape \(2,\), of which `drive` makes 'u' of shape"):
+        twice(other, y[0], [0.1, 0.1])
+    picks = tb.KalmanFilter(scene, TIP, **given, drive=lambda p, u: {"u": u[..., [0, 1, 4]]})
+    with pytest.raises(ValueError, match=r"u of shape \(3,\) was given; .* that `drive` takes"):
+        picks(picks.start(), y[0], up(0.1))
 
 
 @pytest.mark.steps
@@ -311,3 +317,42 @@ def test_a_gain_of_what_is_given_is_found():
         z = f(z, TIP(state) + 1e-3 * randn(1, seed=k), u)
     low, high = z.interval("gain")
     assert abs(z.unknown["gain"] - 1.3) < high - low < 0.06  # four deviations, of 0.8 before
+
+
+@pytest.mark.steps
+def test_a_structure_stands_while_its_parameters_stay(monkeypatch):
+    """As one that is made anew at each reading, to a small share of a deviation, and made less
+    often; each sample by its own parameters, whatever those beside it do.
+    """
+    law = tb.Parameter(1.0, transform="log", prior=LogNormal(0.0, 0.1))
+    model = tb.linearize(strip(), inputs={"u": (0.0, 0, 0)}).reduced(2)
+    made = []
+
+    def scene(p):
+        made.append(p)
+        return strip(p["E"])
+
+    given = dict(dt=DT, noise=1e-3, parameters={"E": law}, model=model)
+    step, state, y = tb.Stepper(strip(0.93), DT), tb.rest(strip()), []
+    for k in range(60):
+        state = step(state, u=up(0.3 if k < 10 else 0.0))
+        y.append(TIP(state) + 1e-3 * randn(1, seed=k))
+    ends, count = [], []
+    for stands in (0.0, kalman_filter.STANDS):
+        monkeypatch.setattr(kalman_filter, "STANDS", stands)
+        f = tb.KalmanFilter(scene, TIP, **given)
+        z, made[:] = f.start(2, amplitude=0.01), []
+        for k, read in enumerate(y):
+            both = torch.stack((read, 0.5 * read + 1e-3))
+            z = f(z, both, up(0.3 if k < 10 else 0.0))
+        ends.append(z)
+        count.append(len(made))
+    exact, stood = ends
+    scale = exact.factor.norm(dim=-2)
+    assert ((stood.x - exact.x) / scale).abs().max() < 0.05
+    assert (stood.factor.norm(dim=-2) / scale - 1).abs().max() < 0.02
+    assert len(y) <= count[0] > 1.3 * count[1]
+    alone = f.start(amplitude=0.01)
+    for k, read in enumerate(y):
+        alone = f(alone, read, up(0.3 if k < 10 else 0.0))
+    assert ((alone.x - stood.x[0]) / scale[0]).abs().max() < 1e-6

@@ -8,7 +8,8 @@ import torch
 from torch.distributions import LogNormal
 
 import torchbeam as tb
-from torchbeam.analysis.estimation.moving_horizon import within
+from torchbeam.analysis.estimation import moving_horizon
+from torchbeam.analysis.estimation.moving_horizon import MOVED, within
 
 from .test_kalman_filter import DT, NAN, STILL, TIP, randn, strip, up
 
@@ -138,6 +139,25 @@ def test_a_parameter_stays_within_its_bounds():
     found = [f.run(f.start(amplitude=0.02), y) for f in (free, held)]
     assert found[0][-1].unknown["E"] < 0.95
     assert min(z.unknown["E"] for z in found[1]) > 0.97 - 1e-12
+
+
+@pytest.mark.steps
+def test_a_parameter_that_moves_has_all_linear_anew(monkeypatch):
+    """Beside a horizon of several steps a reading: nearer than one that keeps what stood on the
+    parameter of before.
+    """
+    prior = tb.Parameter(1.0, transform="log", prior=LogNormal(0.0, 0.2))
+    options = dict(parameters={"E": prior}, noise=2e-4, window=12)
+    y = record(stiff(), 0.7, 14)
+    far = {}
+    exact = stiff(**options, iterations=4)
+    end = exact.run(exact.start(amplitude=0.02), y)[-1]
+    for moved in (MOVED, math.inf):
+        monkeypatch.setattr(moving_horizon, "MOVED", moved)
+        f = stiff(**options)
+        z = f.run(f.start(amplitude=0.02), y)[-1]
+        far[moved] = ((z.x - end.x) / end.factor.norm(dim=0)).abs().max()
+    assert far[MOVED] < 0.3 * far[math.inf]
 
 
 @pytest.mark.steps
