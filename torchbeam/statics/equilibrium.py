@@ -21,7 +21,7 @@ from ..core.warning import warn
 from ..engine.chain import load_climb as compiled
 from ..engine.chain.coverage import ENGINES
 from ..equations.load_steps import climb
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Poses, SteadyProblem
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -70,8 +70,8 @@ def equilibrium(
     stands as it does at t (its axes are the inertial ones at t = 0).
 
     Args:
-        initial: where to start, at no load; None = the undeformed beam. What supports hold is put
-            where they have it
+        initial: where to start, at no load; None = the undeformed beam. What supports hold goes
+            from there to where they have it, turned the shorter way
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
         throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds
@@ -165,14 +165,15 @@ def _equilibrium(
     doubtful = states = driven = None
     # with those, the tangent of what is held is not that of what comes to rest
     judged = not model.internal_states
-    problem = SteadyProblem(model, time, given, time.new_ones(()))
+    begun = None if initial is None else supports_of(model.scene, initial)
+    problem = SteadyProblem(model, time, given, time.new_ones(()), begun=begun)
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
     whole, begin = problem, start
     if not relax:
         start, driven = stressed(problem, start)
         problem = problem if driven is None else braced(problem, start)
-    if engine != "eager" and not relax and type(problem) is SteadyProblem:
+    if engine != "eager" and not relax and begun is None and type(problem) is SteadyProblem:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
         states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
     if states is None:
@@ -252,6 +253,14 @@ def _equilibrium(
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
     return problem.state(x, reaction, status)
+
+
+def supports_of(scene: Scene, state: State) -> Poses | None:
+    """Where a state has the supports; None = none has a motion."""
+    if not any(support.displaced for support in scene.supports):
+        return None
+    nodes = [support.node for support in scene.supports]
+    return Poses(state.position[..., nodes, :].detach(), state.rotation[..., nodes, :].detach())
 
 
 def _which(mask: Tensor) -> str:
