@@ -17,7 +17,6 @@ from .effects import Pose
 from .frame_turn import turn_between
 from .supports import Support
 
-
 STILL = 1e-6  # m beside where it is, and half rad: poses that are no further apart are one
 
 

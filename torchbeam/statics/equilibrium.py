@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn
 
 import torch
 from torch import Tensor
@@ -211,48 +211,77 @@ def _equilibrium(
         problem, x, reaction, status = resting(problem, x, reaction, status, good, tolerance)
         good = good & (status == 0)
     if differentiated(problem, x) or wants_gradient(*start):
-        limit, fork = _singular(problem, x, start, good)
-        if throw and concrete(limit).any():
-            raise RuntimeError(
-                f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the "
-                "load there (`path` goes through it)"
-            )
-        if concrete(fork).any():
-            warn(
-                f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off "
-                "its path do not exist"
-            )
-        good = good & ~limit
-        held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
-        problem = replace(problem, inputs=held)
-        x, reaction = _attached(problem, x, reaction, start, good)
+        problem, x, reaction, good = _differentiable(problem, x, reaction, start, good, throw)
     failed = status != 0
     if throw and concrete(failed).any():
-        alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
-        failed, status = concrete(failed), concrete(status)
-        which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
-        first = None if alike else tuple(failed.nonzero()[0].tolist())
-        raise RuntimeError(
-            f"{which} has no equilibrium: "
-            f"{reason(problem, x, int(status[failed][0]), first, relax)}"
-        )
+        _refuse(problem, x, failed, status, relax)
     if judged:
-        states = ~failed
-        with no_derivatives():
-            uneven = asymmetry(problem, x).expand(status.shape)
-        unstable = states & _unstable(
-            problem, x, start, None if doubtful is None else doubtful & states, uneven
-        )
-        if concrete(unstable).any():
-            warn(
-                f"{_which(unstable)} is in unstable equilibrium: a small disturbance or "
-                f"imperfection leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
-            )
+        _warn_of_unstable(problem, x, start, doubtful, ~failed, branch)
     if relax and model.conservative:
         lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
     return problem.state(x, reaction, status)
+
+
+def _differentiable(
+    problem: SteadyProblem,
+    x: Configuration,
+    reaction: Tensor,
+    start: Configuration,
+    good: Tensor,
+    throw: bool,
+) -> tuple[SteadyProblem, Configuration, Tensor, Tensor]:
+    """The same, with derivatives where there are some: not at a limit point."""
+    limit, fork = _singular(problem, x, start, good)
+    if throw and concrete(limit).any():
+        raise RuntimeError(
+            f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the load "
+            "there (`path` goes through it)"
+        )
+    if concrete(fork).any():
+        warn(
+            f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its "
+            "path do not exist"
+        )
+    good = good & ~limit
+    held = {name: torch.where(good[..., None], v, v.detach()) for name, v in problem.inputs.items()}
+    problem = replace(problem, inputs=held)
+    return problem, *_attached(problem, x, reaction, start, good), good
+
+
+def _refuse(
+    problem: SteadyProblem, x: Configuration, failed: Tensor, status: Tensor, relax: bool
+) -> NoReturn:
+    """Say which sample has no equilibrium, and why."""
+    alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
+    failed, status = concrete(failed), concrete(status)
+    which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
+    first = None if alike else tuple(failed.nonzero()[0].tolist())
+    raise RuntimeError(
+        f"{which} has no equilibrium: {reason(problem, x, int(status[failed][0]), first, relax)}"
+    )
+
+
+def _warn_of_unstable(
+    problem: SteadyProblem,
+    x: Configuration,
+    start: Configuration,
+    doubtful: Tensor | None,
+    states: Tensor,
+    branch: str,
+) -> None:
+    """Of the samples `states`; doubtful: see `_unstable`."""
+    with no_derivatives():
+        uneven = asymmetry(problem, x).expand(states.shape)
+    unstable = states & _unstable(
+        problem, x, start, None if doubtful is None else doubtful & states, uneven
+    )
+    if concrete(unstable).any():
+        warn(
+            f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection "
+            f"leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
+        )
 
 
 def supports_of(scene: Scene, state: State) -> Poses | None:
