@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from math import prod
-from typing import Any
 
 from ..compiler.derivative import vjp
 from ..compiler.function import Function
@@ -87,7 +86,7 @@ class AdjointProgram(NativeProgram):
                 balance = partial(traced.local.balance(sort), kind)
                 whole = traced(balance, traced.of(sort))
                 balances[sort].append(whole)
-                asked = self._asked(sort, kind)
+                asked = self.asked(sort, kind)
                 functions[f"{sort.name} bar {k}"] = self._derivative(whole, asked)
         functions |= self._ends(traced)
         functions |= self._eliminating(traced, *(balances[x] for x in (NODE, ELEMENT, LOAD)))
@@ -99,14 +98,6 @@ class AdjointProgram(NativeProgram):
         ties = kinds.stretches
         functions |= stretches.adjoint_of_stretches(traced, ties, self._derivative)
         return {name: function.only(function.outputs) for name, function in functions.items()}
-
-    def _asked(self, sort: Sort, kind: Any) -> list[str]:
-        """What of a balance goes into the equations."""
-        if sort is NODE:
-            return ["balance"]
-        if sort in (ELEMENT, LOAD):
-            return [*(f"{side}.balance" for side in self.sides), *["gap"] * (sort is ELEMENT)]
-        return [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
 
     def _ends(self, traced: Tracing) -> dict[str, Function]:
         """What the cotangents of rows, and of the energies, at the end are found by."""

@@ -202,10 +202,7 @@ class AdjointDriver(Elimination):
 
     def _blocks(self, row: Row) -> None:
         """Blocks of the transposed matrix, and what is asked of the moves of its ends."""
-        nodes, to = (
-            {side: self.move_of(row.nodes[side]) for side in row.sides},
-            f"{row.name} blocks",
-        )
+        nodes, to = {x: self.move_of(row.nodes[x]) for x in row.sides}, f"{row.name} blocks"
         places: Places = {f"{side}.reaction": ("push", node) for side, node in nodes.items()}
         if row.own is not None:
             places["force_bar"] = ("multiplier_bar", row.own)

@@ -26,7 +26,7 @@ from .layout import GIVEN, Layout, largest, sizes
 from .local_functions import LocalFunctions
 from .node_kinds import Kinds, without_side
 from .record_code import RecordCode
-from .sorts import ELEMENT, ENDS, LOAD
+from .sorts import ELEMENT, ENDS, LOAD, NODE, Sort
 from .tracing import Shapes, Traced, Tracing
 
 SMALL = 60  # operations of a function that is rather written into the driver than called
@@ -165,6 +165,14 @@ class NativeProgram:
             if sort is not ELEMENT or traced.local.element_ends
             for k, kind in kinds_of(self.kinds, sort)
         }
+
+    def asked(self, sort: Sort, kind: Any) -> list[str]:
+        """What of a balance goes into the equations."""
+        if sort is NODE:
+            return ["balance"]
+        if sort in (ELEMENT, LOAD):
+            return [*(f"{side}.balance" for side in self.sides), *["gap"] * (sort is ELEMENT)]
+        return [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
 
     @property
     def given_by_elements(self) -> str:

@@ -25,7 +25,7 @@ from .local_problem import BetweenKind, Ends, Fields
 from .node_kinds import ElementKind, NodeKind, without_side
 from .rows import given_by_rows
 from .sample_functions import SampleFunctions
-from .sorts import ELEMENT, LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, Sort
 from .steady_functions import SteadyFunctions
 from .tracing import Tracing
 
@@ -148,9 +148,9 @@ class PathProgram(RestProgram):
         )
 
     def _of_row(self, traced: Tracing, sort: Sort, kind: Any) -> Function:
-        sides = self.sides if sort in (ELEMENT, LOAD) else getattr(kind, "sides", ())
         given = traced.of(sort) | dict.fromkeys(self.varying, ())
         if traced.local.led:
+            sides = self.sides if sort in (ELEMENT, LOAD) else getattr(kind, "sides", ())
             names = [f"{side}.{RATE}" for side in sides] or [RATE]
             given |= dict.fromkeys(names, self.shapes["position"])
         whole = traced(partial(traced.local.balance(sort), kind), given)
@@ -158,9 +158,7 @@ class PathProgram(RestProgram):
             return whole
         if sort is ELEMENT:
             return self._of_element(traced, whole)
-        asked = ["balance"]
-        if sort is not NODE:
-            asked = [*(f"{side}.push" for side in sides), *["right"] * kind.multiplied]
+        asked = self.asked(sort, kind)
         slope = self._slopes(whole, traced, asked)
         return _or_else(whole, slope.inputs, {x: slope.outputs[dot(x)].nodes for x in asked})
 

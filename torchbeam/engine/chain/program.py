@@ -131,16 +131,17 @@ class NewtonProgram(NativeProgram):
         """Functions of what shortens steps."""
         other = ("done", "status", "back", "ratio")
         given = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
-        places = {name: self.shapes[name] for name in self.unknown}
-        ends = places | {f"to_{name}": shape for name, shape in places.items()}
-        functions = {
-            "search": traced(traced.local.samples.search, dict.fromkeys(given, ())),
-            "between": traced(traced.local.samples.between, ends | {"ratio": ()}),
+        functions = {"search": traced(traced.local.samples.search, dict.fromkeys(given, ()))}
+        unknowns = {
+            "unknown": {name: self.shapes[name] for name in self.unknown},
+            "stress": {"stress": (self.k,)},
         }
-        sizes = {"stress": self.k} | ({"multiplier": self.w} if self.kinds.multiplied else {})
-        for name, size in sizes.items():
-            numbers = {"x": (size,), "to": (size,), "ratio": ()}
-            functions[f"part {name}"] = traced(traced.local.samples.part, numbers)
+        if self.kinds.multiplied:
+            unknowns["multiplier"] = {"force": (self.w,)}
+        for name, shapes in unknowns.items():
+            ends = shapes | {f"to_{field}": shape for field, shape in shapes.items()}
+            part = traced(traced.local.samples.part, ends | {"ratio": ()})
+            functions[f"part {name}"] = part
         return functions
 
     def _interactions(self, traced: Tracing) -> dict[str, Function]:

@@ -147,12 +147,8 @@ class SampleFunctions:
         status = torch.where(moving != 0, status, before)
         return {"status": status, "moving": ((status == SUCCESS) & (moving != 0)).to(moving)}
 
-    def between(self, u: Tensor, m: Tensor, to_u: Tensor, to_m: Tensor, ratio: Tensor) -> Fields:
-        """The unknowns of a node, so much of the way from u and m to others."""
-        m = self.model.space.normalize(torch.lerp(m, to_m, ratio))
-        return {"u": torch.lerp(u, to_u, ratio), "m": m}
-
-    @staticmethod
-    def part(x: Tensor, to: Tensor, ratio: Tensor) -> Fields:
-        """The stress of an element, or multipliers, so much of the way from x."""
-        return {"x": torch.lerp(x, to, ratio)}
+    def part(self, ratio: Tensor, **fields: Tensor) -> Fields:
+        """Unknowns, so much of the way from these to others, `to_` and their names."""
+        names = [name for name in fields if f"to_{name}" in fields]
+        part = {name: torch.lerp(fields[name], fields[f"to_{name}"], ratio) for name in names}
+        return part | ({"m": self.model.space.normalize(part["m"])} if "m" in part else {})

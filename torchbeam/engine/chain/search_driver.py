@@ -44,11 +44,8 @@ class Search:
                     driver.blend((name, k), (f"{name}_back", 0), forth)
 
     def _part_back(self, name: str, best: str, k: str) -> None:
-        fields = [*self.driver.layout.fields(name)] if name == "unknown" else ["x"]
         places: Places = {"ratio": ("sample", 0, "ratio")}
-        for field in fields:
-            own = (field,) if name == "unknown" else ()
-            to = f"to_{field}" if name == "unknown" else "to"
-            places |= {field: (best, k, *own), to: (name, k, *own)}
-            places[f"> {field}"] = (f"{name}_back", 0, *own)
-        self.driver.call("between" if name == "unknown" else f"part {name}", places=places)
+        for field in self.driver.layout.fields(name):
+            places |= {field: (best, k, field), f"to_{field}": (name, k, field)}
+            places[f"> {field}"] = (f"{name}_back", 0, field)
+        self.driver.call(f"part {name}", places=places)

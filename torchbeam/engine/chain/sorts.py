@@ -157,29 +157,13 @@ class Row(NamedTuple):
 NODE = Sort("node", "node", NODES, shared="own_nodes")
 ELEMENT = Sort("element", "element", ELEMENTS)
 LOAD = Sort("element load", "element", ELEMENTS)  # loads between an element's nodes: they follow it
-JOINT = Sort(
-    *("joint", "joint", JOINTS, ("joint_state",), "own_edges", SIDES[1], _of_joints),
-    unknowns=True,
-    celled=True,
-    kept="joints",
-)
-TIE = Sort(
-    *("tie", "stretch", STRETCHES, ("pull", "told stretches", "at_stretch")),
-    sides=SIDES[1],
-    edges=_of_stretches,
-    unknowns=True,
-    chained=True,
-    more=3,
-    of=TENDONS,
-)
-PAIR = Sort(*("pair", "pair", PAIRS, ("told pairs",)), sides=PAIR_SIDES, edges=_of_pairs, far=True)
-COUPLING = Sort(
-    *("coupling", "coupling", COUPLINGS, ("coupling_state",)),
-    sides=PAIR_SIDES,
-    edges=_of_couplings,
-    unknowns=True,
-    kept="memory",
-)
+JOINT = Sort("joint", "joint", JOINTS, ("joint_state",), "own_edges", sides=SIDES[1],
+             edges=_of_joints, unknowns=True, celled=True, kept="joints")  # fmt: skip
+TIE = Sort("tie", "stretch", STRETCHES, ("pull", "told stretches", "at_stretch"), sides=SIDES[1],
+           edges=_of_stretches, unknowns=True, chained=True, more=3, of=TENDONS)  # fmt: skip
+PAIR = Sort("pair", "pair", PAIRS, ("told pairs",), sides=PAIR_SIDES, edges=_of_pairs, far=True)
+COUPLING = Sort("coupling", "coupling", COUPLINGS, ("coupling_state",), sides=PAIR_SIDES,
+                edges=_of_couplings, unknowns=True, kept="memory")  # fmt: skip
 INTERACTIONS = JOINT, TIE, PAIR, COUPLING
 # in the order in which their balances, and their ends, are gone through
 BALANCES = ELEMENT, NODE, TIE, PAIR, COUPLING, JOINT
