@@ -252,7 +252,7 @@ CALLS = {
     "KalmanFilter": (tb.KalmanFilter, dict(**WATCHED, second_order=True)),
     "KalmanFilter2": (tb.KalmanFilter, dict(scene=DRIVEN, sensors=lambda scene, inputs:
         S.TipPosition(), dt=0.1, noise=0.01, process={"u": 0.1}, delay=1,
-        drive=lambda p, u: {"u": u})),
+        drive=lambda p, u: {"u": u}, model=LINEAR)),
     "MovingHorizon": (tb.MovingHorizon, dict(**WATCHED, window=3, iterations=1, loss="huber",
         bounds=None)),
     "filter()": (KALMAN, dict(before=KALMAN.start(), y=(0.01,), u=FORCE)),

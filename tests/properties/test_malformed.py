@@ -51,8 +51,16 @@ MORE = {
         math.nan) if x.is_floating_point() else x),
 }
 # fmt: on
-# what is asked for, honest work of hours: samples in constant memory, trials one after the other
+# what is asked for, honest work of hours: samples in constant memory, trials one after the other,
+# steps of an interval, readings on their way
 ENDLESS = {
+    ("KalmanFilter", "delay"),
+    ("KalmanFilter", "steps"),
+    ("KalmanFilter2", "delay"),
+    ("KalmanFilter2", "steps"),
+    ("MovingHorizon", "delay"),
+    ("MovingHorizon", "steps"),
+    ("filter.start", "batch"),
     ("advise", "repeats"),
     ("moment_derivatives", "n"),
     ("monte_carlo_stream", "n"),

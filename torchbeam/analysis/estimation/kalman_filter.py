@@ -227,9 +227,11 @@ class KalmanFilter:
         """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
         y = as_tensor(readings, self.like.dtype, self.like.device)
         found = [start]
-        for k, now in enumerate(axis_last("readings", y, self.read)):
-            given = {name: v[k] for name, v in u.items()} if isinstance(u, Mapping) else u
-            given = u[k] if given is u and u is not None else given
+        y = axis_last("readings", y, self.read)
+        named = isinstance(u, Mapping)
+        each = {n: _rows(n, v, y) for n, v in u.items()} if named else _rows("u", u, y)
+        for k, now in enumerate(y):
+            given = {n: v[k] for n, v in each.items()} if named else each[k]
             found.append(self(found[-1], now, given))
         return found[1:]
 
@@ -389,3 +391,15 @@ class KalmanFilter:
         lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
         parts = [part.expand(*lead, -1) for part in parts]
         return torch.cat(parts, -1) if parts else like.new_zeros(0)
+
+
+def _rows(name: str, value: Any, readings: Tensor) -> Any:
+    """What is given of each of the readings (K, ..., m); None = nothing."""
+    if value is None:
+        return [None] * len(readings)
+    value = as_tensor(value, readings.dtype, readings.device)
+    if not value.ndim or len(value) != len(readings):
+        raise refusal(
+            f"{name} of shape {tuple(value.shape)}", f"{len(readings)} rows, as readings,"
+        )
+    return value
