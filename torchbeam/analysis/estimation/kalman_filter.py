@@ -27,7 +27,7 @@ from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
 from .products import Products
-from .unknowns import Slopes, Unknowns, mean_scene, with_priors
+from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
@@ -229,7 +229,7 @@ class KalmanFilter:
         found = [start]
         y = axis_last("readings", y, self.read)
         named = isinstance(u, Mapping)
-        each = {n: _rows(n, v, y) for n, v in u.items()} if named else _rows("u", u, y)
+        each = {n: rows_of(n, v, y) for n, v in u.items()} if named else rows_of("u", u, y)
         for k, now in enumerate(y):
             given = {n: v[k] for n, v in each.items()} if named else each[k]
             found.append(self(found[-1], now, given))
@@ -391,15 +391,3 @@ class KalmanFilter:
         lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
         parts = [part.expand(*lead, -1) for part in parts]
         return torch.cat(parts, -1) if parts else like.new_zeros(0)
-
-
-def _rows(name: str, value: Any, readings: Tensor) -> Any:
-    """What is given of each of the readings (K, ..., m); None = nothing."""
-    if value is None:
-        return [None] * len(readings)
-    value = as_tensor(value, readings.dtype, readings.device)
-    if not value.ndim or len(value) != len(readings):
-        raise refusal(
-            f"{name} of shape {tuple(value.shape)}", f"{len(readings)} rows, as readings,"
-        )
-    return value

@@ -228,3 +228,15 @@ def _deviations(known: Parameters, like: Tensor) -> Tensor:
             spread = torch.as_tensor(e.prior.stddev).to(slope) / slope[e.place].reshape(e.shape)
         parts.append(torch.as_tensor(spread).to(like).expand(e.shape).reshape(e.size))
     return torch.cat(parts)
+
+
+def rows_of(name: str, value: Any, readings: Tensor) -> Any:
+    """What is given of each of the readings (K, ..., m); None = nothing."""
+    if value is None:
+        return [None] * len(readings)
+    value = as_tensor(value, readings.dtype, readings.device)
+    if not value.ndim or len(value) != len(readings):
+        raise refusal(
+            f"{name} of shape {tuple(value.shape)}", f"{len(readings)} rows, as readings,"
+        )
+    return value
