@@ -27,12 +27,8 @@ EFFORT = 0.5
 
 
 def mean_latency(env: BeamVectorEnv) -> int:
-    """Intervals by which actions act later than the env's delay, on average: its latency, and the
-    lag of its actuators, which follow what is asked by so many s.
-    """
-    drawn = env.simulation.ranges
-    latency, lag = (sum(drawn.get(name, (0.0,))) / 2 for name in ("latency", "lag"))
-    return floor(latency + lag / env.config.control_interval + 0.5)
+    """Whole intervals by which actions act later than the env's delay, on average."""
+    return floor(sum(env.simulation.ranges.get("latency", (0.0,))) / 2 + 0.5)
 
 
 class Late:
@@ -122,7 +118,7 @@ class LQR(Controller):
     Args:
         effort, speed_weight: of the cost
         latency: intervals by which the model has actions act later than the env's delay; None =
-            their mean where the env draws one, with the lag of its actuators
+            their mean where the env draws one
         schedule: models about the equilibria of so many held actions (odd), from -1 to 1 along each
             action, between which gains are interpolated at `hold`; 1 = about that without action
 
@@ -270,7 +266,7 @@ class JointLQR(Controller):
     Args:
         effort, speed_weight: of the cost; half turns want 0.5 or more (a cheaper action asks for
             more than there is, and overshoots), targets that the arm is never far from less
-        latency: as in `LQR`
+        latency: intervals by which the model has actions act later than the env's delay
 
     Raises:
         ValueError: for a task without hinges that rest anywhere.
@@ -290,10 +286,9 @@ class JointLQR(Controller):
         effort: float = EFFORT,
         speed_weight: float = 0.1,
         *,
-        latency: int | None = None,
+        latency: int = 0,
     ) -> None:
         env = vector_env(env)
-        latency = mean_latency(env) if latency is None else latency
         scene, task = env.plant.scene, env.task
         if type(task).resting is Task.resting:
             raise ValueError(

@@ -152,7 +152,7 @@ class JointLQG(JointLQR):
         effort: float = EFFORT,
         speed_weight: float = 0.1,
         *,
-        latency: int | None = None,
+        latency: int = 0,
         action: float = ACTION,
         disturbance: float = 0.0,
     ) -> None:

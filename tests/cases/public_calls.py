@@ -57,6 +57,20 @@ PLAN = dict(model=lambda p: model(p).unbind(-1), candidates=PLACES, start={"f": 
             relative_step=1e-4)  # fmt: skip
 FITTED = tb.identify(model, tb.Measurement(DATA + 0.01, 0.1), {"f": 0.5})
 
+
+def yielding(p):
+    return tb.Scene(BEAM, [tb.Gravity(p["g"][..., None] * torch.tensor([0, 0, -1.0]).double()),
+        tb.TipLoad(force=tb.Input("u", 3)), tb.Damping(0.01)], plane="xz")  # fmt: skip
+
+
+MODEL = tb.linearize(
+    yielding({"g": torch.tensor(1.0).double()}), inputs={"u": (0.0, 0, 0)}
+).reduced(1)
+WATCHED = dict(scene=yielding, sensors=S.TipPosition()["z"], dt=0.1, noise=0.01, rate=False,
+    process={"u": ((0, 0, 0.1), 0.5)}, parameters={"g": (1.0, 0.1)}, walk={"g": 0.01}, shaking=0.01,
+    bias=0.01, delay=0, drive=None, steps=1, model=MODEL, method="midpoint")  # fmt: skip
+KALMAN = tb.KalmanFilter(**WATCHED)
+
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 FOLDER = TemporaryDirectory(prefix="torchbeam-calls-")  # of this process alone
 SAVED = tb.save(START, Path(FOLDER.name) / "saved.pt", scene=SCENE)
@@ -235,6 +249,16 @@ CALLS = {
                                  gap=0)),
     "identify": (tb.identify, dict(model=model, data=DATA, start={"f": 0.5}, bounds=None, sigma=0.1,
         starts=1, seed=0, noise="common")),
+    "KalmanFilter": (tb.KalmanFilter, dict(**WATCHED, second_order=True)),
+    "KalmanFilter2": (tb.KalmanFilter, dict(scene=DRIVEN, sensors=lambda scene, inputs:
+        S.TipPosition(), dt=0.1, noise=0.01, process={"u": 0.1}, delay=1,
+        drive=lambda p, u: {"u": u}, model=LINEAR)),
+    "MovingHorizon": (tb.MovingHorizon, dict(**WATCHED, window=3, iterations=1, loss="huber",
+        bounds=None)),
+    "filter()": (KALMAN, dict(before=KALMAN.start(), y=(0.01,), u=FORCE)),
+    "filter.start": (KALMAN.start, dict(batch=(), state=None, amplitude=0.01, modes=1,
+        covariance=None)),
+    "filter.run": (KALMAN.run, dict(start=KALMAN.start(), readings=[[0.01], [0.02]], u=None)),
     "monte_carlo": (tb.monte_carlo, dict(function=lambda x: x, laws={"f": tb.laws.Normal(1.0, 0.1)},
         n=4, design="sobol", seed=0, chunk=2)),
     "monte_carlo2": (tb.monte_carlo, dict(function=lambda x: x,

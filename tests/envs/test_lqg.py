@@ -99,3 +99,16 @@ def test_frames_of_the_past_are_no_matter():
             seen, *_ = env.step(actions[-1])
         acted.append(torch.stack(actions))
     assert torch.equal(*acted) and acted[0].abs().max() > 0.01
+
+
+def test_latency_that_is_drawn_is_in_the_model_of_a_regulator():
+    """Its mean, rounded; none where none is drawn, and none of hinges that turn, whose regulator
+    loses by it.
+    """
+    late = {"latency": (0.0, 2.0)}
+    for kind in (LQR, LQG):
+        assert kind(make(1, planar=True, randomize=late)).late.latency == 1
+        assert kind(make(1, planar=True, randomize={"lag": (0.0, 0.04)})).late.latency == 0
+        assert kind(make(1, planar=True, randomize=late), latency=2).late.latency == 2
+    hub = SlewVectorEnv(1, planar=True, **{**SMALL, "randomize": late})
+    assert all(kind(hub).late.latency == 0 for kind in (JointLQR, JointLQG))

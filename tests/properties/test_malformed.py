@@ -51,8 +51,16 @@ MORE = {
         math.nan) if x.is_floating_point() else x),
 }
 # fmt: on
-# what is asked for, honest work of hours: samples in constant memory, trials one after the other
+# what is asked for, honest work of hours: samples in constant memory, trials one after the other,
+# steps of an interval, readings on their way
 ENDLESS = {
+    ("KalmanFilter", "delay"),
+    ("KalmanFilter", "steps"),
+    ("KalmanFilter2", "delay"),
+    ("KalmanFilter2", "steps"),
+    ("MovingHorizon", "delay"),
+    ("MovingHorizon", "steps"),
+    ("filter.start", "batch"),
     ("advise", "repeats"),
     ("moment_derivatives", "n"),
     ("monte_carlo_stream", "n"),
@@ -166,10 +174,9 @@ def test_what_an_argument_may_not_be_is_refused(call, tmp_path, monkeypatch):
 RESULTS = """Advice BlockRate Comparison Convergence Critical Description Design Energy Estimate
 FieldFit Fit Linear MixedState Modes MomentDerivatives PairedModes Path Pose RareEvent Samples
 Sensor SlowPathWarning SobolIndices Solution State Stats Stream Tornado Filtered"""
-# or without arguments; a view serves a page, see tests/unit/plot/test_view.py; of a filter, see
-# tests/unit/analysis/estimation
+# or without arguments; a view serves a page, see tests/unit/plot/test_view.py
 ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}
-ELSEWHERE |= {"view", "View", "KalmanFilter", "MovingHorizon"}
+ELSEWHERE |= {"view", "View"}
 
 
 def test_every_public_call_is_in_the_table():

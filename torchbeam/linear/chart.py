@@ -237,7 +237,8 @@ class Chart:
                 gaps = self.joints.gaps(self.joints.pose(position, rotation), near.joints).detach()
                 change = change - pad(gaps, (self.independent.shape[-2], 0))
             move = self._free_moves(rows, change).unflatten(-1, (-1, space.unknowns))
-            before, largest = largest, concrete((move.detach() / unit).abs().amax()).item()
+            moved = (move.detach() / unit).abs()
+            before, largest = largest, concrete(moved.amax()).item() if moved.numel() else 0.0
             share = largest if anew else largest / before  # what is left of a move after it
             displacement, turn = move.split((space.dims.position, space.dims.spin), -1)
             turn = space.exponential(turn if space.turns else space.to_section(rotation, turn))

@@ -93,4 +93,6 @@ def _sensors(given: Any, scene: Scene, inputs: dict[str, Tensor]) -> tuple[Senso
     sensors = (given,) if isinstance(given, Sensor) else listed(given)
     for sensor in sensors:
         instance("a sensor", sensor, Sensor)
+    if not sensors:
+        raise refusal(f"sensors = {shown(given)}", "one or several")
     return sensors

@@ -27,7 +27,7 @@ from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
 from .products import Products
-from .unknowns import Slopes, Unknowns, mean_scene, with_priors
+from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
@@ -227,9 +227,11 @@ class KalmanFilter:
         """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
         y = as_tensor(readings, self.like.dtype, self.like.device)
         found = [start]
-        for k, now in enumerate(axis_last("readings", y, self.read)):
-            given = {name: v[k] for name, v in u.items()} if isinstance(u, Mapping) else u
-            given = u[k] if given is u and u is not None else given
+        y = axis_last("readings", y, self.read)
+        named = isinstance(u, Mapping)
+        each = {n: rows_of(n, v, y) for n, v in u.items()} if named else rows_of("u", u, y)
+        for k, now in enumerate(y):
+            given = {n: v[k] for n, v in each.items()} if named else each[k]
             found.append(self(found[-1], now, given))
         return found[1:]
 

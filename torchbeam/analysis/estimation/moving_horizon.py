@@ -20,6 +20,7 @@ from ...state.state import State
 from ..identification.losses import HUBER, STUDENT
 from .filtered import Filtered
 from .kalman_filter import KalmanFilter
+from .unknowns import by_name
 
 LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by readings' deviations
     "huber": lambda u: HUBER / u.abs().clamp(min=HUBER),
@@ -155,7 +156,7 @@ class MovingHorizon(KalmanFilter):
         if own.parameters is not None:
             p, ends = own.of_model, own.parameters.bounds(own.parameters.x[0])
             least[:p], largest[:p] = (end.to(least) for end in ends)
-        for name, pair in (bounds or {}).items():
+        for name, pair in by_name("bounds", bounds).items():
             i = own.names.index(choice("a name of bounds", name, own.names))
             ends = as_tensor(pair, least.dtype, least.device)
             if i < own.of_model or ends.shape != (2,) or not ends[0] < ends[1]:

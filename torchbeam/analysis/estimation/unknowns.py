@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.distributions import LogNormal, Normal
 
-from ...core.arguments import instance, number
+from ...core.arguments import function, instance, number
 from ...core.validation import as_tensor, positive, refusal, shown
 from ...math.shapes import broadcast_shapes
 from ...scene.scene import Scene
@@ -78,7 +78,7 @@ class Unknowns:
         p = len(names)
         deviation = _deviations(known, like) if known is not None else like.new_zeros(0)
         steps = like.new_zeros(p)
-        for name, value in (walk or {}).items():
+        for name, value in by_name("walk", walk).items():
             places = [e.place for e in known.entries if e.name == name] if known else []
             if not places:
                 raise refusal(f"walk of {name!r}", f"one of {', '.join(names) or 'no parameter'}")
@@ -87,7 +87,7 @@ class Unknowns:
         biased = (offsets > 0).nonzero()[:, 0]
         names += [f"offset of {labels[i]}" for i in biased.tolist()]
         forced, white, stays, amounts = [], [], [], []
-        process = dict(process or {})
+        process = by_name("process", process)
         if lost := set(process) - set(inputs):
             raise ValueError(
                 f"process of {', '.join(map(repr, sorted(lost)))} was given; names of inputs of "
@@ -175,10 +175,19 @@ def _process(name: str, value: Any) -> tuple[Any, float]:
     return value[0], time
 
 
+def by_name(argument: str, value: Any) -> Mapping[str, Any]:
+    """What an argument says of each name; None = of none."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise refusal(f"{argument} = {shown(value)}", "a mapping name -> value")
+    return value
+
+
 def with_priors(parameters: Mapping[str, Any] | None) -> dict[str, Parameter]:
     """Each as a `Parameter` with a prior; (mean, deviation) is a normal one."""
     found = {}
-    for name, one in (parameters or {}).items():
+    for name, one in by_name("parameters", parameters).items():
         if isinstance(one, tuple) and len(one) == 2:
             mean, deviation = (as_tensor(x, torch.float64) for x in one)
             one = Parameter(
@@ -204,7 +213,8 @@ def mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
     if not callable(scene) or not parameters:
         raise refusal(f"scene = {shown(scene)}", "a Scene, or a function of `parameters`,")
     means = {name: one.start for name, one in parameters.items()}
-    return instance("what scene gives", scene(means), Scene)
+    made = function("scene", scene, "parameters")(means)
+    return instance("what scene gives", made, Scene)
 
 
 def _deviations(known: Parameters, like: Tensor) -> Tensor:
@@ -218,3 +228,15 @@ def _deviations(known: Parameters, like: Tensor) -> Tensor:
             spread = torch.as_tensor(e.prior.stddev).to(slope) / slope[e.place].reshape(e.shape)
         parts.append(torch.as_tensor(spread).to(like).expand(e.shape).reshape(e.size))
     return torch.cat(parts)
+
+
+def rows_of(name: str, value: Any, readings: Tensor) -> Any:
+    """What is given of each of the readings (K, ..., m); None = nothing."""
+    if value is None:
+        return [None] * len(readings)
+    value = as_tensor(value, readings.dtype, readings.device)
+    if not value.ndim or len(value) != len(readings):
+        raise refusal(
+            f"{name} of shape {tuple(value.shape)}", f"{len(readings)} rows, as readings,"
+        )
+    return value
