@@ -3,8 +3,8 @@ stiffness, length and orientation.
 
 Elements are of second order: the loads of 8 and 16 of them, extrapolated as (4 x_16 - x_8)/3, are
 held to the next term, (kh)^4: 2e-4 of half a wave along 8 elements, that times the fourth power of
-how many there are. Rigid links have no mesh: tangents that take rigid strains as 1e-7 flexible, and
-a hundred times that beside links ten times as long as others. References: T = Timoshenko and Gere
+how many there are. Rigid links have no mesh: 1e-5, as modes take a beam that is rigid in all
+strains as 1e-7 1/(N m^2) flexible, beside springs of 1 N m/rad. References: T = Timoshenko and Gere
 1961, Theory of Elastic Stability; Z = Ziegler 1968, Principles of Structural Stability.
 """
 
@@ -21,6 +21,7 @@ import torchbeam as tb
 
 INF = math.inf
 NEXT_TERM, RIGID = 2e-4, 1e-5
+TOLERANCE = 1e-3  # of brackets: answers are off by about its square
 
 
 class Draw:
@@ -122,9 +123,7 @@ def tip_spring(d, N):
     k = d.uniform(1, 20) * d.EI / d.L**3
     r = d.EI / (k * d.L**3)
     u = brentq(lambda u: math.sin(u) - (u - u**3 * r) * math.cos(u), math.pi / 2 + 1e-6, 4.493)
-    return lambda P: tb.Scene(
-        d.beam(N), [tb.Spring(-1, k), d.push(P)]
-    ), u**2 * d.euler
+    return lambda P: tb.Scene(d.beam(N), [tb.Spring(-1, k), d.push(P)]), u**2 * d.euler
 
 
 def sheared(d, N):
@@ -141,16 +140,16 @@ def sheared(d, N):
 def own_weight(d, N):
     """Greenhill 1881; T 2.12: J(-1/3, 2/3 sqrt(q L^3/EI)) = 0, 7.8373."""
     j = brentq(lambda x: jv(-1 / 3, x), 1.5, 2.2)
-    return lambda q: tb.Scene(
-        d.beam(N), [tb.Gravity(-q[..., None] * d.along)]
-    ), (1.5 * j) ** 2 * d.EI / d.L**3
+    return lambda q: tb.Scene(d.beam(N), [tb.Gravity(-q[..., None] * d.along)]), (
+        1.5 * j
+    ) ** 2 * d.EI / d.L**3
 
 
 def line_load(d, N):
     """The same as a force per length."""
-    return lambda q: tb.Scene(
-        d.beam(N), [tb.LineLoad(force=-q[..., None] * d.along)]
-    ), own_weight(d, N)[1]
+    return lambda q: tb.Scene(d.beam(N), [tb.LineLoad(force=-q[..., None] * d.along)]), own_weight(
+        d, N
+    )[1]
 
 
 def leipholz(d, N):
@@ -233,9 +232,7 @@ def portal(d, N, hinged=False):
         joints=welds, supports=[tb.Support(foot) for foot in feet]
     )  # fmt: skip
     return lambda P: tb.Scene(
-        parts,
-        [tb.PointLoad((name, -1), force=-P[..., None] * d.along) for name, _ in feet],
-        **held,
+        parts, [tb.PointLoad((name, -1), force=-P[..., None] * d.along) for name, _ in feet], **held
     ), u**2 * d.EI / H**2
 
 
@@ -245,7 +242,7 @@ def hinged_portal(d, N):
 
 def chain(d, n, follower=False, mass=1.0):
     """Rigid links, the first on the ground, a sprung hinge before each: lengths, springs, scene."""
-    lengths, c = d.L * d.uniform(0.5, 1.5, n), d.EI / d.L * d.uniform(0.5, 2, n)
+    lengths, c = d.uniform(0.3, 3, n), d.uniform(0.5, 2, n)  # N m/rad
     ends = np.concatenate(([0], lengths.cumsum()))
     rigid = d.section(EI=(INF, INF), mass=mass)
     links = {
@@ -305,16 +302,21 @@ COLUMNS = {
 }  # fmt: skip
 ALIGNED = pinned, clamped_pinned, bed, bed_of_springs
 FLUTTER = leipholz, beck, ziegler
+ALWAYS = clamped_free, sheared, line_load, strip_by_force
 
 
 def found(row, d, size):
     scene, wanted = row(d, size)
-    critical = tb.critical_load(scene, 1.5 * wanted, points=4, count=3)
+    critical = tb.critical_load(scene, 1.5 * wanted, points=4, count=3, tolerance=TOLERANCE)
     assert critical.flutter if row in FLUTTER else critical.divergence
     return critical.factor.item(), wanted
 
 
-@pytest.mark.parametrize("row", COLUMNS, ids=lambda row: row.__name__)
+@pytest.mark.parametrize(
+    "row",
+    [pytest.param(row, marks=[pytest.mark.always] * (row in ALWAYS)) for row in COLUMNS],
+    ids=lambda row: row.__name__,
+)
 def test_a_column(row):
     loads = [found(row, Draw(row.__name__, row in ALIGNED), N) for N in (8, 16)]
     (coarse, wanted), (fine, _) = loads
