@@ -12,7 +12,7 @@ import torchbeam as tb
 from torchbeam.statics.continuation import LIMIT_POINT
 
 from .build import INF, along, cantilever, planar, section
-from .case import Case, Solve, reference
+from .case import ORDER, Case, Solve, reference
 
 N = 32
 
@@ -67,6 +67,46 @@ def own_weight() -> tuple[Tensor, Tensor]:
     return tb.critical_load(
         lambda q: tb.Scene(column, [tb.Gravity(along(2, -q))]), 20.0
     ).factor, torch.tensor(7.8373)
+
+
+def twisted_ring(elements: int) -> tuple[Tensor, Tensor]:
+    """A straight rod bent to a ring, its ends twisted and joined: twist GJ/EI in rad. One section
+    is held, and the place across from it in the plane: a ring untwisted or not turns inside out
+    freely.
+    """
+    GJ, R = 0.8, 1.0
+    ring = tb.Beam.arc(R, 2 * math.pi, elements, section(GJ=GJ))
+    held = tb.Support(0), tb.Support(elements // 2, "z", ""), tb.Support(-1)
+
+    def twisted(twist: Tensor) -> tb.Scene:
+        curvature = along(0, -twist / (2 * math.pi * R)) + along(2, torch.full_like(twist, -1 / R))
+        return tb.Scene(ring, [tb.Actuation(curvature=curvature)], supports=held)
+
+    critical = tb.critical_load(twisted, 19.0, points=8, count=3)
+    return GJ * critical.factor, torch.tensor(2 * math.pi * math.sqrt(3))
+
+
+def twisted_shaft(elements: int) -> tuple[Tensor, Tensor]:
+    """M L/EI about the axis of a rod that is pulled by 5 EI/L^2, by nothing, and pushed: a ball
+    joint at its foot, and one that slides along at its head. M keeps its direction at both ends;
+    a spring at the foot, which bears nothing, holds the rigid turn about the axis.
+    """
+    rod, pull = tb.Beam.straight(1.0, elements, section(GJ=0.8)), torch.tensor([5.0, 0.0, -5.0])
+    held = tb.Support(0, "xyz", ""), tb.Support(-1, "yz", "")
+
+    def turned(x: Tensor, R: Tensor, v: Tensor, w: Tensor, t: Tensor) -> tuple[None, Tensor]:
+        return None, along(0, R[..., 1, 2] - R[..., 2, 1])
+
+    def twisted(M: Tensor) -> tb.Scene:
+        ends = (
+            tb.PointLoad(-1, force=along(0, pull), moment=along(0, M)),
+            tb.PointLoad(0, moment=along(0, -M)),
+            tb.Load(turned, node=0, of=("rotation",)),
+        )
+        return tb.Scene(rod, ends, supports=held)
+
+    critical = tb.critical_load(twisted, 9.0, points=13, count=4)
+    return critical.factor, 2 * (math.pi**2 + pull).sqrt()
 
 
 def buckled() -> tuple[Tensor, Tensor]:
@@ -145,6 +185,11 @@ CASES = [
     case("column, dead load", "Euler", "P L^2/EI of buckling", euler, 4.5e-4),
     case("column under its own weight", "Greenhill 1881; Timoshenko and Gere 1961",
          "q L^3/EI of buckling", own_weight, 4.5e-4),
+    case("ring of a twisted rod", "Michell 1889", "twist GJ/EI of buckling, 2 pi sqrt(3)",
+         lambda: twisted_ring(N), 1.43e-2, ORDER, None, lambda: twisted_ring(N // 2)),
+    Case("twisted rod, pulled and pushed, ball joints", "Greenhill 1883; Timoshenko and Gere 1961",
+         "M L/EI of buckling, (M/2EI)^2 = P/EI + (pi/L)^2", "16 elements",
+         lambda: twisted_shaft(16), 3.1e-3, ORDER, None, lambda: twisted_shaft(8)),
     case("strip on edge, tip load", "Timoshenko and Gere 1961",
          "P L^2/EI of lateral-torsional buckling, GJ = EI/2",
          sideways, 9e-4),

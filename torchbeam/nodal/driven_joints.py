@@ -31,6 +31,7 @@ from .between_nodes import NodeMotion, Placed, Rates
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
 from .joints import Joints
+from .multipliers import CLOSED
 from .rotation_vector import Turn
 
 
@@ -129,15 +130,23 @@ class DrivenJoints(Joints):
         return nodes, stacked(gap, self.held * (product - driven.offset))
 
     def efforts(self, now: Any) -> Tensor | None:
-        """Sizes of efforts as joints are drawn: given ones, and of limits that exclude this."""
+        """Sizes of efforts as joints are drawn: given ones, of limits that exclude this, and of
+        springs whose coordinates are off by rounding, a gap of `CLOSED`.
+        """
         values: JointValues = now.joints
         drawn = torch.zeros_like(self.c)
         laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
         total = laws.abs() if values.effort is None else laws.abs() + values.effort.abs()
+        if self.laws.stiffness is not None:
+            total = total + CLOSED * self.laws.stiffness * (
+                self.angles + self.travels * self.size[..., None, None]
+            )
         force, moment = (
             (rows * total).sum(-1, keepdim=True)
             for rows in (self.travels, self.angles + self.turning_rows)
         )
+        if self.acting_balls is not None and self.balls.laws.stiffness is not None:
+            moment = moment + CLOSED * self.balls.laws.stiffness.abs().amax((-1, -2))[..., None]
         p = self.space.dims.position
         return torch.cat((force.expand(*force.shape[:-1], p), moment), -1)
 

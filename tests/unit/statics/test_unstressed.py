@@ -66,3 +66,32 @@ def test_the_smallest_loads_still_bend():
     for engine in engines():
         tip = tb.equilibrium(scene, engine=engine, inputs={"u": (0.0, 0.0, 1e-9)}).tip.position[2]
         assert_close(tip, torch.tensor(1e-9 * (1 / 3 + 1 / 4e3)), rtol=1e-2, atol=0)
+
+
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6])
+@pytest.mark.parametrize(
+    "joint",
+    [
+        lambda a, b, x, y, k: tb.Hinge(a, b, axis=x, stiffness=k),
+        lambda a, b, x, y, k: tb.Slider(a, b, axis=x, stiffness=k),
+        lambda a, b, x, y, k: tb.Cylindrical(a, b, axis=x, stiffness=(k, k)),
+        lambda a, b, x, y, k: tb.Universal(a, b, axis=x, second=y, stiffness=(k, k)),
+        lambda a, b, x, y, k: tb.Ball(a, b, stiffness=k),
+    ],
+    ids=["hinge", "slider", "cylindrical", "universal", "ball"],
+)
+def test_a_sprung_chain_at_any_angle_is_at_rest(joint, stiffness):
+    """As it is drawn, with no load: what rounding leaves of its coordinates, 1e-16 rad, is all that
+    its springs have.
+    """
+    Q = torch.linalg.qr(torch.tensor([[0.3, 1.0, -0.4], [1.2, 0.1, 0.7], [-0.5, 0.6, 0.9]]))[0]
+    along, up, side = Q
+    links = {
+        name: tb.Beam.straight(1.3, 1, SECTION, root=1.3 * k * along, direction=along, up=up)
+        for k, name in enumerate("abc")
+    }
+    pairs = (None, ("a", 0)), (("a", -1), ("b", 0)), (("b", -1), ("c", 0))
+    scene = tb.Scene(links, joints=[joint(*pair, side, up, stiffness) for pair in pairs])
+    for engine in engines():
+        state = tb.equilibrium(scene, engine=engine)
+        assert_close(state.position, tb.rest(scene).position, rtol=0, atol=1e-12)
