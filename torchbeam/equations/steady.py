@@ -66,6 +66,8 @@ class SteadyProblem(BalanceProblem):
     @cached
     def conditions(self) -> Conditions:
         """Of the instant; their eigenstrain is that of the whole load."""
+        if self.known is not None:
+            return self.known
         return replace(
             conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t)
         )
@@ -77,7 +79,7 @@ class SteadyProblem(BalanceProblem):
 
     @cached
     def C(self) -> Tensor:
-        return self.model.tangent_stiffness()
+        return self.model.tangent_stiffness() if self.known is None else self.stiffness
 
     @property
     def orientation(self) -> Tensor | None:

@@ -36,8 +36,7 @@ from .support_motion import SupportMotions, support_motions
 @dataclass(frozen=True)
 class StepProblem(BalanceProblem):
     """A step of length dt (0-dim or (...)) from `start`, with loads as at time t (0-dim, or (...)
-    each sample's own) and inputs held over it. model: `Model`; where others say what the
-    `conditions` are, rows of it.
+    each sample's own) and inputs held over it.
 
     A method says how its nodes (`motion`, `TANGENT`) and elements (`element`) move, where it starts
     (`predictor`) and what the state after it is (`finish`).
@@ -79,11 +78,15 @@ class StepProblem(BalanceProblem):
 
     @cached
     def C(self) -> Tensor:
+        if self.known is not None:
+            return self.stiffness
         return self.model.tangent_stiffness(self.dt.detach())
 
     @cached
     def conditions(self) -> Conditions:
         """Of the instant at which loads are taken, and of supports at the end."""
+        if self.known is not None:
+            return self.known
         return conditions(self.model, self.t, self.inputs, self.t + (1 - self.INSTANT) * self.dt)
 
     @cached

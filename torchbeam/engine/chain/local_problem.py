@@ -5,14 +5,13 @@ and its loads.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ...core.derivatives import cached
-from ...core.leaves import Tree, leaf
 from ...equations.balance_problem import BalanceProblem
 from ...equations.midpoint import MidpointProblem, MidpointUnknowns
 from ...equations.step_problem import StepProblem
@@ -53,24 +52,6 @@ Fields = dict[str, Tensor]
 BetweenKind = JointKind | StretchKind | PairKind | CouplingKind
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
-
-
-@dataclass(frozen=True)
-class Given(Tree):
-    """A problem of rows, under conditions that are given: stiffness is S^-1 of the tangent,
-    None = there are no elements.
-    """
-
-    given: Conditions = field(kw_only=True)
-    stiffness: Tensor | None = leaf(3, kw_only=True)
-
-    conditions = property(lambda self: self.given)
-    C = property(lambda self: self.stiffness)
-
-
-@dataclass(frozen=True)
-class LocalProblem(Given, MidpointProblem):
-    """A step of one node, or of one element."""
 
 
 class Ends(NamedTuple):
@@ -354,7 +335,9 @@ class LocalProblems:
         now: Conditions,
         C: Tensor | None,
     ) -> StepProblem:
-        return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
+        return MidpointProblem(
+            rows, start, common.dt, common.t, common.inputs, known=now, stiffness=C
+        )
 
 
 def told_to(problem: StepProblem, sort: str, fields: Fields) -> StepProblem:

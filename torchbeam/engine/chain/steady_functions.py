@@ -20,7 +20,7 @@ from ...nodal.rows import Rows
 from ...scene.prescribed_motion import moved
 from .chain_constants import Common
 from .local_functions import LocalFunctions
-from .local_problem import Fields, Given
+from .local_problem import Fields
 from .node_kinds import NodeKind
 from .sample_functions import SampleFunctions
 
@@ -29,7 +29,7 @@ POSE = {"position": 3, "rotation": 4, "displacement": 3, "turn": 3}
 
 
 @dataclass(frozen=True)
-class LocalSteadyProblem(Given, SteadyProblem):
+class LocalSteadyProblem(SteadyProblem):
     """An equilibrium of one node, or of one element, whose supports are where they have to be."""
 
     def apply_supports(self, x: Configuration) -> Configuration:
@@ -59,7 +59,7 @@ class SteadyFunctions(LocalFunctions):
         x = Configuration(given["position"], given["rotation"], given["stress"])
         load_factor = given.get("load_factor", common.t.new_ones(()))  # a move asks for none
         return LocalSteadyProblem(
-            rows, common.t, common.inputs, load_factor, given=now, stiffness=C
+            rows, common.t, common.inputs, load_factor, known=now, stiffness=C
         ), x
 
     def place(self, kind: NodeKind, load_factor: Tensor, **fields: Tensor) -> Fields:
