@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean, choice, count
 from ...core.arguments import tolerance as check_tolerance
+from ...core.docstrings import with_arguments_of
 from ...core.validation import Value
 from ...core.warning import SlowPathWarning, warn
 from ...solvers.lbfgs import descend
@@ -33,6 +34,75 @@ TRIES = 5  # steps of differences, each a tenth of the one before
 SAME = 1e-3  # of a column of J
 
 
+@dataclass(frozen=True)
+class SearchOptions:
+    """Options of `identify`, checked where a search begins.
+
+    Args:
+        starts: so many, drawn about the one that was given, within a factor of `spread`, the bounds
+            and the priors' supports; between bounds, or ends of a support, where there are two,
+            evenly in the coordinate of the search
+        follow: of these, so many that fit best are followed; the others are evaluated once
+        log: search in log theta (theta is positive): for stiffness, mass and damping
+        bounds: (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along
+            them
+        sigma: (...) standard deviation of the data: weights them, and scales the covariance
+        absolute_sigma: False: sigma (of measurements too) weighs the data, but the size of the
+            noise is that of the misfit
+        noise: of data without sigma: "common", one deviation for all of them, from the misfit;
+            "channel", each channel has its own (heteroscedastic), beside data with sigma: searches
+            in turn with the deviations that the one before left (iteratively reweighted least
+            squares), until these are those of restricted maximum likelihood
+        derivatives: "difference": central differences of `relative_step` (1e-4), a batch of 2 p
+            times the starts, which run on the compiled engine. "forward": forward mode, the p
+            directions as a batch, by eager steps. "adjoint": the gradient of the squares by reverse
+            mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond some
+            hundreds; it takes more iterations, one start after the other, no bounds but by logits.
+            "auto": differences, where those of ten times the step agree with them to 1e-3 at the
+            start; of a parameter of which they do not (responses of many periods, models that jump)
+            by shorter steps, to 1e-8; and else, with a RuntimeWarning, forward mode
+        tolerance: of the largest step, relative to theta (of log theta, absolute); also, squared,
+            of the decrease of the squares
+        progress: a line of progress (tqdm)
+    """
+
+    log: bool
+    bounds: tuple[Value, Value] | None
+    sigma: Value | None
+    absolute_sigma: bool
+    noise: str
+    names: Sequence[str] | None
+    starts: int
+    spread: float
+    follow: int
+    seed: int
+    derivatives: str
+    relative_step: float | None
+    iterations: int
+    tolerance: float
+    progress: bool
+
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any]) -> SearchOptions:
+        """Those among the arguments of a function."""
+        return cls(**{f.name: arguments[f.name] for f in fields(cls)})
+
+    def check(self) -> None:
+        choice("derivatives", self.derivatives, DERIVATIVES)
+        for name in ("tolerance", *["relative_step"] * (self.relative_step is not None)):
+            check_tolerance(name, getattr(self, name))
+        boolean("progress", self.progress)
+        boolean("log", self.log)
+        count("iterations", self.iterations)
+        choice("noise", self.noise, NOISES)
+        if self.noise == "channel" and not self.absolute_sigma:
+            raise ValueError(
+                "noise='channel' was given with absolute_sigma=False; measurements without sigma "
+                "are wanted, whose noise is found"
+            )
+
+
+@with_arguments_of(SearchOptions)
 def identify(
     model: Model | Mapping[str, Model],
     data: Any,
@@ -69,31 +139,6 @@ def identify(
         start: (p,), or (starts, p) to be followed all at once, as one batch: the best end counts;
             or name -> `Parameter`, number or tensor. Parameters are all experiments', but for those
             that are each one's own
-        starts: so many, drawn about the one that was given, within a factor of `spread`, the bounds
-            and the priors' supports; between bounds, or ends of a support, where there are two,
-            evenly in the coordinate of the search
-        follow: of these, so many that fit best are followed; the others are evaluated once
-        log: search in log theta (theta is positive): for stiffness, mass and damping
-        bounds: (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along
-            them
-        sigma: (...) standard deviation of the data: weights them, and scales the covariance
-        absolute_sigma: False: sigma (of measurements too) weighs the data, but the size of the
-            noise is that of the misfit
-        noise: of data without sigma: "common", one deviation for all of them, from the misfit;
-            "channel", each channel has its own (heteroscedastic), beside data with sigma: searches
-            in turn with the deviations that the one before left (iteratively reweighted least
-            squares), until these are those of restricted maximum likelihood
-        derivatives: "difference": central differences of `relative_step` (1e-4), a batch of 2 p
-            times the starts, which run on the compiled engine. "forward": forward mode, the p
-            directions as a batch, by eager steps. "adjoint": the gradient of the squares by reverse
-            mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond some
-            hundreds; it takes more iterations, one start after the other, no bounds but by logits.
-            "auto": differences, where those of ten times the step agree with them to 1e-3 at the
-            start; of a parameter of which they do not (responses of many periods, models that jump)
-            by shorter steps, to 1e-8; and else, with a RuntimeWarning, forward mode
-        tolerance: of the largest step, relative to theta (of log theta, absolute); also, squared,
-            of the decrease of the squares
-        progress: a line of progress (tqdm)
 
     Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised
     until the squares go down, each start by itself. (Nocedal and Wright 2006, section 10.3.) No
@@ -122,46 +167,6 @@ def identify(
         (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
     """
     return searched(model, data, start, SearchOptions.of(locals()))
-
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """Options of `identify`, checked where a search begins."""
-
-    log: bool
-    bounds: tuple[Value, Value] | None
-    sigma: Value | None
-    absolute_sigma: bool
-    noise: str
-    names: Sequence[str] | None
-    starts: int
-    spread: float
-    follow: int
-    seed: int
-    derivatives: str
-    relative_step: float | None
-    iterations: int
-    tolerance: float
-    progress: bool
-
-    @classmethod
-    def of(cls, arguments: Mapping[str, Any]) -> SearchOptions:
-        """Those among the arguments of a function."""
-        return cls(**{f.name: arguments[f.name] for f in fields(cls)})
-
-    def check(self) -> None:
-        choice("derivatives", self.derivatives, DERIVATIVES)
-        for name in ("tolerance", *["relative_step"] * (self.relative_step is not None)):
-            check_tolerance(name, getattr(self, name))
-        boolean("progress", self.progress)
-        boolean("log", self.log)
-        count("iterations", self.iterations)
-        choice("noise", self.noise, NOISES)
-        if self.noise == "channel" and not self.absolute_sigma:
-            raise ValueError(
-                "noise='channel' was given with absolute_sigma=False; measurements without sigma "
-                "are wanted, whose noise is found"
-            )
 
 
 def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
