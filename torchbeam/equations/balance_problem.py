@@ -165,8 +165,8 @@ class BalanceProblem(Tree):
         gap = element.constitutive_residual
         if model.interactions:
             motion = self.node_motion(kinematics)
-            for one in model.interactions:
-                nodes, gap = one.balance(nodes, gap, x.stress, motion)
+            for interaction in model.interactions:
+                nodes, gap = interaction.balance(nodes, gap, x.stress, motion)
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
         sizes = largest(
             model.space.dims.position,
@@ -214,8 +214,8 @@ class BalanceProblem(Tree):
         if not model.interactions:
             return condensed
         motion, matrix = self.node_motion(kinematics, nodes), condensed.matrix
-        for one in model.interactions:
-            matrix = one.matrix(matrix, x.stress, motion)
+        for interaction in model.interactions:
+            matrix = interaction.matrix(matrix, x.stress, motion)
         return condensed._replace(matrix=matrix)
 
     def merit(self, residual: Residual) -> Tensor | None:

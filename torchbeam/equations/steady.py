@@ -237,7 +237,7 @@ class SteadyProblem(BalanceProblem):
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
-                coordinates=tuple(one.coordinates for one in model.scene.joints),
+                coordinates=tuple(joint.coordinates for joint in model.scene.joints),
                 **model.finished({"stress": x.stress}, self.node_motion(x)),
             )
         )
@@ -273,7 +273,7 @@ def least_forces(
     if not (model.interactions or model.bodies_touch):
         return tuple(terms)
     now = conditions()
-    efforts = [one.efforts(now) for one in model.interactions]
+    efforts = [interaction.efforts(now) for interaction in model.interactions]
     terms += [effort for effort in efforts if effort is not None]
     if model.bodies_touch:
         drawn = model.space.to_reduced(rest(model.scene))

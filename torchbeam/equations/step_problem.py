@@ -172,7 +172,7 @@ class StepProblem(BalanceProblem):
         x = self.apply_supports(x)
         kinematics, now = self.motion.kinematics(x.u, x.m), self.conditions
         motion = self.node_motion(kinematics)
-        each = [one.near_enough(motion) for one in self.model.interactions]
+        each = [act.near_enough(motion) for act in self.model.interactions]
         if now.between:
             each.append(~self.idle(kinematics))
         each.append(self.body_near(kinematics))
@@ -187,11 +187,11 @@ class StepProblem(BalanceProblem):
 
     def telling(self, kinematics: Any, *_: Any) -> Told:
         told: dict[str, Tensor] = {}
-        if not any(one.dissipative for one in self.model.interactions) and not self.model.rubs:
+        if not any(act.dissipative for act in self.model.interactions) and not self.model.rubs:
             return told
         motion, nodes = self.node_motion(kinematics), self.nodes(kinematics)
-        for one in self.model.interactions:
-            told |= one.telling(motion)
+        for act in self.model.interactions:
+            told |= act.telling(motion)
         given = self.model, nodes, self.conditions
         told |= external.telling(*given) | element_loads.telling(*given)
         return element_loads.forgotten(self.model, told, motion.way(), self.conditions)
@@ -287,7 +287,7 @@ class StepProblem(BalanceProblem):
 
     def passed(self, kinematics: Any) -> Tensor | None:
         now, motion = self.conditions, self.node_motion(kinematics)
-        each = [one.passed(motion) for one in self.model.interactions]
+        each = [act.passed(motion) for act in self.model.interactions]
         if now.between:
             each.append(element_loads.passed(self.model, self._way(kinematics), now))
         each.append(self.body_passed(kinematics))

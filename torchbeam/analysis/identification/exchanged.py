@@ -54,11 +54,11 @@ def exchange_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, scale: 
     for a, b, stretch in _likeliest(problem, r, J, C, data):
         there = (a.rows >= 0) & (b.rows >= 0)
         for part in (slice(0, len(there)), stretch):
-            one, two = (c.rows[part][there[part]] for c in (a, b))
-            if part.stop - part.start < min(FEWEST, len(there)) or not len(one):
+            first, two = (c.rows[part][there[part]] for c in (a, b))
+            if part.stop - part.start < min(FEWEST, len(there)) or not len(first):
                 continue
             change = torch.zeros_like(data)
-            change[one], change[two] = data[one] - data[two], data[two] - data[one]
+            change[first], change[two] = data[first] - data[two], data[two] - data[first]
             change = problem.white(change)
             by = J.mT @ change
             step, more = C @ by, change @ (2 * r + change)

@@ -88,7 +88,7 @@ class FieldSearch:
             )
         kind = common_dtype(*(m.values for m in every))
         rows, target = {}, {}
-        for name, one in smoothness.items():
+        for name, prior in smoothness.items():
             if name not in start:
                 raise ValueError(
                     f"smoothness of {name!r} was given; there are {', '.join(map(str, start))}"
@@ -101,11 +101,11 @@ class FieldSearch:
                     f"smoothness of {name!r} was given, of shape {tuple(given.start.shape)}; one "
                     "field (n,) of all experiments is wanted, by itself or by its logarithm"
                 )
-            L = instance("smoothness", one, Smoothness).rows(given.start)
+            L = instance("smoothness", prior, Smoothness).rows(given.start)
             rows[name] = SmoothnessRows(name, L, given.transform == "log")
-            target[name] = rows[name].of(given.start) if one.order == 0 else L.new_zeros(len(L))
+            target[name] = rows[name].of(given.start) if prior.order == 0 else L.new_zeros(len(L))
         factor = {name: torch.ones_like(of) for name, of in target.items()}
-        sharp = tuple(name for name, one in smoothness.items() if one.sharp)
+        sharp = tuple(name for name, prior in smoothness.items() if prior.sharp)
         return cls(models, measured, start, rows, target, factor, sharp, known, options)
 
     @property

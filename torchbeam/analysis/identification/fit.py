@@ -200,7 +200,7 @@ class Fit:
                 self.held[:, None], limits, self.bootstrap(repeats, seed=seed).interval(level)
             )
         elif method == "profile":
-            limits = torch.stack([one.interval for one in self.profile(level=level)])
+            limits = torch.stack([profile.interval for profile in self.profile(level=level)])
         return self.within(limits)
 
     def predict(

@@ -311,9 +311,9 @@ class Measurement:
 def _frequencies(hum: Any) -> tuple[float | str, ...]:
     """Hz, or names of parameters, of what was given as hum."""
     every = tuple(hum) if isinstance(hum, (tuple, list)) else (hum,)
-    for one in every:
-        if not isinstance(one, str) and not 0 < number("hum", one) < math.inf:
-            raise refusal(f"hum = {shown(one)}", "a positive frequency, Hz, or a parameter's name,")
+    for m in every:
+        if not isinstance(m, str) and not 0 < number("hum", m) < math.inf:
+            raise refusal(f"hum = {shown(m)}", "a positive frequency, Hz, or a parameter's name,")
     if len(set(every)) < len(every):
         raise refusal(f"hum = {shown(hum)}", "each frequency once")
     return every

@@ -285,21 +285,20 @@ def _named(
             given.append(one)
             first += entry.size
 
-    def joined(read: Any, like: Any = lambda one: one.start) -> Tensor:
-        numbers = [torch.as_tensor(read(one), dtype=kind[0], device=kind[1]) for one in given]
+    def joined(read: Any, like: Any = lambda p: p.start) -> Tensor:
+        numbers = [torch.as_tensor(read(p), dtype=kind[0], device=kind[1]) for p in given]
         return torch.cat(
-            [x.expand_as(like(one)).flatten() for x, one in zip(numbers, given, strict=True)]
+            [x.expand_as(like(p)).flatten() for x, p in zip(numbers, given, strict=True)]
         )
 
     unbounded = torch.tensor(-torch.inf), torch.tensor(torch.inf)
-    low, high = (joined(lambda one, i=i: (one.bounds or unbounded)[i]) for i in (0, 1))
+    low, high = (joined(lambda p, i=i: (p.bounds or unbounded)[i]) for i in (0, 1))
     logs, logits = (
-        joined(lambda one, name=name: float(one.transform == name)).bool()
-        for name in ("log", "logit")
+        joined(lambda p, name=name: float(p.transform == name)).bool() for name in ("log", "logit")
     )
     zero = torch.zeros_like(low)
     transform = Transform(
         logs, logits, torch.where(logits, low, zero), torch.where(logits, high, zero)
     )
-    start, size = joined(lambda one: one.start)[None], joined(lambda one: one.size)
+    start, size = joined(lambda p: p.start)[None], joined(lambda p: p.size)
     return Parameters(tuple(names), tuple(entries), transform, start, size, low, high, first, True)

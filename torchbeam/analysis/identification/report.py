@@ -72,7 +72,7 @@ def _summary(fit: Any, reason: str) -> str:
         for name, rho in fit.memory.items()
     ]
     said = [*fit.unidentifiable, *fit.hints]
-    doubts = "".join(f'<li class="doubt">{escape(one)}</li>' for one in said)
+    doubts = "".join(f'<li class="doubt">{escape(doubt)}</li>' for doubt in said)
     nothing = "<p>Nothing looks wrong.</p>"
     text = "".join(f"<p>{escape(line)}</p>" for line in lines)
     return f"{text}<h2>Doubts</h2>{f'<ul>{doubts}</ul>' if said else nothing}"
@@ -90,8 +90,8 @@ def _intervals(fit: Any, level: float) -> str:
 def _data(fit: Any) -> str:
     """Each channel in numbers."""
     rows = []
-    for one in fit.readings:
-        for name, data, y in one.channels():
+    for reading in fit.readings:
+        for name, data, y in reading.channels():
             off = (data - y)[~data.isnan()]
             if len(off):
                 sizes = (off.square().mean().sqrt().item(), off.mean().item(), off.abs().max())
@@ -103,7 +103,7 @@ def _data(fit: Any) -> str:
 def _pictures(fit: Any) -> list[str]:
     """Data, model and residuals of each measurement over time, and the correlations."""
     series = [r for r in fit.readings if r.data.ndim and len(r.data) > 1]
-    drawn = [_picture(fit_picture(replace(fit, readings=(one,)))[0]) for one in series]
+    drawn = [_picture(fit_picture(replace(fit, readings=(reading,)))[0]) for reading in series]
     pictures = ["<h2>Fit and residuals</h2>", *drawn] if drawn else []
     if len(fit.names) > 1:
         pictures += ["<h2>Correlation</h2>", _picture(correlation(fit))]

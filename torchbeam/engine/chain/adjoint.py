@@ -38,7 +38,7 @@ from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
 # of their states, and of tendons
-OF_INTERACTIONS = "last_force", "tension", *(one.kept for one in INTERACTIONS if one.kept)
+OF_INTERACTIONS = "last_force", "tension", *(sort.kept for sort in INTERACTIONS if sort.kept)
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 # what ends follow from beside the start and the constants
 ENDED_BY = "u", "m", "found", "last", "force", "change", "start"
@@ -158,11 +158,11 @@ class AdjointProgram(NativeProgram):
         shapes = {name: outputs[name].shape for name in blocks}
         loads = [load.with_zeros(shapes) for load in loads]
         between = Packing(self.given_by_elements, [*elements, *loads], blocks)
-        nodes, made = [one.only([OWN]) for one in own.made()], between.made()
+        nodes, made = [function.only([OWN]) for function in own.made()], between.made()
         kinds = kinds_of(self.kinds, LOAD)
         for (k, _), load in zip(kinds, made[len(elements) :], strict=True):
             functions[f"{LOAD.name} blocks {k}"] = load.only([between.name])
-        elements = [one.only([between.name, "E", "hB"]) for one in made[: len(elements)]]
+        elements = [function.only([between.name, "E", "hB"]) for function in made[: len(elements)]]
         nodes, elements = self.with_ends(
             nodes, elements, (*self.state, "u", "m"), traced.constants["common"]
         )
@@ -189,7 +189,7 @@ class AdjointProgram(NativeProgram):
             ("element", ELEMENTS),
             ("common", ONE),
             *((("support", SUPPORTS),) * self.held),
-            *((one.constants, one.rows) for one in interactions.present(self.kinds)),
+            *((sort.constants, sort.rows) for sort in interactions.present(self.kinds)),
         ):
             # a derivative need not read what it is by
             outputs = (output for name in self.functions for output in self.outputs(name))

@@ -287,13 +287,13 @@ class Call:
         self._arguments: list[Arguments] = []  # that no call uses
         # what is written of each step, where that has a table of its own
         own = "stepwises" in self.place
-        self._table = ["stepwises" if own and one.steps else "outputs" for one in outputs]
-        shapes = [(*(K,) * one.steps, self.B, *one.shape) for one in outputs]
+        self._table = ["stepwises" if own and out.steps else "outputs" for out in outputs]
+        shapes = [(*(K,) * out.steps, self.B, *out.shape) for out in outputs]
         self.templates = [like(shape, instance.dtype) for shape in shapes]
         written = {"outputs": [], "stepwises": []} if own else {"outputs": []}
-        for table, shape, one in zip(self._table, shapes, outputs, strict=True):
+        for table, shape, out in zip(self._table, shapes, outputs, strict=True):
             x = torch.empty(shape, dtype=instance.dtype, device=CPU)
-            field = Field(one.record, one.name, x, len(one.shape), flat=True, every=one.every)
+            field = Field(out.record, out.name, x, len(out.shape), flat=True, every=out.every)
             written[table].append(field)
         fields = [*inputs, *constants, *fixed, *fixed_fields(instance)]
         self.tables = {
@@ -314,7 +314,7 @@ class Call:
 
     def holding(self, constants: Sequence[Field]) -> Call:
         """This call with these constants."""
-        table = self.tables["inputs"].holding([one.value for one in constants])
+        table = self.tables["inputs"].holding([field.value for field in constants])
         return with_values(self, tables=self.tables | {"inputs": table}, _arguments=[])
 
     def run(

@@ -35,8 +35,8 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
     framework = connectivity.framework
     others = [
         own
-        for one, own in zip(INTERACTIONS, connectivity.edges, strict=True)
-        if own and not one.celled
+        for sort, own in zip(INTERACTIONS, connectivity.edges, strict=True)
+        if own and not sort.celled
     ]
     if framework.ties or others or kinds.touching:
         return None
@@ -84,7 +84,7 @@ def _alike(
 ) -> Cells | None:
     """Of these parts, if they are alike."""
     framework, supports, every, _ = connectivity
-    (which,) = (k for k, one in enumerate(INTERACTIONS) if one.celled)
+    (which,) = (k for k, sort in enumerate(INTERACTIONS) if sort.celled)
     edges, sorts = every[which], (NODES, ELEMENTS, INTERACTIONS[which].rows)
     chains, order = len(framework.chains), framework.order
     common = [node for part in shared for node in nodes[part]]

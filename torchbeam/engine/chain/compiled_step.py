@@ -109,7 +109,7 @@ class CompiledStep:
         self.none, self.all = self.structure.none, self.structure.all
         self.constant = self._constant()
         self._sizes = [Field("common", name, x, 0) for name, x in sizes(model).items()]
-        self.sources = [*[one.value for one in self.constant], *self.constants.sources]
+        self.sources = [*[field.value for field in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
         self._checked = not by_function(model)  # whether these keep samples apart
@@ -220,7 +220,7 @@ class CompiledStep:
         if _forward_mode(*given):
             return None
         recorded = torch.is_grad_enabled()
-        held = [*given, *(one.value for one in self.constant), *states] if recorded else []
+        held = [*given, *(field.value for field in self.constant), *states] if recorded else []
         wanted = self._wanted(held, values) if recorded else []
         if self.eager_because is not None:
             return None
@@ -264,7 +264,7 @@ class CompiledStep:
     ) -> Adjoint:
         """What the cotangents of steps that were made with these tensors are found from."""
         pairs = zip(self.structure.changing, given, strict=True)
-        changing = [one._replace(value=x) for (one, _), x in pairs]
+        changing = [field._replace(value=x) for (field, _), x in pairs]
         known, call = [*changing, *self.constant], form.call
         names = frozenset(known[k].name for k in wanted if k < len(known))
         return Adjoint(

@@ -35,7 +35,7 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
         **{name: (ELEMENT.state, name) for name in program.element_state},
         **{name: ("sample", name) for name in program.sample_state},
         **(OF_MULTIPLIERS if program.kinds.multiplied else {}),
-        **{one.kept: (one.state, one.kept) for one in INTERACTIONS if kept(kinds, one)},
+        **{sort.kept: (sort.state, sort.kept) for sort in INTERACTIONS if kept(kinds, sort)},
         **(OF_TENDONS if program.kinds.stretches else {}),
     }
 
@@ -102,8 +102,8 @@ class Adjoint:
             None,
             self.calls.setdefault(("rows", count, K), {}),
             [
-                one._replace(value=one.value[first].unsqueeze(1)) if self._stepwise(k) else one
-                for k, one in enumerate(self.changing)
+                x._replace(value=x.value[first].unsqueeze(1)) if self._stepwise(k) else x
+                for k, x in enumerate(self.changing)
             ],
             self.constant,
             self.good[first, None].expand(K, count, B).reshape(K, -1),
@@ -143,7 +143,7 @@ class Adjoint:
     @property
     def known(self) -> list[Tensor]:
         """The constants."""
-        return [one.value for one in (*self.changing, *self.constant)]
+        return [x.value for x in (*self.changing, *self.constant)]
 
     def _by_number(
         self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]

@@ -35,9 +35,9 @@ class Elimination(RowCode):
             return
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        for one in self.interactions:
-            if not one.celled:
-                self.each_of(one, self.join)
+        for row in self.interactions:
+            if not row.celled:
+                self.each_of(row, self.join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
@@ -86,9 +86,9 @@ class Elimination(RowCode):
         """Rows of the interface, with interactions that cells may have."""
         with self.entries("interface", shared=shared) as (p, entry):
             self._interface(p, entry)
-        for one in self.interactions:
-            if one.celled:
-                self.each_of(one, self.join, shared=shared)
+        for row in self.interactions:
+            if row.celled:
+                self.each_of(row, self.join, shared=shared)
 
     def node(self, j: str, turn: str | int) -> None:
         """What node j gives its row, and the elements at it, where it is held."""

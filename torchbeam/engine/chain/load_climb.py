@@ -164,9 +164,9 @@ def _climbed(
         Field("common", "tolerance", tolerance, 0),
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
-    batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
+    batch = broadcast_shapes(*(x.value.shape[: x.value.ndim - x.axes] for x in given))
     check_batch(model, batch)
-    key = lanes, batch, *[(one.value.shape, one.value.stride(), one.value.dtype) for one in given]
+    key = lanes, batch, *[(x.value.shape, x.value.stride(), x.value.dtype) for x in given]
     call = structure.calls.get(key)
     shapes = {name: v.shape[-2:] for name, v in start.items()}
     shapes["reaction"] = model.constraints.fixed.shape
@@ -176,8 +176,7 @@ def _climbed(
         call = Call(instance, batch, 1, given, out, lanes=lanes)
         keep(structure.calls, key, call, CALLS)
     found = [
-        x.reshape((*batch, *x.shape[1:]))
-        for x in call.run([one.value for one in given], limit=LIMIT)
+        x.reshape((*batch, *x.shape[1:])) for x in call.run([x.value for x in given], limit=LIMIT)
     ]
     solution = dict(zip(shapes, found, strict=False))
     if multiplied:
@@ -240,7 +239,7 @@ def fields_at_rest(
         *_poses(model, t),
         *(Field("common", name, v, 0) for name, v in numbers.items()),
     ]
-    return [one for one in fields if instance.has(one.record, one.name)]
+    return [x for x in fields if instance.has(x.record, x.name)]
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

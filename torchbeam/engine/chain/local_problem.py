@@ -178,9 +178,9 @@ class LocalProblems:
         }
         given |= {name: fields[name] for name in ("stress", *self.element_state, *self.SAMPLE)}
         supports = tuple(
-            self._support(fields, f"{side}.", k, one.support)
-            for k, (side, one) in enumerate(zip(self.sides, kind.ends, strict=True))
-            if one.support is not None
+            self._support(fields, f"{side}.", k, end.support)
+            for k, (side, end) in enumerate(zip(self.sides, kind.ends, strict=True))
+            if end.support is not None
         )
         element, common = self.element_constants(fields), self.common_of(fields)
         rows = self._rows(own, element.rows, common, supports, _hinges(*kind.ends))
@@ -275,7 +275,7 @@ class LocalProblems:
             if nodes is None
             else (acting_loads(kind, nodes.loads, alike.loads), nodes.dead)
         )
-        if any(one.batch for one in common.captured):
+        if any(captured.batch for captured in common.captured):
             loads = tuple(map(of_one_sample, loads))
         return Conditions(
             common.t,

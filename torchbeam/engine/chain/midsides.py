@@ -30,8 +30,8 @@ def eliminating(
     """
     names = {f"element.{name}": name for name in inner.fields}
     makers = [
-        inner.taken(own.taken(one, {f"own.{name}": name for name in own.fields}), names)
-        for one in condense.values()
+        inner.taken(own.taken(function, {f"own.{name}": name for name in own.fields}), names)
+        for function in condense.values()
     ]
     between = Packing(BETWEEN, makers, to_nodes(makers[0].outputs))
     middle = Packing(MIDDLE, between.made(), FOLLOWING)

@@ -59,7 +59,7 @@ class Order(NamedTuple):
 
 def connectivity_of(model: Model) -> Connectivity:
     """Of a whole model."""
-    edges = tuple(one.edges(model) for one in INTERACTIONS)
+    edges = tuple(sort.edges(model) for sort in INTERACTIONS)
     return Connectivity(model.topology, model.constraints.nodes, edges)
 
 
@@ -97,7 +97,7 @@ def order_of(connectivity: Connectivity) -> Order:
     groups, following = Elimination(len(nodes), units, constraints, couplings, runs).ordered(
         fixed, last
     )
-    common = last | {unit for unit, one in constraints.items() if {*one.ends} <= {*last, None}}
+    common = last | {unit for unit, tie in constraints.items() if {*tie.ends} <= {*last, None}}
     of_common = [bool(common & {*group}) for group in groups]
     apart = of_common == sorted(of_common) and all(
         common >= {*group} for group, own in zip(groups, of_common, strict=True) if own

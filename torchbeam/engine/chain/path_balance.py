@@ -82,10 +82,10 @@ class NativeBalance:
         self.instance = instance_at_rest(local, constants, around, PathProgram)
         fields = fields_at_rest(self.instance, model, trees, problem.t, problem.inputs)
         self.exact, self.load = same_law(local.trees.element.C, model.law.C), load
-        self.rising = [one for one in fields if one.name in rises]
-        self.fields = [one for one in fields if one.name not in rises]
+        self.rising = [field for field in fields if field.name in rises]
+        self.fields = [field for field in fields if field.name not in rises]
         self.fields += [
-            one._replace(name=dot(one.name), value=rises[one.name]) for one in self.rising
+            field._replace(name=dot(field.name), value=rises[field.name]) for field in self.rising
         ]
         self.fields += [] if led is None else [Field("node", RATE, led, 2)]
         self.instance.program.run(1)  # raises where it cannot be compiled
@@ -105,7 +105,7 @@ class NativeBalance:
 
         trees = at_rest(inputs)
         if load is None:
-            moving = any(one.displacement is not None for one in model.scene.supports)
+            moving = any(support.displacement is not None for support in model.scene.supports)
             return trees, ("load_factor",), {}, _rate(problem) if moving else None
         none = at_rest({**inputs, load: torch.zeros_like(inputs[load])})
         pairs = zip(constant_fields(none), constant_fields(trees), strict=True)
@@ -133,10 +133,10 @@ class NativeBalance:
                 ("common", "reached", share, 0),
             )
         ]
-        for one in self.rising:
-            rate = next(x.value for x in self.fields if x.name == dot(one.name))
-            wide = factor[(...,) + (None,) * one.axes]
-            given.append(one._replace(value=(one.value + wide * rate).contiguous()))
+        for field in self.rising:
+            rate = next(x.value for x in self.fields if x.name == dot(field.name))
+            wide = factor[(...,) + (None,) * field.axes]
+            given.append(field._replace(value=(field.value + wide * rate).contiguous()))
         size = self.instance.program.w, self.instance.program.w
         rows = {
             ("move", "move"): (self.instance.rows("move"), size[0]),
@@ -157,7 +157,7 @@ class NativeBalance:
             fixed = [*self.fields, Field("common", "slope", slope, 0)]
             out = [Output(*name, own, steps=True) for name, own in rows.items()]
             call = self._calls[batch] = Call(self.instance, batch, 2, given, out, fixed=fixed)
-        found = call.run([one.value for one in given])
+        found = call.run([field.value for field in given])
         move, dstress, reaction, measure, *blocks = (
             x.reshape(2, *batch, *x.shape[2:]) for x in found
         )
@@ -195,12 +195,12 @@ def _rate(problem: SteadyProblem) -> Tensor:
 def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
     """Why the balances of a path are not found by native code; None where they are."""
     model = problem.model
-    turned = any(one.turn is not None for one in model.scene.supports)
+    turned = any(support.turn is not None for support in model.scene.supports)
     # of which it is not known that they are linear in their inputs
     own = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
     reasons = {
         "a Tendon": bool(model.scene.tendons),
-        "loads between nodes": any(one.between_nodes for one in model.scene.loads),
+        "loads between nodes": any(load.between_nodes for load in model.scene.loads),
         f"the factor of {load!r} beside functions without motion": load is not None and own,
         "supports that turn with the load's factor": load is None and turned,
         "loads with internal states": bool(model.internal_states),

@@ -186,11 +186,11 @@ class NewtonProgram(NativeProgram):
         nodes, elements = self.with_ends(
             nodes, elements, self.unknown, (*traced.constants["common"], *self.varying)
         )
-        for k, one in enumerate(nodes):
-            _split(functions, f"node {k}", one, (*self.unknown, "told", *self.varying))
+        for k, x in enumerate(nodes):
+            _split(functions, f"node {k}", x, (*self.unknown, "told", *self.varying))
         changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
-        for k, one in enumerate(elements):
-            _split(functions, f"element {k}", one, (*changing, "stress", *self.varying))
+        for k, x in enumerate(elements):
+            _split(functions, f"element {k}", x, (*changing, "stress", *self.varying))
 
     def _layout(self) -> Layout:
         inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k

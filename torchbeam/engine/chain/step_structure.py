@@ -85,7 +85,7 @@ class StepStructure:
             if id(field.value) in names
         ]
         self.takes_time = roles.asks or any(
-            self.instance.has(one.record, one.name) for one, name in self.changing if name == "t"
+            self.instance.has(x.record, x.name) for x, name in self.changing if name == "t"
         )
         self.forms: dict[Any, Form] = {}
         self.adjoints: dict[frozenset[str], ProgramInstance] = {}

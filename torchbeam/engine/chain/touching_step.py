@@ -84,7 +84,7 @@ class TouchingStep:
         self.eager_because: str | None = None
         self._list: PairList | None = None  # the last one
         self._compiled: set[Any] = set()  # for these samples and lanes, see `_compile_ahead`
-        laws = [one.contact for one in model.touching.each]
+        laws = [contact.contact for contact in model.touching.each]
         self._numbers = [x.value for x in leaves(laws) if isinstance(x.value, Tensor)]
         self._seen = self._written()
 
@@ -194,10 +194,10 @@ class TouchingStep:
         least, near, chosen = max(SKIN * self.element, ROOM * move), [], []
         most = max(MOST * self.element, least)
         ahead = AHEAD * dt.detach().abs().amax()
-        for one in self.model.touching.each:
-            skin = (one.nearing(position, velocity) * ahead).clamp(least, most)
-            near.append(_anywhere(one.may_touch & (one.ball_slack(motion) <= skin)))
-            chosen.append(_chosen(one, near[-1]))
+        for contact in self.model.touching.each:
+            skin = (contact.nearing(position, velocity) * ahead).clamp(least, most)
+            near.append(_anywhere(contact.may_touch & (contact.ball_slack(motion) <= skin)))
+            chosen.append(_chosen(contact, near[-1]))
         clearance = Clearance(self.model.touching, near, self.model.node_count)
         self._list = PairList(self._known(chosen), clearance, torch.is_grad_enabled())
         return self._list
@@ -210,10 +210,10 @@ class TouchingStep:
             return  # None: each list has a program of its own
         self._compiled.add((samples, lanes))
         some = []
-        for one in self.model.touching.each:
-            first = _anywhere(one.may_touch)
+        for contact in self.model.touching.each:
+            first = _anywhere(contact.may_touch)
             first[first.nonzero()[1:].unbind(-1)] = False
-            some.append(_chosen(one, first))
+            some.append(_chosen(contact, first))
         if any(len(own.point) for own in some):
             self._made(some).compile(samples, lanes)
 

@@ -89,7 +89,7 @@ class Tracing:
         self.pair |= _at_sides(own | free, PAIR_SIDES)
         self.coupling = self.pair | forces | {"memory": (local.model.scene.memory[1],)}
 
-        own = [x for one in local.trees.common.captured for x, _ in flattened(one)]
+        own = [x for captured in local.trees.common.captured for x, _ in flattened(captured)]
         self.captured = {
             f"common.{i}": x
             for i, (x, _) in enumerate(flattened(local.trees.common))

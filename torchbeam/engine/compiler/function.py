@@ -106,10 +106,10 @@ class Function:
     def joined(self, other: Function) -> Function:
         """The outputs of both, in one graph: what is equal is computed once."""
         graph, outputs = Graph(), {}
-        for one in (self, other):
-            nodes = one.into(graph, {})
+        for part in (self, other):
+            nodes = part.into(graph, {})
             outputs |= {
-                name: Output(out.shape, tuple(nodes[name])) for name, out in one.outputs.items()
+                name: Output(out.shape, tuple(nodes[name])) for name, out in part.outputs.items()
             }
         return Function(graph, {**self.inputs, **other.inputs}, outputs)
 
