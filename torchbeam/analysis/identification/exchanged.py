@@ -136,9 +136,9 @@ def _channels(problem: FitProblem) -> Iterator[Channels]:
         unit = sensor.unit if sensor else ""
         yield Channels(name, (e.name, columns.shape, unit), m.times, columns)
         if rows.ndim > 2:
-            for j, own in enumerate(rows.unbind(1)):
-                yield Channels(f"{name} {j}", (e.name, k, "row"), m.times, own.flatten(1))
+            for j, column in enumerate(rows.unbind(1)):
+                yield Channels(f"{name} {j}", (e.name, k, "row"), m.times, column.flatten(1))
         if columns.shape[1] > 1:
             names = Readings(e.name, m.labels, None, m.values, m.values, None).names
-            for label, own in zip(names, columns.unbind(1), strict=True):
-                yield Channels(label, (e.name, k, "one"), m.times, own[:, None])
+            for label, column in zip(names, columns.unbind(1), strict=True):
+                yield Channels(label, (e.name, k, "one"), m.times, column[:, None])

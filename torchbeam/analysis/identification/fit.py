@@ -245,8 +245,8 @@ class Fit:
         )
         open_ = self.open if len(self.open) else torch.zeros_like(self.held)
         determined = ~self.held & ~open_
-        own = J[..., determined]
-        variance = ((own @ self.x_covariance[determined][:, determined]) * own).sum(-1).clamp(min=0)
+        G = J[..., determined]
+        variance = ((G @ self.x_covariance[determined][:, determined]) * G).sum(-1).clamp(min=0)
         variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
         quantile = self._quantile(level)
         most = (quantile[determined] if determined.any() else quantile).amax()

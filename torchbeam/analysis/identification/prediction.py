@@ -163,10 +163,10 @@ def _instrument(
         at = as_tensor(times, m.values.dtype, m.values.device)
         like = m.values.new_zeros(len(at), *m.values.shape[1:])
         m = replace(m, values=like, times=at, sigma=None, noise="white")
-    own = Nuisance.of([(e.name, m)], 0)
-    place = own.place.new_tensor([problem.parameters.names.index(n) for n in own.names])
+    nuisance = Nuisance.of([(e.name, m)], 0)
+    place = nuisance.place.new_tensor([problem.parameters.names.index(n) for n in nuisance.names])
     frequencies = (problem.parameters.number(n, e.name) for n in wave_names(m))
-    return m, replace(own, place=place).with_frequencies(frequencies)
+    return m, replace(nuisance, place=place).with_frequencies(frequencies)
 
 
 def _reader(

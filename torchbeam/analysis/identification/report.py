@@ -123,8 +123,8 @@ def _prediction(name: str, times: Tensor, predicted: Prediction, data: Tensor | 
         )  # fmt: skip
         ax.plot(numbers(times[order]), numbers(y[order, k]), "C0", lw=1.2, label="predicted")
         if data is not None:
-            own = data.reshape(len(data), -1)[:, k]
-            ax.plot(numbers(times), numbers(own), ".", ms=4, color="C3", label="measured")
+            values = data.reshape(len(data), -1)[:, k]
+            ax.plot(numbers(times), numbers(values), ".", ms=4, color="C3", label="measured")
         ax.set(xlabel="time / s", title=f"{name} {k}" if channels > 1 else name)
     places[0].legend(frameon=False, fontsize=8)
     if data is not None:

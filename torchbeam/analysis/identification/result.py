@@ -169,6 +169,6 @@ def _as_given(readings: tuple[Readings, ...], problem: FitProblem) -> Any:
     rest = iter(readings)
     parts = {}
     for e in filter(lambda e: e.measured, problem.experiments):
-        own = tuple(next(rest).y for _ in e.measurements)
-        parts[e.name] = own[0] if e.single else own
+        values = tuple(next(rest).y for _ in e.measurements)
+        parts[e.name] = values[0] if e.single else values
     return parts[None] if None in parts else parts

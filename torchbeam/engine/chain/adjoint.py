@@ -150,7 +150,7 @@ class AdjointProgram(NativeProgram):
     ) -> dict[str, Function]:
         """Functions of the transposed matrix, and of stresses."""
         w, outputs, functions = self.w, elements[-1].outputs, {}
-        own = Packing(OWN, nodes, ["D"])
+        packing = Packing(OWN, nodes, ["D"])
         blocks = [
             *(f"{side}.D" for side in self.sides),
             *(name for name in midsides.BLOCKS if name in outputs),
@@ -158,7 +158,7 @@ class AdjointProgram(NativeProgram):
         shapes = {name: outputs[name].shape for name in blocks}
         loads = [load.with_zeros(shapes) for load in loads]
         between = Packing(self.given_by_elements, [*elements, *loads], blocks)
-        nodes, made = [function.only([OWN]) for function in own.made()], between.made()
+        nodes, made = [function.only([OWN]) for function in packing.made()], between.made()
         kinds = kinds_of(self.kinds, LOAD)
         for (k, _), load in zip(kinds, made[len(elements) :], strict=True):
             functions[f"{LOAD.name} blocks {k}"] = load.only([between.name])
@@ -178,7 +178,7 @@ class AdjointProgram(NativeProgram):
         )
         shapes |= {"own.D": (w, w)}
         return functions | rows.of_rows(
-            traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
+            traced, packing, between, shapes, self.held, self.kinds.runs, transposed=True
         )
 
     def _layout(self) -> Layout:
@@ -210,9 +210,9 @@ class AdjointProgram(NativeProgram):
         layout.record("stress", ELEMENTS, [("stress", k)])
         cotangents(layout, "stress", ELEMENTS, [("stress", k)])
         if self.element_state:
-            own = [(name, prod(self.shapes[name])) for name in self.element_state]
-            layout.record(ELEMENT.state, ELEMENTS, own)
-            cotangents(layout, ELEMENT.state, ELEMENTS, own)
+            sizes = [(name, prod(self.shapes[name])) for name in self.element_state]
+            layout.record(ELEMENT.state, ELEMENTS, sizes)
+            cotangents(layout, ELEMENT.state, ELEMENTS, sizes)
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
             bars = [*ENERGIES, "scale", *(f"{name}_bar" for name in (*ENERGIES, "scale"))]

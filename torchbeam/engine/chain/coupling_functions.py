@@ -29,8 +29,8 @@ class CouplingFunctions:
     def coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its push (w) on the balances of its nodes, and its blocks (w, w), see `of_ends`."""
         problem, x = self.problem(fields, kind)
-        own = OWN if kind.multiplied else ""
-        return of_ends(problem, x, problem.model.couplings, kind.sides, own)
+        unit = OWN if kind.multiplied else ""
+        return of_ends(problem, x, problem.model.couplings, kind.sides, unit)
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its work over the step, its forces, and what it remembers."""

@@ -85,7 +85,7 @@ def adjoint_of(
     """
     if wanted not in program.adjoints:
         key = None if program.key is None else key_of(program.key, *sorted(wanted))
-        known, own = program.traced, (program.kinds, program.held)
-        known = traced_of(local, *own, around) if known is None else known
-        program.adjoints[wanted] = AdjointProgram(local, *own, wanted, key, known)
+        known, settings = program.traced, (program.kinds, program.held)
+        known = traced_of(local, *settings, around) if known is None else known
+        program.adjoints[wanted] = AdjointProgram(local, *settings, wanted, key, known)
     return program.adjoints[wanted]

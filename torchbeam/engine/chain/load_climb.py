@@ -146,7 +146,7 @@ def _climbed(
 ) -> Climbed:
     # where there are own unknowns that are no forces of constraints, it is looked at by torch
     edges = connectivity_of(model).edges
-    judged = judged and not any(edge.alone for own in edges for edge in own)
+    judged = judged and not any(edge.alone for rows in edges for edge in rows)
     structure, trees = _structure(model, t, inputs, around, judged)
     instance, multiplied = structure.instance, model.multipliers.count > 0
     exact = same_law(trees.element.C, model.law.C)
@@ -171,7 +171,7 @@ def _climbed(
     shapes = {name: v.shape[-2:] for name, v in start.items()}
     shapes["reaction"] = model.constraints.fixed.shape
     if call is None:
-        out = [Output(*place.get(name, ("kept", name)), own) for name, own in shapes.items()]
+        out = [Output(*place.get(name, ("kept", name)), shape) for name, shape in shapes.items()]
         out += [Output("sample", name, ()) for name in ("last_status", "indefinite")]
         call = Call(instance, batch, 1, given, out, lanes=lanes)
         keep(structure.calls, key, call, CALLS)

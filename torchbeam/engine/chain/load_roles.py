@@ -49,8 +49,8 @@ class LoadRoles(NamedTuple):
             for k, act in enumerate(acts)
             if k not in natively and (act.load.internal or _by_inputs(act.load))
         ]
-        own = [acts[k] for k in natively]
-        loads = [act.load for act in own]
+        some = [acts[k] for k in natively]
+        loads = [act.load for act in some]
         given, asked = [], []
         for k, load in enumerate(model.loads[1]):
             if load not in loads:
@@ -58,8 +58,8 @@ class LoadRoles(NamedTuple):
                 (given if is_given else asked).append(k)
         none = {name: model.length.new_zeros(size) for name, size in scene.inputs.items()}
         zero = model.length.new_zeros(())
-        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in own]
-        valued = valued_at_rest(model, own)
+        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in some]
+        valued = valued_at_rest(model, some)
         wants_support = any(load.wants_support for load in loads)
         rests = not scene.has_prescribed_motion and scene.root is None
         given_eigenstrain = all(_given(effect) for effect in scene.eigenstrains)

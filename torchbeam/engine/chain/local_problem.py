@@ -169,8 +169,8 @@ class LocalProblems:
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
-        own = filled(self.trees.node.rows, lambda k: nodes(f"node.{k}"))  # they come first
-        own = replace(own, mass=torch.zeros_like(own.mass), J=None)
+        ends = filled(self.trees.node.rows, lambda k: nodes(f"node.{k}"))  # they come first
+        ends = replace(ends, mass=torch.zeros_like(ends.mass), J=None)
         given = {
             name: nodes(name)
             for name in (*self.NODE, "u", "m")
@@ -183,14 +183,14 @@ class LocalProblems:
             if end.support is not None
         )
         element, common = self.element_constants(fields), self.common_of(fields)
-        rows = self._rows(own, element.rows, common, supports, _hinges(*kind.ends))
+        rows = self._rows(ends, element.rows, common, supports, _hinges(*kind.ends))
         now = self.conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
         now = self._with_between(rows, now, common.now, kind) if between else now
         return self.problem(rows, element, common, given, now)
 
     def of_ends(self, fields: Fields, kind: BetweenKind, topology: Framework) -> Ends:
         """The nodes at the ends of what lies between those of a topology."""
-        own = filled(self.trees.node.rows, lambda k: _ends(fields, kind, f"node.{k}"))
+        nodes = filled(self.trees.node.rows, lambda k: _ends(fields, kind, f"node.{k}"))
         given = {
             name: _ends(fields, kind, name)
             for name in (*self.NODE, "u", "m")
@@ -205,7 +205,7 @@ class LocalProblems:
             if end.support is not None
         )
         common, hinges = self.common_of(fields), _hinges(*(end for *_, end in ends))
-        rows = self._rows(own, None, common, supports, hinges, topology)
+        rows = self._rows(nodes, None, common, supports, hinges, topology)
         now = self.conditions(rows, None, None, common, common.now, None, supports)
         return Ends(rows, given, common, now)
 

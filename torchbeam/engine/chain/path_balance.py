@@ -155,7 +155,7 @@ class NativeBalance:
             check_batch(self.model, batch)
             slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
             fixed = [*self.fields, Field("common", "slope", slope, 0)]
-            out = [Output(*name, own, steps=True) for name, own in rows.items()]
+            out = [Output(*name, shape, steps=True) for name, shape in rows.items()]
             call = self._calls[batch] = Call(self.instance, batch, 2, given, out, fixed=fixed)
         found = call.run([field.value for field in given])
         move, dstress, reaction, measure, *blocks = (
@@ -164,8 +164,8 @@ class NativeBalance:
         if forces is not None:
             dstress = stacked(dstress, blocks.pop(0))
         answers = zip(move[..., slice(order, -order), :], dstress, reaction, strict=True)
-        own = self._pivots(*blocks) if self.by_rows else partial(self._system, *x, factor)
-        return NativePoint(Size(measure[0]), self.exact, *answers, own)
+        signs = self._pivots(*blocks) if self.by_rows else partial(self._system, *x, factor)
+        return NativePoint(Size(measure[0]), self.exact, *answers, signs)
 
     def _pivots(self, rows: Tensor, middle: Tensor | None = None) -> Tensor:
         """Pivots (..., n, w, w), also those of nodes that supports hold, 1."""
@@ -197,11 +197,11 @@ def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
     model = problem.model
     turned = any(support.turn is not None for support in model.scene.supports)
     # of which it is not known that they are linear in their inputs
-    own = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
+    by_user = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
     reasons = {
         "a Tendon": bool(model.scene.tendons),
         "loads between nodes": any(load.between_nodes for load in model.scene.loads),
-        f"the factor of {load!r} beside functions without motion": load is not None and own,
+        f"the factor of {load!r} beside functions without motion": load is not None and by_user,
         "supports that turn with the load's factor": load is None and turned,
         "loads with internal states": bool(model.internal_states),
         "a rigid motion that nothing holds": type(problem) is not SteadyProblem,

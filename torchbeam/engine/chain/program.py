@@ -88,7 +88,7 @@ class NewtonProgram(NativeProgram):
         w, functions = self.w, self._of_samples(traced)
         nodes = [*self._of_rows(traced, NODE).values()]
         functions |= self._beside(traced)
-        own = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
+        packing = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
         elements = [*self._of_rows(traced, ELEMENT).values()]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
         names = midsides.to_nodes(shapes)
@@ -99,7 +99,7 @@ class NewtonProgram(NativeProgram):
             functions[name] = load.only(load.outputs)
         law = Packing(LAW, made[: len(elements)], ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
-        self._iterated(functions, own.made(), elements, traced)
+        self._iterated(functions, packing.made(), elements, traced)
 
         moves = {f"{side}.move": (w,) for side in self.sides}
         stress = traced(
@@ -107,8 +107,8 @@ class NewtonProgram(NativeProgram):
             {**traced.element, **{name: shapes[name] for name in law.fields}, **moves},
         )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
-        shapes |= {f"own.{name}": nodes[0].outputs[name].shape for name in own.fields}
-        functions |= rows.of_rows(traced, own, between, shapes, self.held, self.kinds.runs)
+        shapes |= {f"own.{name}": nodes[0].outputs[name].shape for name in packing.fields}
+        functions |= rows.of_rows(traced, packing, between, shapes, self.held, self.kinds.runs)
         functions |= self._interactions(traced)
         if self.held:
             functions["reaction"] = traced(
@@ -147,8 +147,8 @@ class NewtonProgram(NativeProgram):
         """Functions of what acts between nodes."""
         functions, w, kinds = {}, self.w, self.kinds
         for sort in INTERACTIONS:
-            own = partial(self._of_row, traced, sort)
-            functions |= interactions.of_interaction(traced, sort, kinds, self.held, own)
+            traced_row = partial(self._of_row, traced, sort)
+            functions |= interactions.of_interaction(traced, sort, kinds, self.held, traced_row)
         changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
         for k, _ in interactions.kinds_of(kinds, JOINT):
             name = f"{JOINT.name} {k}"

@@ -187,8 +187,8 @@ class RecordCode:
 
     def has(self, record: str, field: str) -> bool:
         """Whether a record has a field, or one of its cotangents."""
-        own, bars = self.layout.cotangent(record, field)
-        return field in self.layout.fields(record) or bars in self.layout.fields(own)
+        bar, bars = self.layout.cotangent(record, field)
+        return field in self.layout.fields(record) or bars in self.layout.fields(bar)
 
     def first_of(self, records: Iterable[str], field: str, row: str | int = 0) -> Place:
         """A field of the first of these records that has it; else of what all have in common."""

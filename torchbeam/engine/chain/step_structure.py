@@ -195,9 +195,9 @@ class StepStructure:
             *(lead if K is None else lead[len(lead) > dims :] for lead in leads)
         )
         instance = self.instance_for(batch.numel(), lanes)
-        axes, own = moving.ndim or state["work"].ndim, batch
+        axes, shape = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[: dims - axes].numel() == 1:
-            own = batch[dims - axes :]
+            shape = batch[dims - axes :]
         parts = [
             *((x.shape[x.ndim - self.axes[name] :], every) for name, x in state.items()),
             *[((), 1)] * len(NUMBERS),
@@ -208,7 +208,7 @@ class StepStructure:
         ]
         call = Call(instance, batch, K or 1, inputs, outputs, constants, fixed, lanes)
         templates = [
-            like((*(() if K is None else (K // each,)), *own, *part), self.instance.dtype)
+            like((*(() if K is None else (K // each,)), *shape, *part), self.instance.dtype)
             for part, each in parts
         ]
         return Form(call, templates, {})
@@ -229,8 +229,8 @@ def _by_cells(
         return None
     held = bool(connectivity.supports)
     traced = programs.traced_of(local, kinds, held, around)
-    own = programs.program_of(local, cells.kinds, held, around, known=traced)
-    return ProgramInstance(own, model, kinds, cells)
+    cell = programs.program_of(local, cells.kinds, held, around, known=traced)
+    return ProgramInstance(cell, model, kinds, cells)
 
 
 _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whatever has a `program`
@@ -238,8 +238,8 @@ _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whateve
 
 def by_numbers(model: Model) -> bool:
     """Whether the kinds of a model's rows follow from numbers: those of joints, tendons, pairs."""
-    own = model.topology
-    return bool(own.joints or own.ties or model.scene.pairs)
+    framework = model.topology
+    return bool(framework.joints or framework.ties or model.scene.pairs)
 
 
 def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:

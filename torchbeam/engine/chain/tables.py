@@ -190,41 +190,41 @@ class _Builder:
     def _of_interactions(self) -> dict[str, Any]:
         """Tables of interactions, and of multipliers."""
         tables: dict[str, Any] = {
-            f"{sort.constants}_table": self._table(sort, own, units) if own else []
-            for sort, own, units in zip(INTERACTIONS, self.edges, self.order.own, strict=True)
+            f"{sort.constants}_table": self._table(sort, edges, units) if edges else []
+            for sort, edges, units in zip(INTERACTIONS, self.edges, self.order.own, strict=True)
         }
         solutions = [self.pattern.solution(unit) for unit in self.order.constraints]
         return tables | {"multipliers": solutions}
 
     def _table(
-        self, sort: Sort, own: Edges, units: tuple[int | None, ...]
+        self, sort: Sort, edges: Edges, units: tuple[int | None, ...]
     ) -> Sequence[int] | np.ndarray:
         """Row by row, or, of edges that have nothing but nodes, all at once."""
-        if sort.unknowns or any(len(edge.nodes) < len(sort.sides) for edge in own):
-            pairs = zip(own, units, strict=True)
+        if sort.unknowns or any(len(edge.nodes) < len(sort.sides) for edge in edges):
+            pairs = zip(edges, units, strict=True)
             return flat(self._row(sort, edge, unit) for edge, unit in pairs)
-        at = np.array([[self.at_nodes[node] for node in edge.nodes] for edge in own], int)
-        at = at.reshape(len(own), len(sort.sides))
+        at = np.array([[self.at_nodes[node] for node in edge.nodes] for edge in edges], int)
+        at = at.reshape(len(edges), len(sort.sides))
         rows = np.array([self.equation[node] for node in range(len(self.nodes))], int)[at]
-        blocks = self.pattern.places(rows[:, :, None], at[:, None]).reshape(len(own), -1)
+        blocks = self.pattern.places(rows[:, :, None], at[:, None]).reshape(len(edges), -1)
         return np.concatenate((np.array(self.nodes, int)[at], blocks), -1).ravel()
 
-    def _row(self, sort: Sort, edge: Edge, own: int | None) -> list[int]:
+    def _row(self, sort: Sort, edge: Edge, unit: int | None) -> list[int]:
         """own: the unit of its unknowns."""
         pattern, units = self.pattern, dict.fromkeys(sort.sides)
-        units |= {OWN: own, LAST: own - 1 if edge.chained else None}
+        units |= {OWN: unit, LAST: unit - 1 if edge.chained else None}
         units |= zip(sort.sides, map(self.at_nodes.get, edge.nodes), strict=False)
         table = [0 if units[side] is None else self.nodes[units[side]] for side in sort.sides]
         table += edge.more
         for block in sort.blocks:
             at = [units[name] for name in block]
             # a weld has none
-            there = None not in at and (block != "oo" or self.equation[own] == own)
+            there = None not in at and (block != "oo" or self.equation[unit] == unit)
             table += self.between(*at) if there else NONE
-        if own is None:
+        if unit is None:
             return [*table, *NONE, -1, -1] if sort.unknowns else table
-        table += *pattern.right(self.equation[own]), pattern.solution(own)
-        return [*table, self.multipliers.get(own, -1)]
+        table += *pattern.right(self.equation[unit]), pattern.solution(unit)
+        return [*table, self.multipliers.get(unit, -1)]
 
     # Groups
 

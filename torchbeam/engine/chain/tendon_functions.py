@@ -125,8 +125,8 @@ class TendonFunctions:
         outputs = pushed(T * unit, kind.sides, blocks)
         if kind.coupled:
             outputs |= self._own_blocks(fields)
-            own = self._own_rows(tendons, placed, fields)
-            outputs |= {f"o{side}": own[side] for side in kind.sides}
+            rows = self._own_rows(tendons, placed, fields)
+            outputs |= {f"o{side}": rows[side] for side in kind.sides}
             columns = zip(kind.sides, unit, strict=True)
             outputs |= {f"{side}o": pad(x[:, None], (0, w - 1)) for side, x in columns}
         return outputs

@@ -135,9 +135,9 @@ class TouchingStep:
                 count = pairs.steps_left(position, velocity, dt, count)
             rows = slice(first, first + count)
 
-            def of(x: Tensor, own: int, rows: Any = rows) -> Tensor:
+            def of(x: Tensor, axes: int, rows: Any = rows) -> Tensor:
                 """Of these steps."""
-                return x[rows] if K and x.ndim > own and len(x) == K else x
+                return x[rows] if K and x.ndim > axes and len(x) == K else x
 
             given = {name: of(x, axes + 1) for name, x in inputs.items()}
             of_t, number = None if t is None else of(t, 0), count if K else None
@@ -214,12 +214,12 @@ class TouchingStep:
             first = _anywhere(contact.may_touch)
             first[first.nonzero()[1:].unbind(-1)] = False
             some.append(_chosen(contact, first))
-        if any(len(own.point) for own in some):
+        if any(len(x.point) for x in some):
             self._made(some).compile(samples, lanes)
 
     def _known(self, near: list[Nearby]) -> CompiledStep:
         """Steps with these pairs."""
-        key = tuple((tuple(own.point.tolist()), tuple(own.piece.tolist())) for own in near)
+        key = tuple((tuple(x.point.tolist()), tuple(x.piece.tolist())) for x in near)
         key = torch.is_grad_enabled(), key
         step = self._steps.pop(key, None)
         return keep(self._steps, key, self._made(near) if step is None else step, LISTS)
@@ -232,7 +232,7 @@ class TouchingStep:
 def with_pairs(model: Model, near: list[Nearby]) -> Model:
     """A model with these pairs alone; their nodes are of the interface."""
     touching, topology = fixed(model.touching, near), model.topology
-    nodes = sorted({node for own in touching.nodes for node in own})
+    nodes = sorted({node for nodes in touching.nodes for node in nodes})
     topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
     return replace(model, touching=touching, topology=topology)
 

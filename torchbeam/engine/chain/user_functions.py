@@ -50,8 +50,8 @@ def check_batch(model: Model, batch: tuple[int, ...]) -> None:
         still = Constants(model).still
         nodes, t, inputs = _moving(model, still, torch.zeros_like(still.position))
         now = conditions(model, t, inputs, loads=tuple(loads))
-        own = nodes.position.new_ones(len(now.interactions), model.space.unknowns)
-        several = interactions.points(model.space, nodes, now, interactions.Inner(own))
+        pushes = nodes.position.new_ones(len(now.interactions), model.space.unknowns)
+        several = interactions.points(model.space, nodes, now, interactions.Inner(pushes))
         for acting, point in (*load_points(model, nodes, now, now.loads), *several):
             check_samples(acting.load, point, t, inputs, batch)
 

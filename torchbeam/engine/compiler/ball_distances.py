@@ -267,9 +267,9 @@ class BallDistances:
             return self._load(code, result, 0)
 
         with code.loop(0, args["samples"]) as b:
-            least, own = self._of_sample(code, args, b), code.mul(b, size)
-            known, start = (code.at(args[name], own, scalar) for name in ("known", "start"))
-            moved = code.at(args["moved"], own, scalar)
+            least, sample = self._of_sample(code, args, b), code.mul(b, size)
+            known, start = (code.at(args[name], sample, scalar) for name in ("known", "start"))
+            moved = code.at(args["moved"], sample, scalar)
             step = code.slot()
             code.store(-1, step)
             with code.until() as ends:
@@ -308,8 +308,8 @@ class BallDistances:
         size, best = code.mul(args["nodes"], 3), code.slot(scalar)
         self._store(code, self.one.constant(float("inf")), best)
         with code.loop(0, args["samples"]) as b:
-            own, least = code.mul(b, size), self._of_sample(code, args, b)
-            x, velocity = (code.at(args[name], own, scalar) for name in ("start", "moved"))
+            sample, least = code.mul(b, size), self._of_sample(code, args, b)
+            x, velocity = (code.at(args[name], sample, scalar) for name in ("start", "moved"))
             time = least("least_time", x, velocity)
             self._store(code, self._less(code, time, self._load(code, best, 0), self.one), best)
         self._store(code, self._load(code, best, 0), args["result"])

@@ -28,8 +28,8 @@ class BlockElimination(BlockSigns):
         self.signs = signs
 
     def functions(self) -> list[str]:
-        own = self._pivot(), self._factor(), self._solve(), self._eliminate(), self._substitute()
-        return [*super().functions(), *[self._signs()] * self.signs, *own]
+        more = self._pivot(), self._factor(), self._solve(), self._eliminate(), self._substitute()
+        return [*super().functions(), *[self._signs()] * self.signs, *more]
 
     def _pivot(self) -> str:
         """pivot(panel, n, columns): A^-1 of the first n columns times the others, in their place.
@@ -113,12 +113,12 @@ class BlockElimination(BlockSigns):
             at = self._at(code, rows[k], k)
             inverse = self._make(code, "fdiv", self.lanes.constant(1.0), self._load(code, at))
             self._store(code, inverse, at)
-            own = [self._load(code, self._at(code, rows[k], j)) for j in range(k + 1, w)]
+            row = [self._load(code, self._at(code, rows[k], j)) for j in range(k + 1, w)]
             for i in range(k + 1, w):
                 at = self._at(code, rows[i], k)
                 factor = self._make(code, "fmul", self._load(code, at), inverse)
                 self._store(code, factor, at)
-                for j, other in zip(range(k + 1, w), own, strict=True):
+                for j, other in zip(range(k + 1, w), row, strict=True):
                     to = self._at(code, rows[i], j)
                     part = self._make(code, "fmul", factor, other)
                     self._store(code, self._make(code, "fsub", self._load(code, to), part), to)

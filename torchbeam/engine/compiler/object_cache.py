@@ -75,9 +75,9 @@ def _not_read(path: Path, why: str) -> None:
 
 
 def default_folder() -> Path:
-    own = os.environ.get("TORCHBEAM_CACHE")
-    if own:
-        return Path(own)
+    folder = os.environ.get("TORCHBEAM_CACHE")
+    if folder:
+        return Path(folder)
     shared = os.environ.get("XDG_CACHE_HOME") or (
         os.environ.get("LOCALAPPDATA") if os.name == "nt" else None
     )

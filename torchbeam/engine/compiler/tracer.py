@@ -154,8 +154,8 @@ class Tracer(Mode):
         if written and (not self.traced(args[0]) or memory(args[0]) in self.stopped):
             self._own(func, args[0])
         behind = known.positional[len(args) :]
-        last = max((k + 1 for k, (own, _) in enumerate(behind) if own in kwargs), default=0)
-        args = [*args, *(kwargs.pop(own, default) for own, default in behind[:last])]
+        last = max((k + 1 for k, (name, _) in enumerate(behind) if name in kwargs), default=0)
+        args = [*args, *(kwargs.pop(name, default) for name, default in behind[:last])]
         result = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
         if result is NotImplemented:
             return self._decomposed(func, args, kwargs)
@@ -202,10 +202,10 @@ class Tracer(Mode):
         come to light here, or that torch itself knows it by; one that writes by the one that does
         not.
         """
-        own = DECOMPOSED.get(func._schema.name.split("::")[-1])
+        rule = DECOMPOSED.get(func._schema.name.split("::")[-1])
         with self:
             try:
-                result = func.decompose(*args, **kwargs) if own is None else own(*args, **kwargs)
+                result = func.decompose(*args, **kwargs) if rule is None else rule(*args, **kwargs)
             except (NotImplementedError, TypeError) as error:
                 raise self._unknown(func, error) from error
             if result is NotImplemented and func in decomposition_table:
