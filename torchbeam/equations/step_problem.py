@@ -136,8 +136,8 @@ class StepProblem(BalanceProblem):
 
     @cached
     def _frame_middle(self) -> Tensor | None:
-        given = self.conditions.orientation
-        return self.frame.orientation(self.start.frame, self.dt / 2) if given is None else given
+        turned = self.conditions.orientation
+        return self.frame.orientation(self.start.frame, self.dt / 2) if turned is None else turned
 
     def rest_guess(self) -> Any:
         """Standing still: what a failed sample is differentiated at."""
@@ -192,8 +192,8 @@ class StepProblem(BalanceProblem):
         motion, nodes = self.node_motion(kinematics), self.nodes(kinematics)
         for act in self.model.interactions:
             told |= act.telling(motion)
-        given = self.model, nodes, self.conditions
-        told |= external.telling(*given) | element_loads.telling(*given)
+        scene = self.model, nodes, self.conditions
+        told |= external.telling(*scene) | element_loads.telling(*scene)
         return element_loads.forgotten(self.model, told, motion.way(), self.conditions)
 
     def after(self, told: Told) -> StepProblem:

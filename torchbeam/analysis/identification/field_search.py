@@ -72,7 +72,7 @@ class FieldSearch:
         measured = {
             e.name: e.measurements[0] if e.single else list(e.measurements) for e in experiments
         }
-        every = [m for given in measured.values() for m in each(given)]
+        every = [m for group in measured.values() for m in each(group)]
         if odd := [m for m in every if m.loss or m.noise != "white"]:
             kind = f"loss={odd[0].loss!r}" if odd[0].loss else f"noise={odd[0].noise!r}"
             raise ValueError(
@@ -93,17 +93,17 @@ class FieldSearch:
                 raise ValueError(
                     f"smoothness of {name!r} was given; there are {', '.join(map(str, start))}"
                 )
-            given = start[name]
-            if not isinstance(given, Parameter):
-                given = Parameter(as_tensor(given, *kind), transform="log" if log else None)
-            if given.start.ndim != 1 or given.own or given.transform == "logit":
+            field = start[name]
+            if not isinstance(field, Parameter):
+                field = Parameter(as_tensor(field, *kind), transform="log" if log else None)
+            if field.start.ndim != 1 or field.own or field.transform == "logit":
                 raise ValueError(
-                    f"smoothness of {name!r} was given, of shape {tuple(given.start.shape)}; one "
+                    f"smoothness of {name!r} was given, of shape {tuple(field.start.shape)}; one "
                     "field (n,) of all experiments is wanted, by itself or by its logarithm"
                 )
-            L = instance("smoothness", prior, Smoothness).rows(given.start)
-            rows[name] = SmoothnessRows(name, L, given.transform == "log")
-            target[name] = rows[name].of(given.start) if prior.order == 0 else L.new_zeros(len(L))
+            L = instance("smoothness", prior, Smoothness).rows(field.start)
+            rows[name] = SmoothnessRows(name, L, field.transform == "log")
+            target[name] = rows[name].of(field.start) if prior.order == 0 else L.new_zeros(len(L))
         factor = {name: torch.ones_like(of) for name, of in target.items()}
         sharp = tuple(name for name, prior in smoothness.items() if prior.sharp)
         return cls(models, measured, start, rows, target, factor, sharp, known, options)
@@ -117,7 +117,7 @@ class FieldSearch:
     def size(self) -> float:
         """RMS of the data."""
         values = torch.cat(
-            [m.values.flatten() for given in self.measured.values() for m in each(given)]
+            [m.values.flatten() for group in self.measured.values() for m in each(group)]
         )
         return values[~values.isnan()].square().mean().sqrt().item()
 
@@ -197,8 +197,8 @@ class FieldSearch:
             return m if self.known else replace(m, sigma=sigma)
 
         data = {
-            name: [noisy(m) for m in given] if isinstance(given, list) else noisy(given)
-            for name, given in self.measured.items()
+            name: [noisy(m) for m in group] if isinstance(group, list) else noisy(group)
+            for name, group in self.measured.items()
         }
         models = dict(self.models)
         for (name, rows), w in zip(self.rows.items(), weight.tolist(), strict=True):

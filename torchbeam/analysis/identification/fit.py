@@ -333,11 +333,11 @@ class Fit:
     def load(cls, path: str | Path) -> Fit:
         """A fit from its file: no model, profiles or bootstrap. ValueError for another file."""
         path = files.path_of("path", path)
-        given = files.load(path, "torchbeam fit", FORMAT, "saved fit")
+        saved = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         try:
-            transform = Transform(**given.pop("transform"))
-            readings = tuple(Readings(**r) for r in given.pop("readings"))
-            return cls(**given, transform=transform, readings=readings)
+            transform = Transform(**saved.pop("transform"))
+            readings = tuple(Readings(**r) for r in saved.pop("readings"))
+            return cls(**saved, transform=transform, readings=readings)
         except (KeyError, TypeError):  # other fields
             raise ValueError(
                 f"the file {str(path)!r} was given, which holds no fit of this version; one is "

@@ -175,7 +175,7 @@ def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
     o, derivatives, tolerance = options, options.derivatives, options.tolerance
     experiments = experiments_of(model, data, o.sigma)
     like = [
-        d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)
+        d for group in (data.values() if isinstance(data, Mapping) else [data]) for d in each(group)
     ]
     if isinstance(start, Mapping) or any(isinstance(d, Measurement) for d in like):
         like = [m.values for e in experiments for m in e.measurements]

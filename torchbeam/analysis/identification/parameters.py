@@ -266,7 +266,7 @@ def _named(
     """Vector of named parameters, shared ones and one of each experiment's own."""
     if not start:
         raise refusal("no parameters", "one at least", were=True)
-    entries, given, names, first = [], [], [], 0
+    entries, found, names, first = [], [], [], 0
     for name, one in start.items():
         if not isinstance(name, str):
             raise refusal(f"a parameter named {name!r}", "text")
@@ -282,13 +282,13 @@ def _named(
             full = name if experiment is None else f"{experiment}.{name}"
             names += [full] if not entry.shape else [f"{full}[{i}]" for i in range(entry.size)]
             entries.append(entry)
-            given.append(one)
+            found.append(one)
             first += entry.size
 
     def joined(read: Any, like: Any = lambda p: p.start) -> Tensor:
-        numbers = [torch.as_tensor(read(p), dtype=kind[0], device=kind[1]) for p in given]
+        numbers = [torch.as_tensor(read(p), dtype=kind[0], device=kind[1]) for p in found]
         return torch.cat(
-            [x.expand_as(like(p)).flatten() for x, p in zip(numbers, given, strict=True)]
+            [x.expand_as(like(p)).flatten() for x, p in zip(numbers, found, strict=True)]
         )
 
     unbounded = torch.tensor(-torch.inf), torch.tensor(torch.inf)

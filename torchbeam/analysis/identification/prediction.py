@@ -194,11 +194,11 @@ def _reader(
     check_function("a model", model, "theta")
 
     def read(theta: Tensor) -> Tensor:
-        given = problem.parameters.given(theta, experiment)
-        y, status = with_status(model(given), len(theta))
+        values = problem.parameters.given(theta, experiment)
+        y, status = with_status(model(values), len(theta))
         if isinstance(y, (Solution, State)) and isinstance(sensor, Measurement):
             status = status_of(y, status)
-            y = sensor.read(y, given if isinstance(given, dict) else None)
+            y = sensor.read(y, values if isinstance(values, dict) else None)
         elif isinstance(y, (Solution, State)):
             if sensor is None:
                 raise ValueError(

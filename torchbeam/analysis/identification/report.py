@@ -35,8 +35,8 @@ def write_report(
     """See `Fit.report`; `reason`: the status in words."""
     path = files.file_of("path", path, ".html")
     parts = [_summary(fit, reason), _intervals(fit, level), _data(fit), *_pictures(fit)]
-    for name, given in _checked(predictions).items():
-        parts.append(_prediction(name, *given))
+    for name, row in _checked(predictions).items():
+        parts.append(_prediction(name, *row))
     return _written(path, "Fit", parts)
 
 
@@ -146,11 +146,11 @@ def _checked(predictions: Any) -> dict[str, tuple[Tensor, Prediction, Tensor | N
             "or (times, prediction, data), is wanted"
         )
     checked = {}
-    for name, given in predictions.items():
-        times, one, data = (*given, None)[:3] if isinstance(given, tuple) else (None, None, None)
+    for name, row in predictions.items():
+        times, one, data = (*row, None)[:3] if isinstance(row, tuple) else (None, None, None)
         if not isinstance(one, Prediction) or not one.y.ndim:
             raise ValueError(
-                f"predictions of {shown(name)} = {shown(given)} were given; (times, prediction) or "
+                f"predictions of {shown(name)} = {shown(row)} were given; (times, prediction) or "
                 "(times, prediction, data) are wanted"
             )
         times = as_tensor(times, one.y.dtype)

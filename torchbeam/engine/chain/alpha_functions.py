@@ -75,15 +75,15 @@ class AlphaFunctions(LocalFunctions):
         rows: Rows,
         start: State,
         common: Common,
-        given: Fields,
+        values: Fields,
         now: Conditions,
         C: Tensor | None,
     ) -> GeneralizedAlphaProblem:
         stations = rows.topology.element_count * self.order
-        straining = given.get(
+        straining = values.get(
             STRAINING, start.position.new_zeros(stations, 2 * rows.space.dims.strain)
         )
-        start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
+        start = AlphaState(**vars(start), acceleration=values["acceleration"], straining=straining)
         return GeneralizedAlphaProblem(
             rows,
             start,

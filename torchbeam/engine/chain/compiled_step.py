@@ -300,9 +300,9 @@ class CompiledStep:
         @cache
         def whole() -> dict[str, Tensor]:
             self._look()
-            given = dt, self.none if t is None else t, inputs
+            instants = dt, self.none if t is None else t, inputs
             return self.constants.changing(
-                *(given if K is None else in_steps(K, axes, dims, *given))
+                *(instants if K is None else in_steps(K, axes, dims, *instants))
             )
 
         def of(rows: slice) -> dict[str, Tensor]:

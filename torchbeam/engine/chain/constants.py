@@ -157,8 +157,8 @@ class Constants:
         values |= {name: x for name, x in velocities if x is not None}
         values |= {} if frame is None else {"frame": frame}
         if model.scene.tendons:
-            given = model.tendons.values(model.scene, t, inputs, t)
-            values["tendon given"] = given[..., [k for k, _ in model.tendons.stretches]]
+            drives = model.tendons.values(model.scene, t, inputs, t)
+            values["tendon given"] = drives[..., [k for k, _ in model.tendons.stretches]]
         if not self.prescribes and not model.scene.joints:
             return values
         end = t + (1 - self.instant) * dt if self.steps else t

@@ -78,8 +78,8 @@ class Adjoint:
     ) -> list[Tensor | None]:
         """Of what is wanted, from those of the states after each step, None = zero."""
         bars = self._by_number(start, states, grads)
-        given = (*self.known, *start)
-        return [bars[k].sum_to_size(given[k].shape) if k in bars else None for k in self.wanted]
+        sources = (*self.known, *start)
+        return [bars[k].sum_to_size(sources[k].shape) if k in bars else None for k in self.wanted]
 
     def rows(
         self,
@@ -124,12 +124,12 @@ class Adjoint:
             None if grad is None else grad.reshape(count, K, B, *shape).movedim(0, 1)
             for grad, shape in zip(grads, shapes, strict=True)
         ]
-        given, rows = (*self.known, *start), []
+        sources, rows = (*self.known, *start), []
         cotangents = many._by_number(start, states, grads)
         for k in self.wanted:
             x = cotangents.get(k)
             if x is not None:
-                shape, behind = given[k].shape, 0
+                shape, behind = sources[k].shape, 0
                 if self._stepwise(k):
                     x, behind = x.movedim(1, 0), shape[0] - K
                     shape = (K, *shape[1:])

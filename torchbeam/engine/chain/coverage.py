@@ -49,7 +49,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
         "conserve of what floats free": conserve and bool(model.free_pieces),
         f"the device {scene.device}": scene.device.type != "cpu",
     }
-    return next((reason for reason, given in reasons.items() if given), None)
+    return next((reason for reason, applies in reasons.items() if applies), None)
 
 
 def why_eager(model: Model, method: str, **options: Any) -> str | None:

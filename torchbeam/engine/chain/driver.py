@@ -339,8 +339,8 @@ class Driver(Elimination):
 
     def _judge_by(self, *names: str) -> None:
         """By what functions have given of sums: the largest, of squares the sum itself."""
-        given = {field for name in names for field in self.functions[name].outputs}
-        for name in (name for name in self.layout.fields("sums") if name in given):
+        outputs = {field for name in names for field in self.functions[name].outputs}
+        for name in (name for name in self.layout.fields("sums") if name in outputs):
             if name in SQUARES:
                 self.add(("sums", 0, name), ("change", 0, name))
             else:

@@ -289,8 +289,8 @@ class Elimination(RowCode):
                 self.on_block("subtract_block", *before[:2], E, side)
                 self.subtract_column(*before[2:], E, y)
                 self.fill(pushed, w * w)
-                given = f"ptr {pushed}, i64 {w}, ptr {E}, i64 {w}, i64 {w}, ptr {ahead}"
-                code.line(f'call void @"subtract"({given}, i64 {w}, i64 {w})')
+                arguments = f"ptr {pushed}, i64 {w}, ptr {E}, i64 {w}, i64 {w}, ptr {ahead}"
+                code.line(f'call void @"subtract"({arguments}, i64 {w}, i64 {w})')
                 self.copy(E, pushed, w * w)
 
             self._nodes_of_run(first, count, self.order, row)

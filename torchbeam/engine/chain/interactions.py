@@ -81,8 +81,8 @@ def _reactions(
     for side in sides:
         row = {name: shape for name, shape in _blocks(function) if name[0] == side}
         moves = {f"{name[1]}.move": (w,) for name in row}
-        given = {"end_free": (w,)} | row | moves
-        functions[f"{called} {side}"] = traced(partial(end_reaction, side), given)
+        shapes = {"end_free": (w,)} | row | moves
+        functions[f"{called} {side}"] = traced(partial(end_reaction, side), shapes)
     return functions
 
 

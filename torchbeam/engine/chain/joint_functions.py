@@ -63,13 +63,13 @@ class JointFunctions:
         at = {side: k for k, side in enumerate(kind.sides)}
         pair = tuple(at.get(side) for side in SIDES[1])
         ends = self.problems.of_ends(fields, kind, Framework(1, (), len(at), (pair,)))
-        given = ends.given | {"stress": fields["force"][None], "joints": fields["joints"][None]}
+        values = ends.values | {"stress": fields["force"][None], "joints": fields["joints"][None]}
         if "last_force" in fields:
-            given["last_stress"] = fields["last_force"][None]
+            values["last_stress"] = fields["last_force"][None]
         constants = filled(self.problems.trees.joint, lambda k: fields[f"joint.{k}"][None])
         rows = replace(ends.rows, joints=self._alone(ends.rows, constants, kind))
         now = replace(ends.now, joints=JointValues(constants.effort, constants.coordinate))
-        return self.problems.problem(rows, None, ends.common, given, now)
+        return self.problems.problem(rows, None, ends.common, values, now)
 
     def _alone(self, rows: Rows, constants: JointConstants, kind: JointKind) -> Joints:
         """The one joint between the nodes of rows."""

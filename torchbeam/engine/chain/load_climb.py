@@ -65,7 +65,7 @@ def refusal(model: Model) -> str | None:
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: not installed(),
     }
-    return next((reason for reason, given in reasons.items() if given), None)
+    return next((reason for reason, applies in reasons.items() if applies), None)
 
 
 def climb(
@@ -158,25 +158,25 @@ def _climbed(
         **OF_MULTIPLIERS,
         "reaction": ("support", "last"),
     }
-    given = [
+    fields = [
         *fields_at_rest(instance, model, trees, t, inputs),
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
-    batch = broadcast_shapes(*(x.value.shape[: x.value.ndim - x.axes] for x in given))
+    batch = broadcast_shapes(*(x.value.shape[: x.value.ndim - x.axes] for x in fields))
     check_batch(model, batch)
-    key = lanes, batch, *[(x.value.shape, x.value.stride(), x.value.dtype) for x in given]
+    key = lanes, batch, *[(x.value.shape, x.value.stride(), x.value.dtype) for x in fields]
     call = structure.calls.get(key)
     shapes = {name: v.shape[-2:] for name, v in start.items()}
     shapes["reaction"] = model.constraints.fixed.shape
     if call is None:
         out = [Output(*place.get(name, ("kept", name)), shape) for name, shape in shapes.items()]
         out += [Output("sample", name, ()) for name in ("last_status", "indefinite")]
-        call = Call(instance, batch, 1, given, out, lanes=lanes)
+        call = Call(instance, batch, 1, fields, out, lanes=lanes)
         keep(structure.calls, key, call, CALLS)
     found = [
-        x.reshape((*batch, *x.shape[1:])) for x in call.run([x.value for x in given], limit=LIMIT)
+        x.reshape((*batch, *x.shape[1:])) for x in call.run([x.value for x in fields], limit=LIMIT)
     ]
     solution = dict(zip(shapes, found, strict=False))
     if multiplied:

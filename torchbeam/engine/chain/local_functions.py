@@ -246,10 +246,10 @@ class LocalFunctions(LocalProblems):
         parts = problem.element_loads(kinematics)
         D, U, L, *far = problem.element_load_matrix(kinematics).tensors
         wrench, p = problem.model.topology.scatter(parts), self.model.space.dims.position
-        given = {"balance": -wrench, "asked": -wrench, "D": D}
+        outputs = {"balance": -wrench, "asked": -wrench, "D": D}
         found = {
             f"{side}.{name}": value[k]
-            for name, value in given.items()
+            for name, value in outputs.items()
             for k, side in enumerate(self.sides)
         }
         found |= {"far_U": far[0][0], "far_L": far[1][0]} if far else {}

@@ -78,7 +78,7 @@ class PairFunctions:
             pairs = replace(pairs, damping=None)
         touching = OnePair(ends.rows.space, self.problems.model.touching.moves.detach(), pairs)
         problem, x = self.problems.problem(
-            replace(ends.rows, touching=touching), None, ends.common, ends.given, ends.now
+            replace(ends.rows, touching=touching), None, ends.common, ends.values, ends.now
         )
         x = problem.apply_supports(x)
         return problem, problem.node_balance(x)[0]

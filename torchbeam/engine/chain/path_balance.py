@@ -120,7 +120,7 @@ class NativeBalance:
         batch, order, x = factor.shape, self.instance.program.order, (position, rotation, stress)
         stress, forces = self.model.multipliers.split(stress)
         share = factor if self.load is None else torch.ones_like(factor)
-        given = [
+        fields = [
             Field(record, name, value.expand(*batch, *value.shape[-axes:]).contiguous(), axes)
             if axes
             else Field(record, name, value.contiguous(), 0)
@@ -136,7 +136,7 @@ class NativeBalance:
         for field in self.rising:
             rate = next(x.value for x in self.fields if x.name == dot(field.name))
             wide = factor[(...,) + (None,) * field.axes]
-            given.append(field._replace(value=(field.value + wide * rate).contiguous()))
+            fields.append(field._replace(value=(field.value + wide * rate).contiguous()))
         size = self.instance.program.w, self.instance.program.w
         rows = {
             ("move", "move"): (self.instance.rows("move"), size[0]),
@@ -156,8 +156,8 @@ class NativeBalance:
             slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
             fixed = [*self.fields, Field("common", "slope", slope, 0)]
             out = [Output(*name, shape, steps=True) for name, shape in rows.items()]
-            call = self._calls[batch] = Call(self.instance, batch, 2, given, out, fixed=fixed)
-        found = call.run([field.value for field in given])
+            call = self._calls[batch] = Call(self.instance, batch, 2, fields, out, fixed=fixed)
+        found = call.run([field.value for field in fields])
         move, dstress, reaction, measure, *blocks = (
             x.reshape(2, *batch, *x.shape[2:]) for x in found
         )
@@ -206,7 +206,7 @@ def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
         "loads with internal states": bool(model.internal_states),
         "a rigid motion that nothing holds": type(problem) is not SteadyProblem,
     }
-    return refusal(model) or next((reason for reason, given in reasons.items() if given), None)
+    return refusal(model) or next((reason for reason, applies in reasons.items() if applies), None)
 
 
 def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> NativeBalance | None:

@@ -149,11 +149,11 @@ class PathProgram(RestProgram):
 
     def _of_row(self, traced: Tracing, sort: Sort, kind: Any) -> Function:
         sides = self.sides if sort in (ELEMENT, LOAD) else getattr(kind, "sides", ())
-        given = traced.of(sort) | dict.fromkeys(self.varying, ())
+        shapes = traced.of(sort) | dict.fromkeys(self.varying, ())
         if traced.local.led:
             names = [f"{side}.{RATE}" for side in sides] or [RATE]
-            given |= dict.fromkeys(names, self.shapes["position"])
-        whole = traced(partial(traced.local.balance(sort), kind), given)
+            shapes |= dict.fromkeys(names, self.shapes["position"])
+        whole = traced(partial(traced.local.balance(sort), kind), shapes)
         if sort is LOAD:
             return whole
         if sort is ELEMENT:

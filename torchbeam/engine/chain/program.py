@@ -71,9 +71,9 @@ class NewtonProgram(NativeProgram):
 
     def _of_row(self, traced: Tracing, sort: Sort, kind: Any) -> Function:
         """The balance of a kind of rows."""
-        given = traced.of(sort) | dict.fromkeys(self.varying, ())
-        given |= self._told(traced.local.points_told(sort, kind))
-        return traced(partial(traced.local.balance(sort), kind), given)
+        shapes = traced.of(sort) | dict.fromkeys(self.varying, ())
+        shapes |= self._told(traced.local.points_told(sort, kind))
+        return traced(partial(traced.local.balance(sort), kind), shapes)
 
     def _told(self, points: int) -> Shapes:
         """What the last iteration tells so many points where surfaces rub."""
@@ -130,11 +130,11 @@ class NewtonProgram(NativeProgram):
     def _searching(self, traced: Tracing, judging: tuple[str, ...]) -> dict[str, Function]:
         """Functions of what shortens steps."""
         other = ("done", "status", "back", "ratio")
-        given = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
+        names = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
         places = {name: self.shapes[name] for name in self.unknown}
         ends = places | {f"to_{name}": shape for name, shape in places.items()}
         functions = {
-            "search": traced(traced.local.samples.search, dict.fromkeys(given, ())),
+            "search": traced(traced.local.samples.search, dict.fromkeys(names, ())),
             "between": traced(traced.local.samples.between, ends | {"ratio": ()}),
         }
         sizes = {"stress": self.k} | ({"multiplier": self.w} if self.kinds.multiplied else {})
@@ -240,8 +240,8 @@ class NewtonProgram(NativeProgram):
         if INTERFACE in self.kinds.runs:
             layout.record("push", NODES, [("push", w)])
         for sort in interactions.present(self.kinds):
-            given = self.kinds, inputs(sort.constants), w
-            interactions.record(layout, self.functions, sort, *given)
+            settings = self.kinds, inputs(sort.constants), w
+            interactions.record(layout, self.functions, sort, *settings)
         if self.kinds.multiplied:
             interactions.record_multipliers(layout, w)
         if self.kinds.stretches:

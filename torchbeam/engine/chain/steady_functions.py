@@ -54,10 +54,10 @@ class SteadyFunctions(LocalFunctions):
         return True  # of which inertia is a part
 
     def _solved(
-        self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
+        self, rows: Rows, common: Common, values: Fields, now: Conditions, C: Tensor | None
     ) -> tuple[LocalSteadyProblem, Configuration]:
-        x = Configuration(given["position"], given["rotation"], given["stress"])
-        load_factor = given.get("load_factor", common.t.new_ones(()))  # a move asks for none
+        x = Configuration(values["position"], values["rotation"], values["stress"])
+        load_factor = values.get("load_factor", common.t.new_ones(()))  # a move asks for none
         return LocalSteadyProblem(
             rows, common.t, common.inputs, load_factor, known=now, stiffness=C
         ), x

@@ -168,7 +168,7 @@ class StepStructure:
         lanes: int | None,
         every: int,
     ) -> Form:
-        *given, exact, moving = tensors[: -len(self.state)]
+        *values, exact, moving = tensors[: -len(self.state)]
         state = dict(zip(self.state, tensors[-len(self.state) :], strict=True))
         if any(x.device.type != "cpu" for x in tensors):
             device = next(x.device for x in tensors if x.device.type != "cpu")
@@ -178,7 +178,7 @@ class StepStructure:
         none = torch.zeros((), dtype=self.instance.dtype)
         numbers = {"tolerance": tolerance, "least": least}
         inputs = [
-            *(one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)),
+            *(one._replace(value=x) for (one, _), x in zip(self.changing, values, strict=True)),
             Field("common", "exact", exact, 0),
             Field("sample", "moving", moving, 0),
             *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()),

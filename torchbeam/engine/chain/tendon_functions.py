@@ -70,11 +70,11 @@ class TendonFunctions:
         """
         constants = self._constants(fields)
         rope, before, change = self._rope(constants, kind), None, None
-        given = rope.raised(constants.given, fields.get("load_factor"))
+        drive = rope.raised(constants.given, fields.get("load_factor"))
         if self.problems.OVER_STEP:
             before = fields["beyond.before"]
             change = fields["beyond.change"] if kind.elastic else None
-        T, slope = rope.pull(given, fields["beyond.length"], before, change)
+        T, slope = rope.pull(drive, fields["beyond.length"], before, change)
         return {"tension": T, "slope": slope}
 
     def tension_next(self, kind: StretchKind, **fields: Tensor) -> Fields:
@@ -194,7 +194,7 @@ class TendonFunctions:
         )
         rows = replace(ends.rows, tendons=tendons)
         now = replace(ends.now, tendons=constants.given[None])
-        return self.problems.problem(rows, None, ends.common, ends.given, now)
+        return self.problems.problem(rows, None, ends.common, ends.values, now)
 
     def _constants(self, fields: Fields) -> StretchConstants:
         """Of one stretch."""

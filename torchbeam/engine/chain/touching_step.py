@@ -139,13 +139,13 @@ class TouchingStep:
                 """Of these steps."""
                 return x[rows] if K and x.ndim > axes and len(x) == K else x
 
-            given = {name: of(x, axes + 1) for name, x in inputs.items()}
+            held = {name: of(x, axes + 1) for name, x in inputs.items()}
             of_t, number = None if t is None else of(t, 0), count if K else None
             options = tolerance, least, limit, number, lanes
             into = None if whole is None else whole.behind(first)
             values = None if changing is None else partial(changing, rows)
             made = pairs.step(
-                start, of(dt, 0), of_t, given, moving, *options, into=into, values=values
+                start, of(dt, 0), of_t, held, moving, *options, into=into, values=values
             )
             if made is None:
                 self.eager_because = pairs.step.eager_because

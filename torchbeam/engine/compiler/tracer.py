@@ -105,26 +105,26 @@ class Tracer(Mode):
         self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None
     ) -> Any:
         kwargs = dict(kwargs or {})
-        given, known = _tensors((*args, *kwargs.values())), _operation(func)
-        name, traced = known.name, any(map(self.traced, given))
+        tensors, known = _tensors((*args, *kwargs.values())), _operation(func)
+        name, traced = known.name, any(map(self.traced, tensors))
         if known.random:
             raise NotTraceable(
                 f"random numbers were drawn by {func} at {line()}; numbers that are drawn before "
                 "are wanted"
             )
-        if self.captured and any(memory(x) in self.captured for x in given):
+        if self.captured and any(memory(x) in self.captured for x in tensors):
             raise NotTraceable(
                 f"{func} at {line()} reads the memory of a parameter by another tensor; the "
                 "parameter itself is wanted"
             )
         if name in FRESH or name in RESHAPED:
-            return self._made(func(*args, **kwargs), () if name in FRESH else given)
+            return self._made(func(*args, **kwargs), () if name in FRESH else tensors)
         if not traced:
             for k in known.written:
                 if k < len(args) and isinstance(args[k], Tensor):
                     self._own(func, args[k])
-            out = self._made(func(*args, **kwargs), () if name == "lift_fresh" else given)
-            if any(self._carries_gradient(x) for x in given):
+            out = self._made(func(*args, **kwargs), () if name == "lift_fresh" else tensors)
+            if any(self._carries_gradient(x) for x in tensors):
                 self.differentiable |= {x.untyped_storage()._cdata: x for x in _tensors(out)}
             return out
         if name == "_linalg_check_errors":
@@ -189,11 +189,11 @@ class Tracer(Mode):
                 "without memory is wanted"
             )
 
-    def _made(self, out: Any, given: Sequence[Tensor]) -> Any:
+    def _made(self, out: Any, sources: Sequence[Tensor]) -> Any:
         """What an operation on nothing that is traced gave; its memory is new, where it is none of
         what was given.
         """
-        known = {memory(x) for x in given}
+        known = {memory(x) for x in sources}
         self.fresh |= {memory(x) for x in _tensors(out)} - known
         return out
 
