@@ -47,7 +47,7 @@ BREAKS = [
           f"{CHAIN}.adjoint_driver:AdjointDriver._balances", "row.nodes[side])",
           "[*row.nodes.values()][-1 - [*row.nodes].index(side)])", "rubbing"),
     Break("a taper forgotten in pairs", f"{CHAIN}.pair_functions:PairFunctions.problem",
-          "if not kind.tapers:", "if True:", "taper_on_itself"),
+          "if not kind.has_taper:", "if True:", "taper_on_itself"),
     Break("work of a load between nodes of the wrong sign",
           f"{CHAIN}.local_functions:LocalFunctions.finish_element_load", '"work": problem',
           '"work": -problem', "on_a_ball"),

@@ -187,10 +187,11 @@ class StepProblem(BalanceProblem):
 
     def telling(self, kinematics: Any, *_: Any) -> Told:
         told: dict[str, Tensor] = {}
-        if not any(act.dissipative for act in self.model.interactions) and not self.model.rubs:
+        acts = self.model.interactions
+        if not any(act.dissipative for act in acts) and not self.model.has_friction:
             return told
         motion, nodes = self.node_motion(kinematics), self.nodes(kinematics)
-        for act in self.model.interactions:
+        for act in acts:
             told |= act.telling(motion)
         scene = self.model, nodes, self.conditions
         told |= external.telling(*scene) | element_loads.telling(*scene)

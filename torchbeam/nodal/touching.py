@@ -35,10 +35,10 @@ class PairLaw(NamedTuple):
     of bodies, None = they are curves; whether these taper.
     """
 
-    rubs: bool
-    damps: bool
+    has_friction: bool
+    has_damping: bool
     surface: type[Obstacle] | None
-    tapers: bool = False
+    has_taper: bool = False
 
 
 class Nearby(NamedTuple):
@@ -252,7 +252,7 @@ class PartContact(Tree):
             of_all(law.thickness),
             of_all(law.slope),
             of_all(law.friction),
-            of_all(law.slip_speed if law.rubs else None),
+            of_all(law.slip_speed if law.has_friction else None),
             of_all(law.damping),
             taper,
         )
@@ -269,8 +269,8 @@ class PartContact(Tree):
 
     @property
     def law(self) -> PairLaw:
-        damps, tapers = self.contact.damping is not None, isinstance(self.profiles[1], Table)
-        return PairLaw(self.contact.rubs, damps, None, tapers)
+        has_taper = isinstance(self.profiles[1], Table)
+        return PairLaw(self.contact.rubs, self.contact.damping is not None, None, has_taper)
 
 
 @lru_cache(64)

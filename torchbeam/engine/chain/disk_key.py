@@ -48,7 +48,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         model.scene.beam.offset,
         bool(model.scene.loads),
         model.touching.present,
-        model.rubs,
+        model.has_friction,
         local.searches,
         kinds,
         held,

@@ -66,7 +66,7 @@ class LocalFunctions(LocalProblems):
     def points_told(self, sort: Sort, kind: Any) -> int:
         """At how many points of a row an iteration tells the next one something."""
         if sort is PAIR:
-            return int(kind.rubs)
+            return int(kind.has_friction)
         if sort is NODE:
             acting = acting_loads(kind, self.trees.node.now.loads, self.trees.common.now.loads)
             return sum(load.rubbing_points for load in acting)

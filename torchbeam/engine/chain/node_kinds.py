@@ -106,7 +106,7 @@ class StretchKind(NamedTuple):
 
     ends: tuple[EndKind | None, EndKind | None]
     elastic: bool
-    rubs: bool
+    has_friction: bool
     multiplied: ClassVar[bool] = False
     kept: ClassVar[int] = 0
 
@@ -118,13 +118,13 @@ class StretchKind(NamedTuple):
     @property
     def coupled(self) -> bool:
         """Whether its tension depends on where the other stretches are."""
-        return self.elastic or self.rubs
+        return self.elastic or self.has_friction
 
     def by_word(self) -> dict[str, tuple[Any, ...]]:
         """What each of its functions depends on, by the first word of their names."""
         return {
-            "stretch": (self.ends, self.coupled, self.rubs),
-            "tension": (self.elastic, self.rubs),
+            "stretch": (self.ends, self.coupled, self.has_friction),
+            "tension": (self.elastic, self.has_friction),
             "tie": (self.ends, self.coupled),
         }
 
@@ -146,10 +146,10 @@ class PairKind(NamedTuple):
     """
 
     ends: tuple[EndKind, ...]
-    rubs: bool
-    damps: bool
+    has_friction: bool
+    has_damping: bool
     surface: type | None
-    tapers: bool
+    has_taper: bool
     multiplied: ClassVar[bool] = False
     kept: ClassVar[int] = 0
 

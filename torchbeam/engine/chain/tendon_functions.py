@@ -56,7 +56,7 @@ class TendonFunctions:
         stretches = Stretches.of(step)
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
-        if kind.rubs and self.problems.OVER_STEP:
+        if kind.has_friction and self.problems.OVER_STEP:
             outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
         if kind.coupled and self.problems.OVER_STEP:
             outputs["change"] = stretches.change(step._replace(way=tendons.way(motion)))[0]
@@ -82,7 +82,7 @@ class TendonFunctions:
         above; `turned` is of the last one; `told`, where it is given: see `Grip`.
         """
         last, none = fields["last.tension"], torch.zeros_like(fields["own.direction"])
-        if not kind.rubs:
+        if not kind.has_friction:
             one = torch.ones_like(last)
             return {"tension": last, "slope": 0 * one, "ratio": one, "by_q": none, "turned": none}
         rope = self._rope(self._constants(fields), kind)
@@ -181,7 +181,7 @@ class TendonFunctions:
         constants, tendons = self._constants(fields), self.problems.model.tendons
         numbers = iter(range(n))
         nodes = tuple(None if end is None else next(numbers) for end in kind.ends)
-        rope = Rope(constants.drawn, None, constants.friction if kind.rubs else None)
+        rope = Rope(constants.drawn, None, constants.friction if kind.has_friction else None)
         tendons = replace(
             tendons,
             space=ends.rows.space,
@@ -204,6 +204,6 @@ class TendonFunctions:
         return Rope(
             constants.drawn,
             constants.stiffness if kind.elastic else None,
-            constants.friction if kind.rubs else None,
-            constants.slip_speed if kind.rubs else None,
+            constants.friction if kind.has_friction else None,
+            constants.slip_speed if kind.has_friction else None,
         )
