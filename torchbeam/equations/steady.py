@@ -243,6 +243,8 @@ class SteadyProblem(BalanceProblem):
         )
 
     def apply_supports(self, x: Configuration) -> Configuration:
+        if self.known is not None:  # of rows, whose supports are where they have to be
+            return x
         position, rotation, space = x.position, x.rotation, self.model.space
         share = self.support_factor[..., None]
         for support, fixed in zip(

@@ -1,5 +1,4 @@
-"""Local functions of a generalized-alpha step: those of the midpoint step, of this
-problem.
+"""Local functions of a generalized-alpha step: those of the midpoint step, of this problem.
 
 A node's state has its accelerations as well, and an element's, where strains are damped, their
 rates.

@@ -55,9 +55,7 @@ INTERNAL = "internal"
 
 
 class Ends(NamedTuple):
-    """Nodes that something lies between: rows, the fields of these, what all have in
-    common, and conditions.
-    """
+    """Nodes that something lies between: rows, their fields, what they share, conditions."""
 
     rows: Rows
     values: Fields
@@ -68,8 +66,7 @@ class Ends(NamedTuple):
 @dataclass(frozen=True)
 class LocalProblems:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not
-    matter. supports: None where nothing moves them; joints, stretches, pairs: where
-    there are none.
+    matter. supports: None where nothing moves them; joints, stretches, pairs: where there are none.
 
     A node's internal states are those of all loads that have some, one after the other, whichever
     act there.

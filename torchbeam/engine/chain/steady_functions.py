@@ -29,14 +29,6 @@ POSE = {"position": 3, "rotation": 4, "displacement": 3, "turn": 3}
 
 
 @dataclass(frozen=True)
-class LocalSteadyProblem(SteadyProblem):
-    """An equilibrium of one node, or of one element, whose supports are where they have to be."""
-
-    def apply_supports(self, x: Configuration) -> Configuration:
-        return x
-
-
-@dataclass(frozen=True)
 class SteadyFunctions(LocalFunctions):
     """Functions of nodes, of elements, of rows of the chain, of samples."""
 
@@ -55,12 +47,10 @@ class SteadyFunctions(LocalFunctions):
 
     def _solved(
         self, rows: Rows, common: Common, values: Fields, now: Conditions, C: Tensor | None
-    ) -> tuple[LocalSteadyProblem, Configuration]:
+    ) -> tuple[SteadyProblem, Configuration]:
         x = Configuration(values["position"], values["rotation"], values["stress"])
         load_factor = values.get("load_factor", common.t.new_ones(()))  # a move asks for none
-        return LocalSteadyProblem(
-            rows, common.t, common.inputs, load_factor, known=now, stiffness=C
-        ), x
+        return SteadyProblem(rows, common.t, common.inputs, load_factor, known=now, stiffness=C), x
 
     def place(self, kind: NodeKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """Position and rotation of a support's node where it has to be; of the node undeformed

@@ -121,10 +121,9 @@ class BlockPattern:
     def elimination(self) -> list[np.ndarray]:
         """Table of `block_elimination.eliminate`, by group: its rows, its columns, where its panel
         lies, how many units have rows behind it, how many products are subtracted from these, and
-        how many of its unknowns are moves;
-        of each of these units where its first factor lies, and of each product there where it is
-        subtracted from and how far the rows there are apart, which columns of the panel are the
-        second factor, and how many.
+        how many of its unknowns are moves; of each of these units where its first factor lies, and
+        of each product there where it is subtracted from and how far the rows there are apart,
+        which columns of the panel are the second factor, and how many.
         """
         table = []
         for g, group in enumerate(self.groups):

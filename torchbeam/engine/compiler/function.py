@@ -61,9 +61,8 @@ class Function:
         )
 
     def into(self, graph: Graph, inputs: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
-        """The nodes of the outputs in another graph, or the same, with `inputs`
-        (field -> nodes there) in place of the function's; a field that is not named stays an input
-        by that name.
+        """The nodes of the outputs in another graph, or the same, with `inputs` (field -> nodes
+        there) in place of the function's; a field that is not named stays an input by that name.
         """
         own, there = self.graph, {}
         for x in self.live():
