@@ -12,9 +12,9 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ...core.derivatives import lasting, no_derivatives
+from ...core.function_dependencies import Dependencies
 from ...core.functions_of_time import past_hooks
 from ...core.leaves import functions, wants_gradient
-from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...nodal.multipliers import stacked
@@ -81,7 +81,7 @@ class CompiledStep:
         method: str = "midpoint",
         conserve: bool = False,
         *,
-        around: Surroundings | None = None,
+        around: Dependencies | None = None,
         like: CompiledStep | None = None,
         **options: Any,
     ) -> None:
@@ -130,7 +130,7 @@ class CompiledStep:
             values["mixture"] = none.new_zeros(4)
         return {name: x.clone() for name, x in values.items()}
 
-    def _traced(self, around: Surroundings | None, kinds: Kinds | None) -> StepStructure:
+    def _traced(self, around: Dependencies | None, kinds: Kinds | None) -> StepStructure:
         """The structure, by a look at all trees; its program is that of an earlier one, or
         traced. kinds: None = not known yet.
         """

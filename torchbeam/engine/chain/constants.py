@@ -10,8 +10,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.derivatives import cached, lasting
+from ...core.function_dependencies import Dependencies
 from ...core.leaves import detached, functions, with_values
-from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.acting import ActingLoad
@@ -60,7 +60,7 @@ class Constants:
         model: Model,
         steps: bool = True,
         instant: float = 0.5,
-        around: Surroundings | None = None,
+        around: Dependencies | None = None,
         roles: LoadRoles | None = None,
     ) -> None:
         """roles: those of a model of the same structure, None = to be found."""

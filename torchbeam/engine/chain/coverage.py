@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from typing import Any, TypeVar
 
 from ...core.arguments import choice
+from ...core.function_dependencies import Dependencies, Unsteady
 from ...core.leaves import own_leaves
-from ...core.surroundings import Surroundings, Unsteady
 from ...nodal.model import Model
 from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
@@ -20,7 +20,7 @@ from .compiled_step import FUNCTIONS, CompiledStep
 from .kept_programs import NOTHING
 from .native import NotCompiled
 from .touching_step import TouchingStep
-from .user_functions import by_function, by_sample, known, surroundings
+from .user_functions import by_function, by_sample, dependencies_of, known
 
 T = TypeVar("T")
 ENGINES = ("auto", "eager", "compiled")
@@ -80,7 +80,7 @@ def unsteady(model: Model) -> str | None:
     if not effects:
         return None
     try:
-        surroundings(effects)
+        dependencies_of(effects)
     except Unsteady as reason:
         return (
             f"{effects[0].called} by a function of the motion that reads {reason}, which may "
@@ -185,7 +185,7 @@ def natively(
     what: str,
     model: Model,
     reason: str | None,
-    make: Callable[[Surroundings | None], T],
+    make: Callable[[Dependencies | None], T],
     required: bool,
 ) -> T | None:
     """What native code makes of a model, with what its functions read, unless there is a reason
@@ -197,7 +197,7 @@ def natively(
         if reason is None and not required:
             reason = unsteady(model)
         if reason is None:
-            around = (known if required else surroundings)(effects) if effects else NOTHING
+            around = (known if required else dependencies_of)(effects) if effects else NOTHING
             return by_sample(make, model, around)
     except NotTraceable as error:
         reason = untraceable(effects[0], error) if effects and not required else str(error)

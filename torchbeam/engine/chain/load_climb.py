@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ...core.function_dependencies import Dependencies
 from ...core.remembered import keep
 from ...core.repetition import repetitions
-from ...core.surroundings import Surroundings
 from ...core.validation import broadcast
 from ...equations.load_steps import LIMIT
 from ...equations.steady import Configuration, least_forces
@@ -85,7 +85,7 @@ def climb(
     if functorch.peek_interpreter_stack() is not None:
         return None
 
-    def make(around: Surroundings | None) -> Climbed:
+    def make(around: Dependencies | None) -> Climbed:
         return _climbed(model, t, inputs, x, tolerance, judged, lanes, around)
 
     return natively("equilibria are found", model, refusal(model), make, required)
@@ -142,7 +142,7 @@ def _climbed(
     tolerance: float | None,
     judged: bool,
     lanes: int | None,
-    around: Surroundings | None,
+    around: Dependencies | None,
 ) -> Climbed:
     # where there are own unknowns that are no forces of constraints, it is looked at by torch
     edges = connectivity_of(model).edges
@@ -189,7 +189,7 @@ def _climbed(
 
 
 def _structure(
-    model: Model, t: Tensor, inputs: Inputs, around: Surroundings | None, judged: bool
+    model: Model, t: Tensor, inputs: Inputs, around: Dependencies | None, judged: bool
 ) -> tuple[LoadStructure, Trees]:
     """That of an earlier model if there was one, and this one's trees."""
     constants = kinds = None
@@ -213,7 +213,7 @@ def _structure(
 def instance_at_rest(
     local: SteadyFunctions,
     constants: Constants,
-    around: Surroundings | None,
+    around: Dependencies | None,
     program_type: type[NewtonProgram],
     **options: bool,
 ) -> ProgramInstance:

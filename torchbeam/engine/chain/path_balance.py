@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ...core.function_dependencies import Dependencies
 from ...core.functions_of_time import rate_along
-from ...core.surroundings import Surroundings
 from ...equations.steady import Configuration, SteadyProblem
 from ...math.block_tridiagonal import in_unit
 from ...nodal.balance import same_law
@@ -71,7 +71,7 @@ class NativeBalance:
     """
 
     def __init__(
-        self, problem: SteadyProblem, load: str | None, around: Surroundings | None
+        self, problem: SteadyProblem, load: str | None, around: Dependencies | None
     ) -> None:
         """problem: at factor 0."""
         self.model, self.problem = problem.model, problem

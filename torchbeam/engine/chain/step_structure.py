@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ...core.function_dependencies import Dependencies
 from ...core.remembered import keep, structure_of
-from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
@@ -95,7 +95,7 @@ class StepStructure:
         cls,
         local: LocalFunctions,
         kinds: Kinds,
-        around: Surroundings | None,
+        around: Dependencies | None,
         values: dict[str, Tensor],
         roles: LoadRoles,
     ) -> StepStructure:
@@ -215,7 +215,7 @@ class StepStructure:
 
 
 def _by_cells(
-    program: StepProgram, local: LocalFunctions, kinds: Kinds, around: Surroundings | None
+    program: StepProgram, local: LocalFunctions, kinds: Kinds, around: Dependencies | None
 ) -> ProgramInstance | None:
     """The model cell by cell, where it has any and nothing else couples them."""
     model = local.model
