@@ -14,7 +14,7 @@ from torch import Tensor
 from ..core.leaves import Tree, leaf
 from ..core.remembered import remembered
 from ..core.validation import concrete
-from ..math.concrete import mapped
+from ..math.concrete import is_vmapped
 from ..scene.effects.contact_terms import ContactTerms, thinnest, widest
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY
@@ -127,7 +127,7 @@ class PartContact(Tree):
 
     def nearby(self, motion: PairMotion, skin: Tensor | float = 0.0) -> Nearby:
         """Those with no more than a skin m of `slack`; all where samples are seen one at a time."""
-        if mapped(motion.position):
+        if is_vmapped(motion.position):
             pairs = self._every
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)
