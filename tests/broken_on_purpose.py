@@ -54,7 +54,7 @@ BREAKS = [
     Break("half of a node's work", f"{CHAIN}.local_functions:LocalFunctions.finish_node",
           '"work": after.work}', '"work": 0.5 * after.work}', "line_loads"),
     Break("internal states that stay", f"{CHAIN}.local_functions:LocalFunctions.finish_node",
-          "own.get(k, still[k])", "still[k]", "lags"),
+          "states.get(k, still[k])", "still[k]", "lags"),
     Break("rates of strains forgotten by generalized alpha",
           f"{CHAIN}.alpha_functions:AlphaFunctions.finish_element", "problem.straining(",
           "0 * problem.straining(", "damped_springs", "generalized_alpha"),
