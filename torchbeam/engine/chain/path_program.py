@@ -140,11 +140,11 @@ class PathProgram(RestProgram):
 
     def _of_row(self, traced: Tracing, sort: Sort, kind: Any) -> Function:
         sides = self.sides if sort in (ELEMENT, LOAD) else getattr(kind, "sides", ())
-        shapes = traced.of(sort) | dict.fromkeys(self.varying, ())
+        given = traced.of(sort) | dict.fromkeys(self.varying, ())
         if traced.local.led:
             names = [f"{side}.{RATE}" for side in sides] or [RATE]
-            shapes |= dict.fromkeys(names, self.shapes["position"])
-        whole = traced(partial(traced.local.balance(sort), kind), shapes)
+            given |= dict.fromkeys(names, self.shapes["position"])
+        whole = traced(partial(traced.local.balance(sort), kind), given)
         if sort is LOAD:
             return whole
         if sort is ELEMENT:

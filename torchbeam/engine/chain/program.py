@@ -130,11 +130,11 @@ class NewtonProgram(NativeProgram):
     def _searching(self, traced: Tracing, judging: tuple[str, ...]) -> dict[str, Function]:
         """Functions of what shortens steps."""
         other = ("done", "status", "back", "ratio")
-        names = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
+        given = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
         places = {name: self.shapes[name] for name in self.unknown}
         ends = places | {f"to_{name}": shape for name, shape in places.items()}
         functions = {
-            "search": traced(traced.local.samples.search, dict.fromkeys(names, ())),
+            "search": traced(traced.local.samples.search, dict.fromkeys(given, ())),
             "between": traced(traced.local.samples.between, ends | {"ratio": ()}),
         }
         sizes = {"stress": self.k} | ({"multiplier": self.w} if self.kinds.multiplied else {})
