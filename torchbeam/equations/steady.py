@@ -44,6 +44,13 @@ class Configuration(NamedTuple):
         return ((self.position, self.rotation),)
 
 
+class Poses(NamedTuple):
+    """position (..., S, 3) m and rotation (..., S, 4), quaternions, of supports in frame a."""
+
+    position: Tensor
+    rotation: Tensor
+
+
 @dataclass(frozen=True)
 class SteadyProblem(BalanceProblem):
     """inertia + to_nodes(h B^T [F; M]) = load_factor * loads and S [F; M] = strain; `load_factor`
@@ -55,6 +62,7 @@ class SteadyProblem(BalanceProblem):
     internal  (..., z) of the loads, where they are held; None = where they come to rest
     near      (..., z) where the laws of these are linearised to find that, None = at zero; see
               `internal_states`
+    begun     where supports are led from; None = from where the beam has their nodes
     """
 
     t: Tensor = leaf(0)
@@ -62,6 +70,7 @@ class SteadyProblem(BalanceProblem):
     load_factor: Tensor = leaf(0)
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
     near: Tensor | None = leaf(1, default=None, kw_only=True)
+    begun: Poses | None = leaf(2, default=None, kw_only=True)
 
     @cached
     def conditions(self) -> Conditions:
@@ -247,11 +256,12 @@ class SteadyProblem(BalanceProblem):
             return x
         position, rotation, space = x.position, x.rotation, self.model.space
         share = self.support_factor[..., None]
-        for support, fixed in zip(
-            self.model.scene.supports, self.model.constraints.fixed, strict=True
+        for k, (support, fixed) in enumerate(
+            zip(self.model.scene.supports, self.model.constraints.fixed, strict=True)
         ):
             at = support.node
-            pose = self.model.prescribed_motion.pose(support, self.t, share)
+            start = None if self.begun is None else tuple(x[..., k, :] for x in self.begun)
+            pose = self.model.prescribed_motion.pose(support, self.t, share, start)
             r, q = placed(
                 space.of_nodes(at), fixed, pose, position[..., at, :], rotation[..., at, :]
             )

@@ -17,6 +17,8 @@ from .effects import Pose
 from .frame_turn import turn_between
 from .supports import Support
 
+STILL = 1e-6  # m beside where it is, and half rad: poses that are no further apart are one
+
 
 @dataclass(frozen=True)
 class PrescribedMotion:
@@ -42,12 +44,29 @@ class PrescribedMotion:
         return turn_between(lambda t: self._value(omega, t), start, end)
 
     def pose(
-        self, support: Support, t: Tensor, share: Tensor | float = 1.0
+        self,
+        support: Support,
+        t: Tensor,
+        share: Tensor | float = 1.0,
+        start: tuple[Tensor, Tensor] | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Position (..., 3) and quaternion (..., 4) of a support, after a share of its motion."""
+        """Position (..., 3) and quaternion (..., 4) of a support, after a share of its motion from
+        where the beam has the node; or of the way from `start`, a pose likewise, turned the shorter
+        way about one axis, where that is another.
+        """
         beam = self.scene.beam
         position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
-        return moved(position, rotation, *self.displacement(support, t), share)
+        pose = moved(position, rotation, *self.displacement(support, t), share)
+        if start is None or not support.displaced:
+            return pose
+        end, left = self.pose(support, t), 1 - share
+        away = quat.logarithm(quat.multiply(start[1], quat.conjugate(end[1])))
+        way = (
+            end[0] + left * (start[0] - end[0]),
+            quat.multiply(quat.exponential(left * away), end[1]),
+        )
+        begun = ~still(start, (position, rotation))[..., None]
+        return torch.where(begun, way[0], pose[0]), torch.where(begun, way[1], pose[1])
 
     def displacement(self, support: Support, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
         """Displacement m and turn rad (..., 3) of a support; None = none."""
@@ -133,6 +152,13 @@ def moved(
     if turn is not None:
         rotation = quat.multiply(quat.exponential(share * turn), rotation)
     return position, rotation
+
+
+def still(a: tuple[Tensor, Tensor], b: tuple[Tensor, Tensor]) -> Tensor:
+    """(...) whether two poses, positions (..., 3) and quaternions (..., 4), are one."""
+    moved = torch.linalg.vector_norm(a[0] - b[0], dim=-1)
+    turned = torch.linalg.vector_norm(a[1] - quat.nearer(b[1], a[1]), dim=-1)
+    return (moved <= STILL * (1 + torch.linalg.vector_norm(b[0], dim=-1))) & (turned <= STILL)
 
 
 def turning(scene: Any) -> bool:

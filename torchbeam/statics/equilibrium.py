@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn
 
 import torch
 from torch import Tensor
@@ -21,7 +21,7 @@ from ..core.warning import warn
 from ..engine.chain import load_climb as compiled
 from ..engine.chain.coverage import ENGINES
 from ..equations.load_steps import climb
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Poses, SteadyProblem
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -70,8 +70,8 @@ def equilibrium(
     stands as it does at t (its axes are the inertial ones at t = 0).
 
     Args:
-        initial: where to start, at no load; None = the undeformed beam. What supports hold is put
-            where they have it
+        initial: where to start, at no load; None = the undeformed beam. What supports hold goes
+            from there to where they have it, turned the shorter way
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
         throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds
@@ -165,14 +165,15 @@ def _equilibrium(
     doubtful = states = driven = None
     # with those, the tangent of what is held is not that of what comes to rest
     judged = not model.internal_states
-    problem = SteadyProblem(model, time, given, time.new_ones(()))
+    begun = None if initial is None else supports_of(model.scene, initial)
+    problem = SteadyProblem(model, time, given, time.new_ones(()), begun=begun)
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
     whole, begin = problem, start
     if not relax:
         start, driven = stressed(problem, start)
         problem = problem if driven is None else braced(problem, start)
-    if engine != "eager" and not relax and type(problem) is SteadyProblem:
+    if engine != "eager" and not relax and begun is None and type(problem) is SteadyProblem:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
         states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
     if states is None:
@@ -210,48 +211,85 @@ def _equilibrium(
         problem, x, reaction, status = resting(problem, x, reaction, status, good, tolerance)
         good = good & (status == 0)
     if differentiated(problem, x) or wants_gradient(*start):
-        limit, fork = _singular(problem, x, start, good)
-        if throw and concrete(limit).any():
-            raise RuntimeError(
-                f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the "
-                "load there (`path` goes through it)"
-            )
-        if concrete(fork).any():
-            warn(
-                f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off "
-                "its path do not exist"
-            )
-        good = good & ~limit
-        held = {name: torch.where(good[..., None], v, v.detach()) for name, v in given.items()}
-        problem = replace(problem, inputs=held)
-        x, reaction = _attached(problem, x, reaction, start, good)
+        problem, x, reaction, good = _differentiable(problem, x, reaction, start, good, throw)
     failed = status != 0
     if throw and concrete(failed).any():
-        alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
-        failed, status = concrete(failed), concrete(status)
-        which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
-        first = None if alike else tuple(failed.nonzero()[0].tolist())
-        raise RuntimeError(
-            f"{which} has no equilibrium: "
-            f"{reason(problem, x, int(status[failed][0]), first, relax)}"
-        )
+        _refuse(problem, x, failed, status, relax)
     if judged:
-        states = ~failed
-        with no_derivatives():
-            uneven = asymmetry(problem, x).expand(status.shape)
-        unstable = states & _unstable(
-            problem, x, start, None if doubtful is None else doubtful & states, uneven
-        )
-        if concrete(unstable).any():
-            warn(
-                f"{_which(unstable)} is in unstable equilibrium: a small disturbance or "
-                f"imperfection leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
-            )
+        _warn_of_unstable(problem, x, start, doubtful, ~failed, branch)
     if relax and model.conservative:
         lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
     return problem.state(x, reaction, status)
+
+
+def _differentiable(
+    problem: SteadyProblem,
+    x: Configuration,
+    reaction: Tensor,
+    start: Configuration,
+    good: Tensor,
+    throw: bool,
+) -> tuple[SteadyProblem, Configuration, Tensor, Tensor]:
+    """The same, with derivatives where there are some: not at a limit point."""
+    limit, fork = _singular(problem, x, start, good)
+    if throw and concrete(limit).any():
+        raise RuntimeError(
+            f"{_which(limit)} is at a limit point: the equilibrium has no derivative by the load "
+            "there (`path` goes through it)"
+        )
+    if concrete(fork).any():
+        warn(
+            f"{_which(fork)} is at a point of bifurcation: derivatives by what pushes it off its "
+            "path do not exist"
+        )
+    good = good & ~limit
+    held = {name: torch.where(good[..., None], v, v.detach()) for name, v in problem.inputs.items()}
+    problem = replace(problem, inputs=held)
+    return problem, *_attached(problem, x, reaction, start, good), good
+
+
+def _refuse(
+    problem: SteadyProblem, x: Configuration, failed: Tensor, status: Tensor, relax: bool
+) -> NoReturn:
+    """Say which sample has no equilibrium, and why."""
+    alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
+    failed, status = concrete(failed), concrete(status)
+    which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
+    first = None if alike else tuple(failed.nonzero()[0].tolist())
+    raise RuntimeError(
+        f"{which} has no equilibrium: {reason(problem, x, int(status[failed][0]), first, relax)}"
+    )
+
+
+def _warn_of_unstable(
+    problem: SteadyProblem,
+    x: Configuration,
+    start: Configuration,
+    doubtful: Tensor | None,
+    states: Tensor,
+    branch: str,
+) -> None:
+    """Of the samples `states`; doubtful: see `_unstable`."""
+    with no_derivatives():
+        uneven = asymmetry(problem, x).expand(states.shape)
+    unstable = states & _unstable(
+        problem, x, start, None if doubtful is None else doubtful & states, uneven
+    )
+    if concrete(unstable).any():
+        warn(
+            f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection "
+            f"leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
+        )
+
+
+def supports_of(scene: Scene, state: State) -> Poses | None:
+    """Where a state has the supports; None = none has a motion."""
+    if not any(support.displaced for support in scene.supports):
+        return None
+    nodes = [support.node for support in scene.supports]
+    return Poses(state.position[..., nodes, :].detach(), state.rotation[..., nodes, :].detach())
 
 
 def _which(mask: Tensor) -> str:

@@ -57,13 +57,13 @@ def lower_equilibrium(whole: SteadyProblem, x: Configuration, good: Tensor) -> L
         directions = torch.cat((axes, -axes))
         shape = 2 * p, *good.shape
         rest = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in x))
-        whole = replace(whole, load_factor=whole.t.new_ones(shape))
+        whole = replace(whole, load_factor=whole.t.new_ones(shape), begun=None)
         force = force_scale(whole, rest)
         current = (
             SPEED * model.extent[..., None, None] * directions.view(2 * p, *(1,) * good.ndim, 1, p)
         )
         pushed = _pushed(whole, rest, viscosity_of(model, force), current, good.expand(shape))
-        after, _, status = relax(whole, pushed, TOLERANCE, loaded=True, known=rest)
+        after, _, status = relax(whole, pushed, TOLERANCE, loaded=True, known=rest, steps=2 * STEPS)
         other = good & (status == 0) & ~near(model, after, rest)
         below = torch.where(other, _below(whole, rest, after), 0.0)
         below = torch.where(below > BELOW * force * model.extent, below, 0.0)

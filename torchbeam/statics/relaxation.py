@@ -87,11 +87,13 @@ def relax(
     tolerance: float | None,
     loaded: bool = False,
     known: Configuration | None = None,
+    steps: int = STEPS,
 ) -> tuple[Configuration, Tensor, Tensor]:
     """From x, each sample at its own pace, to rest in the problem `whole`:
     (shape, reaction, status). Where loads are conservative, every step and the end are minima of
-    the energy, not saddles of it. loaded: all loads act on x, and supports are where they lead.
-    known: a shape at rest; what comes near to it ends there, without a reaction.
+    the energy, not saddles of it. loaded: all loads act on x, and supports are where they lead, or
+    where the problem has them begin.
+    known: a shape at rest; what comes near to it ends there, without a reaction. steps: at most.
     """
     model, t, inputs = whole.model, whole.t, whole.inputs
     with torch.no_grad():
@@ -102,25 +104,27 @@ def relax(
         force = force_scale(whole, x)
         viscosity = viscosity_of(model, force)
         flexibility = _flexibility(model, force) if model.law.rigid else force
-        led = any(support.displaced for support in model.scene.supports) and not loaded
+        led = any(support.displaced for support in model.scene.supports)
+        led = led and (whole.begun is not None or not loaded)
         end = 2.0 if led else 1.0  # supports move when loads are there
         longest = WOUND / turn_of_supports(whole, x)  # in which a support turns by so much
-        reached, step = t.new_full(shape, end if loaded else 0.0), t.new_full(shape, FIRST)
+        reached, step = t.new_full(shape, float(loaded)), t.new_full(shape, FIRST)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
         going = torch.ones(shape, dtype=torch.bool, device=t.device)
-        for _ in range(STEPS):
+        for _ in range(steps):
             # until supports move, and in what they do next
             room = (end - 1 - reached).clamp(min=0) + longest
             step = torch.where(reached < end, torch.minimum(step, room), step)
             now = (reached + step).clamp(max=end)
             fluid = Viscous(
-                _softened(model, (1 - now / end) * flexibility),
+                model if loaded else _softened(model, (1 - now / end) * flexibility),
                 t,
                 inputs,
                 now.clamp(max=1),
                 x,
                 viscosity / step[..., None, None],
                 led=(now - 1).clamp(min=0) if led else now,
+                begun=whole.begun,
             )
             x, good, turned, longer = advance(fluid, x, going, tolerance)
             reached, step = torch.where(good, reached + step, reached), longer * step
