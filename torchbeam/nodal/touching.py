@@ -252,7 +252,7 @@ class PartContact(Tree):
             of_all(law.thickness),
             of_all(law.slope),
             of_all(law.friction),
-            of_all(law.slip_speed if law.has_friction else None),
+            of_all(law.slip_speed if law.rubs else None),
             of_all(law.damping),
             taper,
         )
