@@ -10,10 +10,8 @@ from studies.__main__ import COMMANDS, MODULES
 from studies.harness import Refused, Report, Study
 from studies.house import main as house
 
-# folders of the library whose files, functions and classes are not all within bounds yet
-UNDER_WAY = tuple(
-    f"torchbeam/{folder}" for folder in ("engine", "statics", "analysis/identification")
-)
+# files of the library whose functions are not all within bounds yet
+UNDER_WAY = ("torchbeam/statics/equilibrium.py",)
 
 
 @dataclass
@@ -119,11 +117,16 @@ def test_every_command_is_a_study(name, capsys):
 
 
 def test_house(capsys):
-    """Numbers that are there, beside their aims; what is reached in the folders that are done stays
-    so: no file, function or list of bases there is above its bound.
+    """Numbers that are there, beside their aims; what is reached stays so, in all folders: no file,
+    function or list of bases is above its bound, no filler is a name more often than it may be.
     """
     assert house(["--all"]) == 0
     text = capsys.readouterr().out
-    assert "| lines of torchbeam/ | " in text and "names `own`" in text
+    assert "| lines of torchbeam/ | " in text
     above = re.findall(r"are more than \d+ \| (torchbeam.*)", text)
-    assert [row for row in above if not row.replace(".", "/").startswith(UNDER_WAY)] == []
+    assert [row for row in above if not row.startswith(UNDER_WAY)] == []
+    counts = re.findall(
+        r"(names `\w+`|library files with `order ==`) \| ([\d,]+) \| ([\d,]+)", text
+    )
+    assert len(counts) == 5
+    assert [row for row in counts if int(row[1]) > int(row[2])] == []

@@ -56,8 +56,8 @@ else:
 """,
     "digests": f"""
 {IN_SET}
-from torchbeam.core.surroundings import Surroundings
-print(Surroundings([("", lambda: f)]).digests())
+from torchbeam.core.function_dependencies import Dependencies
+print(Dependencies([("", lambda: f)]).digests())
 """,
     "dense systems": """
 import torch

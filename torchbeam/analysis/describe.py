@@ -239,9 +239,9 @@ def _support(support: Support) -> str:
         turns = {0: "rotation free", 3: "rotation held"}
         about = next((axis for axis in AXES if axis not in support.rotation), "")
         held = f"{position}, {turns.get(len(support.rotation), f'hinged about {about}')}"
-    given = {name: getattr(support, name) for name in ("displacement", "turn")}
-    moved = [name for name, value in given.items() if callable(value)]
-    pairs = zip(("displaced", "turned"), given.values(), strict=True)
+    motion = {name: getattr(support, name) for name in ("displacement", "turn")}
+    moved = [name for name, value in motion.items() if callable(value)]
+    pairs = zip(("displaced", "turned"), motion.values(), strict=True)
     still = [word for word, value in pairs if value is not None and not callable(value)]
     return (
         f"node {support.node}: {held}"

@@ -13,7 +13,7 @@ from torch._C import _functorch as functorch
 
 from ..core import files
 from ..core.arguments import instance
-from ..core.surroundings import Surroundings
+from ..core.function_dependencies import Dependencies
 from ..core.validation import broadcast
 from ..scene.scene import Scene
 from ..state.instant import Instant
@@ -171,7 +171,7 @@ def _digests(scene: Scene) -> dict[str, str | None]:
     digests: dict[str, str | None] = {}
     for field in fields(scene):
         value = getattr(scene, field.name)
-        around = Surroundings([(field.name, lambda value=value: value)], strict=False)
+        around = Dependencies([(field.name, lambda value=value: value)], strict=False)
         text = repr(sorted(around.digests().items()))
         digests[field.name] = None if around.unseen else sha256(text.encode()).hexdigest()
     return digests

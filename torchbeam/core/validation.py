@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..math.concrete import concrete, mapped
+from ..math.concrete import concrete, is_vmapped
 from ..math.shapes import broadcast_shapes
 
 Value = Any  # a tensor, a NumPy array or scalar, a Python number, or a (nested) sequence of them
@@ -219,7 +219,7 @@ def broadcast(what: str, *shapes: torch.Size) -> torch.Size:
 
 def unmapped(what: str, value: Tensor) -> Tensor:
     """`value` if it is not one sample at a time, as torch.func.vmap has it; else ValueError."""
-    if mapped(value):
+    if is_vmapped(value):
         raise ValueError(
             f"{what} within torch.func.vmap was given, where samples cannot go ways of their own; "
             "batch axes of the scene are wanted"

@@ -18,11 +18,10 @@ ADDED = ("position", "velocity", "spin", *LINEAR)
 
 
 def extrapolated(coarse: State, fine: State, order: int) -> State:
-    """States of the limit, from those made by steps of twice the length and these
-    (Richardson 1911): the error of a symmetric method of this order has even powers of the step
-    alone, so that the limit is two orders better; of first order it is one. Rotations along the
-    shortest one from the coarse to the fine; stress and reaction, which are means over a step, are
-    the fine ones.
+    """States of the limit, from those made by steps of twice the length and these (Richardson
+    1911): the error of a symmetric method of this order has even powers of the step alone, so that
+    the limit is two orders better; of first order it is one. Rotations along the shortest one from
+    the coarse to the fine; stress and reaction, which are means over a step, are the fine ones.
     """
     more = 1 / (2**order - 1)
     fields = {

@@ -82,7 +82,7 @@ class Failure(NamedTuple):
                     "contact with a larger force, which holds more energy"
                 )
             found = unresisted_motion(problem, self.failed)
-            if found is None and problem.model.rubs:
+            if found is None and problem.model.has_friction:
                 return (
                     "what touches sticks or slips within the step, and no balance was found; a "
                     "larger slip_speed, or a smaller step, may help"

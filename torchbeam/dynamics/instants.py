@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
-from ..core.validation import as_tensor, concrete, dtype_of, increasing, mapped
+from ..core.validation import as_tensor, concrete, dtype_of, increasing, is_vmapped
 from .step_inputs import in_line
 
 SHARE = 0.1  # of a step: what rounding may move its ends by
@@ -23,7 +23,7 @@ def exact(t: Tensor, latest: Tensor | None = None) -> Tensor:
     """Instants t (...) s of a state in double precision: as steps have counted them that made this
     tensor or `latest`, where it has the same numbers (of a state that was detached, say).
     """
-    if t.dtype == torch.float64 or mapped(t):
+    if t.dtype == torch.float64 or is_vmapped(t):
         return t
     now, lost = t.double(), _lost.get(t)
     if lost is None and latest is not None and latest.shape == t.shape:
@@ -38,7 +38,7 @@ def exact(t: Tensor, latest: Tensor | None = None) -> Tensor:
 def rounded(instants: Tensor, dtype: torch.dtype) -> Tensor:
     """Instants (...) s in the dtype of states, of which `exact` knows the digits that are lost."""
     t = instants.to(dtype)
-    if t is not instants and not mapped(t):
+    if t is not instants and not is_vmapped(t):
         _lost[t] = (instants - t).detach()
     return t
 

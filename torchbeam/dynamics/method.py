@@ -107,7 +107,7 @@ class Method:
         """Of accuracy in time, of a model: first where joints or tendons have friction, which is
         taken at the end of the step.
         """
-        return 1 if model.joints.rubs or model.tendons.dissipative else self.ORDER
+        return 1 if model.joints.has_friction or model.tendons.dissipative else self.ORDER
 
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
         """Schemes of a step of dt, with the samples (...) bool that each makes; None = all."""

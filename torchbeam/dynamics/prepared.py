@@ -31,7 +31,7 @@ def prepared(scene: Scene, dt: float, method: str, **options: Any) -> Stepper:
     """Stepper(scene, dt, method, **options), whose model and native code are those of the scene's
     last one where it had the same options, and the scene has the same numbers, by whatever way it
     was written to. Made anew where a derivative by the scene may be recorded, and where the scene
-    holds functions, whose surroundings may have changed.
+    holds functions, whose dependencies may have changed.
     """
     tensors, steppers = scene.numbers, vars(scene).setdefault(KEPT, {})
     key = meaning(), method, *sorted(options.items())

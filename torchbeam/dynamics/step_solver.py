@@ -282,7 +282,7 @@ class StepSolver:
         """Iterations of a solve; fewer where the step can still be made in parts, more with
         friction, which smaller steps do not make smoother.
         """
-        if self.model.rubs:
+        if self.model.has_friction:
             return 2 * self.limit
         return self.limit if last else min(self.limit, QUICK)
 

@@ -19,7 +19,7 @@ from ..core.validation import broadcast, concrete, positive, real
 from ..core.warning import goes
 from ..engine.chain.compiled_step import CompiledStep
 from ..engine.chain.coverage import ENGINES
-from ..math.concrete import mapped
+from ..math.concrete import is_vmapped
 from ..nodal.discretise import discretise
 from ..scene.effects import Inputs
 from ..scene.inputs import by_name
@@ -186,7 +186,7 @@ class Stepper:
         known = next((end for end in self._checked if end.t is t), None)
         if known is None:
             state = of_mesh(state, self.scene, "a state")
-        if mapped(state.t):
+        if is_vmapped(state.t):
             return self.advance(state, inputs, active=active, dt=dt)
         start, longest = StepEnd.of(known, state.t, self._length(dt), dt is None)
         after = self.advance(state, inputs, active=active, dt=dt)

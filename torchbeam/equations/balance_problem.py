@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree
+from ..core.leaves import Tree, leaf
 from ..nodal import element_loads
 from ..nodal.balance import (
     CondensedTangent,
@@ -36,9 +36,14 @@ class BalanceProblem(Tree):
     A subclass says what its unknowns x are, a named tuple of two tensors of nodes and of the
     `stress` (`apply_supports`, `update`); how nodes move by them, and what that asks for
     (`node_balance`, `node_tangent`); and the elements between (`element`).
+
+    known      conditions of rows; None = those of the model, which is a whole `Model` then
+    stiffness  S^-1 of the tangent beside them; None = there are no elements
     """
 
     model: Rows
+    known: Conditions | None = field(default=None, kw_only=True)
+    stiffness: Tensor | None = leaf(3, default=None, kw_only=True)
     told: ClassVar[Told | None] = None  # by the last iteration
 
     @property
@@ -160,8 +165,8 @@ class BalanceProblem(Tree):
         gap = element.constitutive_residual
         if model.interactions:
             motion = self.node_motion(kinematics)
-            for one in model.interactions:
-                nodes, gap = one.balance(nodes, gap, x.stress, motion)
+            for interaction in model.interactions:
+                nodes, gap = interaction.balance(nodes, gap, x.stress, motion)
         restrained = restrained_forces(model, element.acting, self.eigenstrain, model.length)
         sizes = largest(
             model.space.dims.position,
@@ -209,8 +214,8 @@ class BalanceProblem(Tree):
         if not model.interactions:
             return condensed
         motion, matrix = self.node_motion(kinematics, nodes), condensed.matrix
-        for one in model.interactions:
-            matrix = one.matrix(matrix, x.stress, motion)
+        for interaction in model.interactions:
+            matrix = interaction.matrix(matrix, x.stress, motion)
         return condensed._replace(matrix=matrix)
 
     def merit(self, residual: Residual) -> Tensor | None:

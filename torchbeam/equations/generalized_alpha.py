@@ -85,10 +85,13 @@ class EndUnknowns(NamedTuple):
 
 @dataclass(frozen=True)
 class GeneralizedAlphaProblem(StepProblem):
-    """A step of dt (0-dim or (...)) from `start`, loads as at time t, its end, inputs held."""
+    """A step of dt (0-dim or (...)) from `start`, loads as at time t, its end, inputs held.
+    before: of `known` conditions, those at the start; None = they are the same there.
+    """
 
     start: AlphaState
     rho_inf: float = 0.8
+    before: Conditions | None = None
 
     UNKNOWNS = EndUnknowns
     TANGENT = EndTangent
@@ -178,6 +181,8 @@ class GeneralizedAlphaProblem(StepProblem):
     @cached
     def conditions_before(self) -> Conditions:
         """At the start."""
+        if self.known is not None:
+            return replace(self.before or self.known, t=self.t - self.dt)
         return conditions(self.model, self.t - self.dt, self.inputs)
 
     def external_before(self) -> Tensor | float:
@@ -192,7 +197,7 @@ class GeneralizedAlphaProblem(StepProblem):
     def straining(self, kinematics: EndKinematics) -> Tensor:
         """See `AlphaState`, at the end; nothing asks for it where strains are not damped."""
         model = self.model
-        if not model.law.damped:
+        if not (model.topology.element_count and model.law.damped):
             return self.start.straining
         return torch.cat(
             self.element.rates(

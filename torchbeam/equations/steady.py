@@ -75,6 +75,8 @@ class SteadyProblem(BalanceProblem):
     @cached
     def conditions(self) -> Conditions:
         """Of the instant; their eigenstrain is that of the whole load."""
+        if self.known is not None:
+            return self.known
         return replace(
             conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t)
         )
@@ -86,7 +88,7 @@ class SteadyProblem(BalanceProblem):
 
     @cached
     def C(self) -> Tensor:
-        return self.model.tangent_stiffness()
+        return self.model.tangent_stiffness() if self.known is None else self.stiffness
 
     @property
     def orientation(self) -> Tensor | None:
@@ -244,12 +246,14 @@ class SteadyProblem(BalanceProblem):
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
-                coordinates=tuple(one.coordinates for one in model.scene.joints),
+                coordinates=tuple(joint.coordinates for joint in model.scene.joints),
                 **model.finished({"stress": x.stress}, self.node_motion(x)),
             )
         )
 
     def apply_supports(self, x: Configuration) -> Configuration:
+        if self.known is not None:  # of rows, whose supports are where they have to be
+            return x
         position, rotation, space = x.position, x.rotation, self.model.space
         share = self.support_factor[..., None]
         for k, (support, fixed) in enumerate(
@@ -281,7 +285,7 @@ def least_forces(
     if not (model.interactions or model.bodies_touch):
         return tuple(terms)
     now = conditions()
-    efforts = [one.efforts(now) for one in model.interactions]
+    efforts = [interaction.efforts(now) for interaction in model.interactions]
     terms += [effort for effort in efforts if effort is not None]
     if model.bodies_touch:
         drawn = model.space.to_reduced(rest(model.scene))

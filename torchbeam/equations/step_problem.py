@@ -36,8 +36,7 @@ from .support_motion import SupportMotions, support_motions
 @dataclass(frozen=True)
 class StepProblem(BalanceProblem):
     """A step of length dt (0-dim or (...)) from `start`, with loads as at time t (0-dim, or (...)
-    each sample's own) and inputs held over it. model: `Model`; where others say what the
-    `conditions` are, rows of it.
+    each sample's own) and inputs held over it.
 
     A method says how its nodes (`motion`, `TANGENT`) and elements (`element`) move, where it starts
     (`predictor`) and what the state after it is (`finish`).
@@ -79,11 +78,15 @@ class StepProblem(BalanceProblem):
 
     @cached
     def C(self) -> Tensor:
+        if self.known is not None:
+            return self.stiffness
         return self.model.tangent_stiffness(self.dt.detach())
 
     @cached
     def conditions(self) -> Conditions:
         """Of the instant at which loads are taken, and of supports at the end."""
+        if self.known is not None:
+            return self.known
         return conditions(self.model, self.t, self.inputs, self.t + (1 - self.INSTANT) * self.dt)
 
     @cached
@@ -133,8 +136,8 @@ class StepProblem(BalanceProblem):
 
     @cached
     def _frame_middle(self) -> Tensor | None:
-        given = self.conditions.orientation
-        return self.frame.orientation(self.start.frame, self.dt / 2) if given is None else given
+        turned = self.conditions.orientation
+        return self.frame.orientation(self.start.frame, self.dt / 2) if turned is None else turned
 
     def rest_guess(self) -> Any:
         """Standing still: what a failed sample is differentiated at."""
@@ -169,7 +172,7 @@ class StepProblem(BalanceProblem):
         x = self.apply_supports(x)
         kinematics, now = self.motion.kinematics(x.u, x.m), self.conditions
         motion = self.node_motion(kinematics)
-        each = [one.near_enough(motion) for one in self.model.interactions]
+        each = [act.near_enough(motion) for act in self.model.interactions]
         if now.between:
             each.append(~self.idle(kinematics))
         each.append(self.body_near(kinematics))
@@ -184,13 +187,14 @@ class StepProblem(BalanceProblem):
 
     def telling(self, kinematics: Any, *_: Any) -> Told:
         told: dict[str, Tensor] = {}
-        if not any(one.dissipative for one in self.model.interactions) and not self.model.rubs:
+        acts = self.model.interactions
+        if not any(act.dissipative for act in acts) and not self.model.has_friction:
             return told
         motion, nodes = self.node_motion(kinematics), self.nodes(kinematics)
-        for one in self.model.interactions:
-            told |= one.telling(motion)
-        given = self.model, nodes, self.conditions
-        told |= external.telling(*given) | element_loads.telling(*given)
+        for act in acts:
+            told |= act.telling(motion)
+        scene = self.model, nodes, self.conditions
+        told |= external.telling(*scene) | element_loads.telling(*scene)
         return element_loads.forgotten(self.model, told, motion.way(), self.conditions)
 
     def after(self, told: Told) -> StepProblem:
@@ -284,7 +288,7 @@ class StepProblem(BalanceProblem):
 
     def passed(self, kinematics: Any) -> Tensor | None:
         now, motion = self.conditions, self.node_motion(kinematics)
-        each = [one.passed(motion) for one in self.model.interactions]
+        each = [act.passed(motion) for act in self.model.interactions]
         if now.between:
             each.append(element_loads.passed(self.model, self._way(kinematics), now))
         each.append(self.body_passed(kinematics))

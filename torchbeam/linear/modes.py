@@ -168,7 +168,7 @@ def modes(
 
 
 def _modes(
-    model: Model, state: State, count: int, normalize: str, given: dict[str, Tensor], time: Tensor
+    model: Model, state: State, count: int, normalize: str, inputs: dict[str, Tensor], time: Tensor
 ) -> Modes:
     """`modes`, about an equilibrium."""
     free = model.constraints.count - model.multipliers.held_count
@@ -177,7 +177,7 @@ def _modes(
             f"count = {count} was given; {model.scene.beam.element_count} elements have at most "
             f"{free} modes"
         )
-    M, D, K, lags = of_nodes(model, state, time, given)
+    M, D, K, lags = of_nodes(model, state, time, inputs)
     derivatives = wants_gradient(
         *(x for matrix in (M, D, K) if matrix is not None for x in matrix.tensors), *(lags or ())
     )
@@ -202,7 +202,7 @@ def _modes(
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, model.internal_states)
-    _warn_of_rounding(model, pairs, time, given)
+    _warn_of_rounding(model, pairs, time, inputs)
     value, shape = (
         attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
     )
@@ -216,7 +216,7 @@ def _modes(
     return Modes(value, moves(model, shape, None if basis is None else basis[..., None, :, :]))
 
 
-def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, given: dict[str, Tensor]) -> None:
+def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, inputs: dict[str, Tensor]) -> None:
     """Where rounding of the stiffness may move an eigenvalue by more than `DOUBT` of it, or leaves
     nothing of it: it is zero, and no rigid motion's.
     """
@@ -224,7 +224,7 @@ def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, given: dict[str,
     none = (value == 0) | (doubt >= 1)
     lost = (none & ~apart).sum(-1)
     # of a damped rigid motion there may be two
-    if lost.any() and int(lost.amax()) <= 2 * unheld(model, time, given)[0]:
+    if lost.any() and int(lost.amax()) <= 2 * unheld(model, time, inputs)[0]:
         lost = torch.zeros_like(lost)
     vague = ~none & ~apart & (doubt > DOUBT)
     if lost.any() or vague.any():

@@ -164,9 +164,9 @@ def of_nodes(
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
     if model.interactions:
         motion = problem.node_motion(x)
-        for one in model.interactions:
-            K = one.matrix(K, x.stress, motion)
-            damping = one.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
+        for interaction in model.interactions:
+            K = interaction.matrix(K, x.stress, motion)
+            damping = interaction.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
             D = D if damping is None else damping
     return M, D, K, lagging
 

@@ -13,7 +13,7 @@ def concrete(x: Tensor) -> Tensor:
     return x
 
 
-def mapped(x: Tensor) -> bool:
+def is_vmapped(x: Tensor) -> bool:
     """Whether x is one at a time of samples that torch.func.vmap has."""
     while functorch.is_functorch_wrapped_tensor(x):
         if functorch.is_batchedtensor(x):

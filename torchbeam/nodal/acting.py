@@ -55,16 +55,16 @@ def acting(
     return tuple(acting_loads)
 
 
-def by_part(beam: Beam, one: ActingLoad) -> tuple[ActingLoad, ...]:
+def by_part(beam: Beam, act: ActingLoad) -> tuple[ActingLoad, ...]:
     """A load in the pieces in which it acts along the parts of a structure."""
-    spans = beam.spans(one.load) if one.node is None else None
+    spans = beam.spans(act.load) if act.node is None else None
     if spans is None:
-        return (one,)
-    pieces, at = [], None if one.internal is None else one.internal.start
+        return (act,)
+    pieces, at = [], None if act.internal is None else act.internal.start
     for span in spans:
-        size = 0 if at is None else one.load.internal * (span.nodes.stop - span.nodes.start)
+        size = 0 if at is None else act.load.internal * (span.nodes.stop - span.nodes.start)
         internal = slice(at, at + size) if size else None
-        rows = span.stations if one.load.between_nodes else span.nodes
-        pieces.append(one._replace(node=rows, elements=span.element_count, internal=internal))
+        rows = span.stations if act.load.between_nodes else span.nodes
+        pieces.append(act._replace(node=rows, elements=span.element_count, internal=internal))
         at = None if at is None else at + size
     return tuple(pieces)

@@ -93,7 +93,7 @@ class BetweenNodes(Tree):
     count        of rows of multipliers
     held_count   of constraints, whose forces are unknowns
     dissipative  whether energy is lost; smooth: whether residuals fall as smooth ones do
-    rubs         whether there is friction; limited: whether there are limits
+    has_friction whether there is friction; limited: whether there are limits
     """
 
     present = False
@@ -101,7 +101,7 @@ class BetweenNodes(Tree):
     held_count = 0
     dissipative = False
     smooth = True
-    rubs = False
+    has_friction = False
     limited = False
     stretches = ()  # see `Tendons`
 

@@ -136,10 +136,10 @@ def split(acts: tuple[ActingLoad, ...]) -> tuple[tuple[ActingLoad, ...], ...]:
     return at, between, several
 
 
-def _valued(model: Model, one: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
+def _valued(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
     """A load with numbers for the rows along which it acts."""
-    s = model.s[..., one.node] if isinstance(one.node, slice) else model.s
-    return one.load.resolved(s, t, inputs, one.elements or model.scene.beam.element_count)
+    s = model.s[..., act.node] if isinstance(act.node, slice) else model.s
+    return act.load.resolved(s, t, inputs, act.elements or model.scene.beam.element_count)
 
 
 def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:

@@ -67,10 +67,10 @@ class DrivenJoints(Joints):
 
     @property
     def smooth(self) -> bool:
-        return not self.limited and not self.rubs
+        return not self.limited and not self.has_friction
 
     @property
-    def rubs(self) -> bool:
+    def has_friction(self) -> bool:
         return any(laws.friction is not None for laws in self._all_laws)
 
     @property

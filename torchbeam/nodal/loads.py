@@ -383,12 +383,12 @@ def _spread(rows: Rows, acting: ActingLoad, x: Tensor, axes: int) -> Tensor:
     return pad(x.unsqueeze(-1 - axes), (0, 0) * axes + _around(acting, rows))
 
 
-def _shares(rows: Rows, one: ActingLoad) -> Tensor:
+def _shares(rows: Rows, act: ActingLoad) -> Tensor:
     """Length (..., nodes, 1) m of the nodes along which a load acts."""
-    return rows.tributary_length if one.node is None else rows.tributary_length[..., one.node, :]
+    return rows.tributary_length if act.node is None else rows.tributary_length[..., act.node, :]
 
 
-def _around(one: ActingLoad, rows: Rows) -> tuple[int, int]:
+def _around(act: ActingLoad, rows: Rows) -> tuple[int, int]:
     """How many nodes come before and after those that a load acts on."""
-    first, end = (one.node.start, one.node.stop) if one.along else (one.node, one.node + 1)
+    first, end = (act.node.start, act.node.stop) if act.along else (act.node, act.node + 1)
     return first, rows.node_count - end

@@ -74,8 +74,8 @@ class Model(Rows):
     @property
     def conserves(self) -> bool:
         """The same of all but the loads."""
-        rubs = self.tendons.dissipative or any(pair.rubs for pair in self.scene.pairs)
-        return not (rubs or self.turning)
+        has_friction = self.tendons.dissipative or any(pair.rubs for pair in self.scene.pairs)
+        return not (has_friction or self.turning)
 
     def declared(self, load: Any) -> bool:
         """Whether a load declares that it is conservative. What one that reads velocities says is
@@ -112,7 +112,7 @@ class Model(Rows):
         return any(effect.touches for effect in (*self.scene.loads, *self.scene.pairs))
 
     @property
-    def rubs(self) -> bool:
+    def has_friction(self) -> bool:
         """Whether there is friction of contacts."""
         return any(effect.rubs for effect in (*self.scene.loads, *self.scene.pairs))
 
@@ -122,7 +122,7 @@ class Model(Rows):
         on obstacles, which come back from deep inside by themselves. What is held by several parts
         that move does not: a hand that closes on a ball has no solution found so.
         """
-        return self.rubs and not (self.touching.present or self.bodies_touch)
+        return self.has_friction and not (self.touching.present or self.bodies_touch)
 
     @property
     def internal_states(self) -> int:

@@ -123,14 +123,14 @@ class Rope(Tree):
     friction: Tensor | None = leaf(0, default=None)
     slip_speed: Tensor | None = leaf(0, default=None)
 
-    def raised(self, given: Tensor, share: Tensor | None) -> Tensor:
+    def raised(self, drive: Tensor, share: Tensor | None) -> Tensor:
         """What is given (...) where loads are raised as far as `share` (...), None = all: from
         slack, or from as drawn.
         """
         if share is None:
-            return given
+            return drive
         start = 0.0 if self.stiffness is None else self.drawn
-        return start + share * (given - start)
+        return start + share * (drive - start)
 
     def forces(self, step: RopeStep) -> Tensor:
         """(..., m, 3) N on the points."""
@@ -176,7 +176,7 @@ class Rope(Tree):
 
     def pull(
         self,
-        given: Tensor,
+        drive: Tensor,
         after: Tensor,
         before: Tensor | None = None,
         change: Tensor | None = None,
@@ -186,12 +186,12 @@ class Rope(Tree):
         precision has to more digits than the difference of both, None = not known by itself.
         """
         if self.stiffness is None:
-            return given.clamp(min=0), torch.zeros_like(after)
-        x = after - given
+            return drive.clamp(min=0), torch.zeros_like(after)
+        x = after - drive
         p = x.clamp(min=0)
         if before is None:
             return self.stiffness * p, self.stiffness * (x > 0)
-        y = before - given
+        y = before - drive
         if change is not None:
             x = y + change
             p = x.clamp(min=0)

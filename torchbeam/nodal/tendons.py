@@ -95,9 +95,9 @@ class Tendons(BetweenNodes):
     ) -> tuple[Tensor, Tensor]:
         return self.loaded(nodes, motion.placed(self.eyelets), motion.now.tendons), gap
 
-    def loaded(self, nodes: Tensor, motion: Placed, given: Tensor) -> Tensor:
-        """The nodes' balances (..., nodes, w), with the forces of these; given (..., K) N or m."""
-        steps = zip(self.ropes, self.steps(motion, given), strict=True)
+    def loaded(self, nodes: Tensor, motion: Placed, drives: Tensor) -> Tensor:
+        """The nodes' balances (..., nodes, w), with the forces of these; drives (..., K) N or m."""
+        steps = zip(self.ropes, self.steps(motion, drives), strict=True)
         force = torch.cat([rope.forces(step) for rope, step in steps], -2)
         wrench = self.wrench(motion.acting.lever, force)
         at = tuple(node for tie in self.ties for node in tie)
@@ -112,12 +112,12 @@ class Tendons(BetweenNodes):
         blocks = self.blocks(motion.placed(self.eyelets), motion.now.tendons)
         return matrix.tied_too(self.ties, blocks)
 
-    def blocks(self, motion: Placed, given: Tensor) -> Tensor:
+    def blocks(self, motion: Placed, drives: Tensor) -> Tensor:
         """(..., n, w, w) of all pairs of the nodes of each tendon."""
         spin, half, rate = None, motion.of.half_turns(), motion.of.rate
         if half is not None:
             spin = end_moves(half[..., self._at, :, :], self.space.dims.position)
-        blocks, steps = [], self.steps(motion, given)
+        blocks, steps = [], self.steps(motion, drives)
         for rope, step, part in zip(self.ropes, steps, self._parts, strict=True):
             acting, after = rope.tangent(step)
             block = [k for k, node in enumerate(self.nodes[part]) if node is not None]
@@ -167,7 +167,7 @@ class Tendons(BetweenNodes):
         fields = fields | {"tendons": torch.stack(torch.broadcast_tensors(*rows), -2)}
         return fields if work is None else fields | {"work": work + done}
 
-    def steps(self, motion: Placed, given: Tensor) -> tuple[RopeStep, ...]:
+    def steps(self, motion: Placed, drives: Tensor) -> tuple[RopeStep, ...]:
         """What each rope is asked for."""
         of, steps = motion.of, []
         over = of.dt is not None and motion.start is not None
@@ -180,7 +180,7 @@ class Tendons(BetweenNodes):
                     motion.acting.p[..., part, :],
                     motion.end.p[..., part, :],
                     motion.start.p[..., part, :] if over else None,
-                    rope.raised(given[..., k], of.share),
+                    rope.raised(drives[..., k], of.share),
                     of.dt,
                     None if rates is None else rates[..., part, :],
                     None if way is None else way[..., part, :],

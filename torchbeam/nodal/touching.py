@@ -14,7 +14,7 @@ from torch import Tensor
 from ..core.leaves import Tree, leaf
 from ..core.remembered import remembered
 from ..core.validation import concrete
-from ..math.concrete import mapped
+from ..math.concrete import is_vmapped
 from ..scene.effects.contact_terms import ContactTerms, thinnest, widest
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY
@@ -35,10 +35,10 @@ class PairLaw(NamedTuple):
     of bodies, None = they are curves; whether these taper.
     """
 
-    rubs: bool
-    damps: bool
+    has_friction: bool
+    has_damping: bool
     surface: type[Obstacle] | None
-    tapers: bool = False
+    has_taper: bool = False
 
 
 class Nearby(NamedTuple):
@@ -127,7 +127,7 @@ class PartContact(Tree):
 
     def nearby(self, motion: PairMotion, skin: Tensor | float = 0.0) -> Nearby:
         """Those with no more than a skin m of `slack`; all where samples are seen one at a time."""
-        if mapped(motion.position):
+        if is_vmapped(motion.position):
             pairs = self._every
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)
@@ -269,8 +269,8 @@ class PartContact(Tree):
 
     @property
     def law(self) -> PairLaw:
-        damps, tapers = self.contact.damping is not None, isinstance(self.profiles[1], Table)
-        return PairLaw(self.contact.rubs, damps, None, tapers)
+        has_taper = isinstance(self.profiles[1], Table)
+        return PairLaw(self.contact.rubs, self.contact.damping is not None, None, has_taper)
 
 
 @lru_cache(64)

@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 
 from ..core.leaves import leaf, wants_gradient
 from ..core.validation import concrete
-from ..math.concrete import mapped
+from ..math.concrete import is_vmapped
 from ..math.shapes import stacked
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY
 from ..topology.places import added
@@ -139,7 +139,7 @@ class ContactPairs(BetweenNodes):
         nodes, blocks = [], []
         for near in self.near(now):
             pair_nodes, block = near.nodes, blocks_of(near)
-            if not mapped(block) and not wants_gradient(block):  # zeros may carry derivatives
+            if not is_vmapped(block) and not wants_gradient(block):  # zeros may carry derivatives
                 some = concrete(block.detach() != 0).flatten(-4).any(-1)
                 some = some.flatten(0, -2).any(0) if some.ndim > 1 else some
                 pair_nodes, block = pair_nodes[some], block[..., some, :, :, :, :]

@@ -166,8 +166,7 @@ def of_elements(
     bending of an element under a constant moment and its weight are then those of the beam. The
     average is taken at four Gauss points of each element, of `Stations` at four between the
     stations in it, where their lines have corners; one that changes much within an element is
-    warned of. Of order 2 those of the stations of stress,
-    (..., 2 N); a function is taken there.
+    warned of. Of order 2 those of the stations of stress, (..., 2 N); a function is taken there.
     """
     N = length.shape[-1]
     if callable(section):

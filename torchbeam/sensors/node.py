@@ -168,8 +168,7 @@ class _Turned(_OfNode):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodeRotation(_Turned):
-    """Rotation matrix (..., 3, 3) of a node: section axes -> frame a, or -> the reference's
-    axes.
+    """Rotation matrix (..., 3, 3) of a node: section axes -> frame a, or -> the reference's axes.
 
     Examples:
         >>> tb.sensors.NodeRotation(-1)(solution.state).shape  # rotation matrices

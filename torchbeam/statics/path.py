@@ -197,11 +197,34 @@ def path(
     step = check_tolerance("step", step)
     if control is not None:
         check_function("control", control, "state")
-    given = scene.tensors(inputs)
+    inputs = scene.tensors(inputs)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
-    if load is not None and (not isinstance(load, str) or load not in given):
+    _check(load, inputs, control, target, branch)
+    factors = _range(lowest, highest)
+    target = None if target is None else instants("target", target, scene.beam.nodes)
+    steps = check_count("steps", steps)
+    time = instant("t", t, scene.beam.nodes)
+    initial = None if initial is None else check_state(initial, scene)
+
+    def found(
+        scene: Scene, initial: State | None, inputs: Inputs, time: Tensor, target: Tensor | None
+    ) -> Path:
+        return _path(
+            model if scene is model.scene else discretise(scene),
+            *(initial, time, inputs, load, factors, float(step), steps),
+            *(control, target, branch, tolerance, engine),
+        )
+
+    return in_double(found, scene, initial, inputs, time, target)
+
+
+def _check(
+    load: str | None, inputs: Inputs, control: Callable | None, target: Any, branch: bool
+) -> None:
+    """Raises ValueError where they do not go together."""
+    if load is not None and (not isinstance(load, str) or load not in inputs):
         raise ValueError(
-            f"load = {shown(load)} was given; the scene's inputs are {', '.join(given) or 'none'}"
+            f"load = {shown(load)} was given; the scene's inputs are {', '.join(inputs) or 'none'}"
         )
     if (control is None) != (target is None):
         raise ValueError(
@@ -210,6 +233,10 @@ def path(
         )
     if control is not None and branch:
         raise ValueError("branch with control was given; it goes by the length of the path")
+
+
+def _range(lowest: float, highest: float) -> tuple[float, float]:
+    """Load factors between which a path goes, checked."""
     highest, lowest = number("highest", highest), number("lowest", lowest, infinite=True)
     if not highest > 0 or not lowest <= 0:
         raise ValueError(
@@ -219,29 +246,14 @@ def path(
         raise ValueError(
             f"highest = {highest:g} was given, whose square is no number; a larger factor is wanted"
         )
-    if target is not None:
-        target = instants("target", target, scene.beam.nodes)
-    steps = check_count("steps", steps)
-    time = instant("t", t, scene.beam.nodes)
-    initial = None if initial is None else check_state(initial, scene)
-
-    def found(
-        scene: Scene, initial: State | None, given: Inputs, time: Tensor, target: Tensor | None
-    ) -> Path:
-        own = model if scene is model.scene else discretise(scene)
-        return _path(
-            *(own, initial, time, given, load, (lowest, highest), float(step), steps),
-            *(control, target, branch, tolerance, engine),
-        )
-
-    return in_double(found, scene, initial, given, time, target)
+    return lowest, highest
 
 
 def _path(
     model: Model,
     initial: State | None,
     time: Tensor,
-    given: Inputs,
+    inputs: Inputs,
     load: str | None,
     span: tuple[float, float],
     step: float,
@@ -256,7 +268,7 @@ def _path(
     with no_derivatives():
         start = model.space.start(rest(model.scene) if initial is None else initial)
         start = Configuration(start.position, start.rotation, start.stress)
-        loaded = LoadedProblem(model, time, given, load)
+        loaded = LoadedProblem(model, time, inputs, load)
         loose = held_by_loads_alone(loaded(time + 1), loaded(time * 0), start)
         loaded, failed = loaded.braced(start).by(engine), None
         if initial is None and load is not None:
@@ -281,7 +293,7 @@ def _path(
         )
         lost = ~record[0][0].sound if loose is None else loose | ~record[0][0].sound
         if concrete(lost).any():
-            motions = unheld(model, time, given)[1] or "a rigid motion"
+            motions = unheld(model, time, inputs)[1] or "a rigid motion"
             warn(
                 f"the path has no beginning, for nothing holds {motions} there; a support, or "
                 "loads that stay (load= names the others) with their equilibrium as initial, are "

@@ -94,9 +94,9 @@ def _forbidden(
     if model.multipliers.count:
         w, motion = model.space.unknowns, problem.node_motion(x)
         whole = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
-        for one in model.interactions:
-            if one.multipliers.count:  # of the others nothing is read
-                whole = one.matrix(whole, x.stress, motion)
+        for interaction in model.interactions:
+            if interaction.multipliers.count:  # of the others nothing is read
+                whole = interaction.matrix(whole, x.stress, motion)
         G = whole.constraints()
         own = (size * model.unit).repeat(*(1,) * (size.ndim - 1), model.node_count)[..., None, :]
         G = G / torch.linalg.vector_norm(G * own, dim=-1, keepdim=True)
@@ -152,8 +152,8 @@ def _between(problem: SteadyProblem, x: Configuration) -> Iterator[Matrix]:
     if model.interactions:
         motion, w = problem.node_motion(x), model.space.unknowns
         none = model.topology.diagonal(x.position.new_zeros(model.node_count, w, w))
-        for one in model.interactions:
-            yield one.matrix(none, x.stress, motion)
+        for interaction in model.interactions:
+            yield interaction.matrix(none, x.stress, motion)
 
 
 def as_unknowns(problem: SteadyProblem, moves: tuple[Tensor, Tensor]) -> Tensor:

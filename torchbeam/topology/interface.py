@@ -18,7 +18,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..math.concrete import concrete, mapped
+from ..math.concrete import concrete, is_vmapped
 from ..math.shapes import broadcast_shapes
 from .cut import Cut
 from .order import Constraint, Elimination
@@ -155,7 +155,7 @@ class Interface:
         """Whether it is quicker not to solve it densely, and what derivatives want leaves that."""
         shape = broadcast_shapes(*(x.shape[:-3] for x in self.blocks))
         return math.prod(shape) * self.count**3 > DENSE and not any(
-            x.requires_grad or mapped(x) for x in (*self.loads, *self.blocks)
+            x.requires_grad or is_vmapped(x) for x in (*self.loads, *self.blocks)
         )
 
     def _densely(self, b: Tensor) -> Tensor:

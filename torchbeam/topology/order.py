@@ -66,26 +66,26 @@ class Elimination:
         """
         waits = self._hang(fixed, last)
         hanging = {unit for group in self.behind.values() for unit in group[1:]}
-        self._owner = {unit: one for one, group in self.behind.items() for unit in group}
+        self._owner = {unit: head for head, group in self.behind.items() for unit in group}
         groups, following, left = [], {}, {*self.behind}
         while left:
-            free = (one for one in left if not waits[one] & left)
-            one = min(free, key=lambda one: (len(self._around(one)), one))
-            crossed = [unit for unit in self._around(one) if unit >= self.units]
-            if crossed and len(self._around(one)) == 1:
-                following[crossed[0] - self.units] = one
+            free = (head for head in left if not waits[head] & left)
+            head = min(free, key=lambda head: (len(self._around(head)), head))
+            crossed = [unit for unit in self._around(head) if unit >= self.units]
+            if crossed and len(self._around(head)) == 1:
+                following[crossed[0] - self.units] = head
                 self._forget(crossed[0])
             else:
                 for run in crossed:
                     a, b = self._forget(run)
                     self._couple(a, (b,))
                     self._couple(b, (a,))
-            around = self._around(one)
+            around = self._around(head)
             for unit in around:
-                self._couple(unit, around, self.behind[one])
-            groups.append(self.behind[one])
+                self._couple(unit, around, self.behind[head])
+            groups.append(self.behind[head])
             self.around.append(around)
-            left.remove(one)
+            left.remove(head)
         if loops := tuple(unit for unit in self.constraints if unit not in hanging):
             groups.append(loops)
             self.around.append(set())
@@ -93,7 +93,7 @@ class Elimination:
 
     def _hang(self, fixed: frozenset[int], last: frozenset[int]) -> dict[int, set[int]]:
         """Constraints with the nodes that hang by them; and what each waits for."""
-        waits: dict[int, set[int]] = {one: set() for one in self.behind}
+        waits: dict[int, set[int]] = {head: set() for head in self.behind}
         for node in last:
             waits[node] |= {*range(self.nodes)} - last
         for node, unit in self._trees(fixed, last).items():
@@ -103,12 +103,12 @@ class Elimination:
                     waits[other].add(node)
         return waits
 
-    def _around(self, one: int) -> set[int]:
+    def _around(self, head: int) -> set[int]:
         """What a group couples to."""
-        if one not in self._reach:
-            units = self.behind[one]
-            self._reach[one] = set().union(*(self.near[unit] for unit in units)).difference(units)
-        return self._reach[one]
+        if head not in self._reach:
+            units = self.behind[head]
+            self._reach[head] = set().union(*(self.near[unit] for unit in units)).difference(units)
+        return self._reach[head]
 
     def _couple(self, unit: int, others: Iterable[int], gone: Iterable[int] = ()) -> None:
         self.near[unit] = self.near[unit].union(others).difference(gone, (unit,))
@@ -161,7 +161,7 @@ class Elimination:
         def rooted(k: int) -> int:
             return k if root[k] == k else rooted(root[k])
 
-        pairs = {unit: one for unit, one in self.constraints.items() if len(one.ends) == 2}
+        pairs = {unit: tie for unit, tie in self.constraints.items() if len(tie.ends) == 2}
         for unit in sorted(pairs, key=lambda unit: -pairs[unit].held):
             a, b = (ground if x is None or x in fixed else x for x in pairs[unit].ends)
             if rooted(a) != rooted(b):

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from ..core.files import folder, save, write
+from ..core.function_dependencies import Dependencies
 from ..core.results import versions
-from ..core.surroundings import Surroundings
 from ..core.validation import refusal
 from ..core.warning import warn
 
@@ -62,7 +62,7 @@ class ChunkFolder:
 
         The run is known by the laws, in their order, by the settings (seed, chunk, dtype ...), by
         the version of this library, and by the function: `version`, or where that is None what
-        `Surroundings` sees of it, with a FutureWarning where that is not all.
+        `Dependencies` sees of it, with a FutureWarning where that is not all.
         """
         path = Path(path)
         label = _label(function, laws, version, settings)
@@ -196,7 +196,7 @@ def _parts(
     parts, unseen = {}, []
     values = {"its code": function} if version is None else {}
     for whole, value in {**values, **{f"the law of {n!r}": law for n, law in laws.items()}}.items():
-        around = Surroundings([("it", lambda value=value: value)], strict=False)
+        around = Dependencies([("it", lambda value=value: value)], strict=False)
         digests = around.digests()
         parts[whole] = digests.pop("it")
         parts |= {k if whole in values else f"{whole}, {k}": x for k, x in digests.items()}

@@ -1,4 +1,4 @@
-"""digests of surroundings: what makes a function another one, and what does not."""
+"""digests of dependencies: what makes a function another one, and what does not."""
 
 import copy
 import dataclasses
@@ -13,12 +13,12 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.core.surroundings import Surroundings
+from torchbeam.core.function_dependencies import Dependencies
 
 
 def digests(value):
     """Of what is seen whole."""
-    around = Surroundings([("", lambda: value)], strict=False)
+    around = Dependencies([("", lambda: value)], strict=False)
     assert not around.unseen
     return around.digests()
 
@@ -154,7 +154,7 @@ def test_circles_end():
     [np.random.default_rng(0), re.compile("a"), functools.lru_cache(function(CODE)), time.time],
 )
 def test_what_is_not_seen_is_named(value):
-    assert Surroundings([("x", lambda: value)], strict=False).unseen
+    assert Dependencies([("x", lambda: value)], strict=False).unseen
 
 
 def test_what_is_installed_counts_by_its_name():
@@ -167,7 +167,7 @@ def test_a_variable_that_is_not_set_yet_is_named():
     def f(x):
         return later * x
 
-    (unseen,) = Surroundings([("f", lambda: f)], strict=False).unseen
+    (unseen,) = Dependencies([("f", lambda: f)], strict=False).unseen
     assert unseen.startswith("'later'")
     later = 1.0
-    assert not Surroundings([("f", lambda: f)], strict=False).unseen and f(later) == 1.0
+    assert not Dependencies([("f", lambda: f)], strict=False).unseen and f(later) == 1.0

@@ -125,12 +125,12 @@ def _with_a_last_one(solution: Solution) -> Solution:
 def _nodes(read: Any) -> Iterator[int]:
     """Of a sensor, and of those that it is made of."""
     if isinstance(read, (tuple, list)):
-        for one in read:
-            yield from _nodes(one)
+        for field in read:
+            yield from _nodes(field)
     elif isinstance(read, Sensor):
-        for one in fields(read):
-            value = getattr(read, one.name)
-            if one.name == "node" and value is not None:
+        for field in fields(read):
+            value = getattr(read, field.name)
+            if field.name == "node" and value is not None:
                 yield value
             else:
                 yield from _nodes(value)
@@ -152,25 +152,25 @@ def on_mesh(sensor: Sensor, scene: Scene, fine: Scene) -> Sensor:
     the old mesh.
     """
     changed: dict[str, Any] = {}
-    for one in fields(sensor):
-        value = getattr(sensor, one.name)
-        if not one.init or value is None:
+    for field in fields(sensor):
+        value = getattr(sensor, field.name)
+        if not field.init or value is None:
             continue
-        if one.name == "element":
+        if field.name == "element":
             raise ValueError(
                 f"{sensor.name} was given to be read on several meshes; one at a station s is "
                 "wanted"
             )
         if isinstance(value, Sensor):
-            changed[one.name] = on_mesh(value, scene, fine)
+            changed[field.name] = on_mesh(value, scene, fine)
         elif isinstance(value, (tuple, list)) and any(isinstance(x, Sensor) for x in value):
-            changed[one.name] = [on_mesh(x, scene, fine) for x in value]
+            changed[field.name] = [on_mesh(x, scene, fine) for x in value]
         elif isinstance(value, Scene):
-            changed[one.name] = fine
+            changed[field.name] = fine
         elif isinstance(value, Beam):
-            changed[one.name] = fine.beam
-        elif one.name == "node" and not scene.beam.parts:
-            changed[one.name] = rows_of(scene, fine)(value)
+            changed[field.name] = fine.beam
+        elif field.name == "node" and not scene.beam.parts:
+            changed[field.name] = rows_of(scene, fine)(value)
         elif hasattr(value, "position"):
             raise ValueError(
                 f"{sensor.name} with the state {shown(value)} was given to be read on several "

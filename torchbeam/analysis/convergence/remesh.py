@@ -60,11 +60,11 @@ def remesh(
     fine = remade(beam, elements, order)
     fine = fine.linked() if linked else fine
     rows = _Rows(beam, elements, order)
-    given = scene.supports.given
-    if given is not None:
-        given = [with_values(support, node=rows(support.node)) for support in given]
+    asked = scene.supports.given
+    if asked is not None:
+        asked = [with_values(support, node=rows(support.node)) for support in asked]
     effects = tuple(_moved(effect, rows) for effect in scene.effects)
-    return replace(scene, beam=fine, effects=effects, supports=given)
+    return replace(scene, beam=fine, effects=effects, supports=asked)
 
 
 def least_elements(scene: Scene, nodes: Iterable[int] = ()) -> int:
@@ -183,20 +183,20 @@ def _divided(value: PerElement | AtSites, parts: int) -> PerElement:
     """Of each part what its element has."""
     if parts == 1:
         return value
-    given = value.value
-    if isinstance(value, AtSites) or isinstance(given, Input):
+    values = value.value
+    if isinstance(value, AtSites) or isinstance(values, Input):
         raise ValueError(
             "a load by an Input of each element, or at its sites, was given to be meshed anew; "
             "numbers or a function of each element are wanted, or Along"
         )
-    if callable(given):
-        function: Callable[[Tensor], Tensor] = given
+    if callable(values):
+        function: Callable[[Tensor], Tensor] = values
         return PerElement(
             lambda t: taken("a PerElement function's value", function(t), t).repeat_interleave(
                 parts, -2
             )
         )
-    return PerElement(torch.as_tensor(given).repeat_interleave(parts, -2))
+    return PerElement(torch.as_tensor(values).repeat_interleave(parts, -2))
 
 
 def _along(value: Tensor, rows: _Rows) -> Tensor:

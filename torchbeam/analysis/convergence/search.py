@@ -291,15 +291,15 @@ class Search:
         if fine in made:
             return setting, fine
         pairs = []
-        for one in made:
+        for trial in made:
             if fine.step == setting.step:
-                like = (one.element, one.elements) == (setting.element, setting.elements)
-                other, error = replace(one, elements=fine.elements), self._time_error
+                like = (trial.element, trial.elements) == (setting.element, setting.elements)
+                other, error = replace(trial, elements=fine.elements), self._time_error
             else:
-                like = (one.method, one.step) == (setting.method, setting.step)
-                other, error = replace(one, step=fine.step), self._space_error
-            if like and other in made and self.trials.difference(one, other) < math.inf:
-                pairs.append((error(one), one, other))
+                like = (trial.method, trial.step) == (setting.method, setting.step)
+                other, error = replace(trial, step=fine.step), self._space_error
+            if like and other in made and self.trials.difference(trial, other) < math.inf:
+                pairs.append((error(trial), trial, other))
         error, *pair = min(pairs, key=lambda pair: pair[0], default=(math.inf,))
         return tuple(pair) if error <= LOOSE else None
 

@@ -121,11 +121,11 @@ class TrialRuns:
             return self.work(setting)
         made = [*self.made.values()]
         like = [
-            [one for one in made if one.setting.method == setting.method],
-            [one for one in made if one.setting.element == setting.element],
+            [trial for trial in made if trial.setting.method == setting.method],
+            [trial for trial in made if trial.setting.element == setting.element],
         ]
-        both = [one for one in like[0] if one in like[1]]
-        nearest = max(both or like[0] or made, key=lambda one: self.work(one.setting))
+        both = [trial for trial in like[0] if trial in like[1]]
+        nearest = max(both or like[0] or made, key=lambda trial: self.work(trial.setting))
         rate = max(nearest.seconds - self.setup, 1e-2 * self.setup) / self.work(nearest.setting)
         return self.setup + rate * self.work(setting)
 
@@ -133,9 +133,9 @@ class TrialRuns:
         """CPU seconds of a run without steps, by those of one kind whose work differs most."""
         span, setup = 1.0, 0.0
         kinds: dict[tuple, list[tuple[float, float]]] = {}
-        for one in self.made.values():
-            kind = kinds.setdefault((one.setting.element, one.setting.method), [])
-            kind.append((self.work(one.setting), one.seconds))
+        for trial in self.made.values():
+            kind = kinds.setdefault((trial.setting.element, trial.setting.method), [])
+            kind.append((self.work(trial.setting), trial.seconds))
         for kind in kinds.values():
             (w, s), (v, r) = min(kind), max(kind)
             if v > span * w:

@@ -87,18 +87,18 @@ class Blocks:
         """
         told_by = [(J[self.number == g] != 0).any(0) for g in range(self.count)]
         outside = (J[self.number < 0] != 0).any(0) | (A.diagonal() > (J * J).sum(0) * (1 + 1e-9))
-        own = (torch.stack(told_by).sum(0) == 1) & ~outside
-        if own.any() and not own.all():
-            inner = torch.linalg.inv(A[own][:, own])
-            ridge = -inner @ A[own][:, ~own]
-            common = A[~own][:, ~own] + A[~own][:, own] @ ridge
+        alone = (torch.stack(told_by).sum(0) == 1) & ~outside
+        if alone.any() and not alone.all():
+            inner = torch.linalg.inv(A[alone][:, alone])
+            ridge = -inner @ A[alone][:, ~alone]
+            common = A[~alone][:, ~alone] + A[~alone][:, alone] @ ridge
             inner_spread = self.covariance(
-                r, J[:, ~own] + J[:, own] @ ridge, common, torch.linalg.inv(common), scale
+                r, J[:, ~alone] + J[:, alone] @ ridge, common, torch.linalg.inv(common), scale
             )
             T = C.new_zeros(len(C), len(common))
-            T[~own], T[own] = torch.eye(len(common)).to(C), ridge
+            T[~alone], T[alone] = torch.eye(len(common)).to(C), ridge
             spread = inner_spread.moved(T)
-            spread.covariance[own.nonzero(), own.nonzero()[:, 0]] += scale**2 * inner
+            spread.covariance[alone.nonzero(), alone.nonzero()[:, 0]] += scale**2 * inner
             return spread
         root, failed = torch.linalg.cholesky_ex((C + C.mT) / 2)  # C = root root^T
         if failed:  # some are not told by the data
@@ -165,7 +165,7 @@ def correlation_of(r: Tensor, series: list[Tensor]) -> float:
     product, squares = 0.0, torch.finfo(r.dtype).tiny
     for rows in series:
         for column in rows.unbind(-1):
-            own = r[column[column >= 0]]
-            product += (own[1:] * own[:-1]).sum().item()
-            squares += own.square().sum().item()
+            reading = r[column[column >= 0]]
+            product += (reading[1:] * reading[:-1]).sum().item()
+            squares += reading.square().sum().item()
     return product / squares

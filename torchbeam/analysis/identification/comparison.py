@@ -164,8 +164,8 @@ def _checked(fits: Mapping[str, Fit]) -> tuple[list[str], list[Fit]]:
                 f"the fit {name!r} from a file, which has no model,", "one of tb.identify"
             )
         data.append(torch.cat([r.data.flatten() for r in fit.readings]))
-    for name, own in zip(fits, data, strict=True):
-        if own.shape != data[0].shape or not torch.equal(own.nan_to_num(), data[0].nan_to_num()):
+    for name, row in zip(fits, data, strict=True):
+        if row.shape != data[0].shape or not torch.equal(row.nan_to_num(), data[0].nan_to_num()):
             raise ValueError(
                 f"the fit {name!r} was given, whose data are others than those of "
                 f"{next(iter(fits))!r}; fits of the same data are wanted"
@@ -189,13 +189,13 @@ def _said(names: list[str], less: list[float], error: list[float], by: str) -> I
 def _evidence(name: str, fit: Fit) -> Tensor:
     """() logarithm of the density of the data."""
     problem, x = fit.problem, fit.x[None]
-    own = [e.name for e in problem.parameters.entries if e.prior is None]
+    free = [e.name for e in problem.parameters.entries if e.prior is None]
     if not problem.parameters.by_name:
-        own = [*problem.parameters.names[: problem.parameters.model]]
-    if own:
+        free = [*problem.parameters.names[: problem.parameters.model]]
+    if free:
         raise ValueError(
-            f"evidence of the fit {name!r} was asked for, whose parameter {own[0]!r} has no prior; "
-            "tb.Parameter(prior=...) is wanted, or by='prediction'"
+            f"evidence of the fit {name!r} was asked for, whose parameter {free[0]!r} has no "
+            "prior; tb.Parameter(prior=...) is wanted, or by='prediction'"
         )
     if not problem.independent.all() or not problem.sigma_given:
         raise ValueError(
@@ -269,10 +269,10 @@ def _left_out(
         predicted = problem.residuals(moved, first.expand(len(moved)))
         s, values, squares = fit.scale or 1.0, [], 0.0
         for (inside, _), C, e, at in zip(masks, inverses, predicted, moved, strict=True):
-            own, linear = J[inside], r[inside] + J[inside] @ (at - x[0])[free]
+            J_in, linear = J[inside], r[inside] + J[inside] @ (at - x[0])[free]
             e = torch.where(torch.isfinite(e[inside]).all(), e[inside], linear) / s
-            more = torch.eye(len(C)).to(C) + C @ (own.mT @ own)
-            pull = own.mT @ e
+            more = torch.eye(len(C)).to(C) + C @ (J_in.mT @ J_in)
+            pull = J_in.mT @ e
             quadratic = e @ e - pull @ torch.linalg.solve(more, C @ pull)
             log_unit = _log_unit(problem)[inside].sum() - len(e) * math.log(s)
             values.append(log_unit - (quadratic + torch.linalg.slogdet(more)[1]) / 2)
@@ -302,7 +302,7 @@ def _blocks(
             for t, rows, _ in series:
                 place = torch.searchsorted(instants, t)
                 for mask, more in zip(masks, (0, wide), strict=True):
-                    own = rows[(first - more <= place) & (place < last + more)]
-                    mask[own[own >= 0]] = True
+                    inside = rows[(first - more <= place) & (place < last + more)]
+                    mask[inside[inside >= 0]] = True
             if masks[0].any():
                 yield masks

@@ -175,8 +175,8 @@ def _candidates(candidates: Any) -> dict[str, list[Measurement]]:
     if not isinstance(candidates, Mapping) or not candidates:
         raise refusal(f"candidates = {shown(candidates)}", "name -> tb.Measurement", were=True)
     groups = {}
-    for name, own in candidates.items():
-        group = each(own)
+    for name, measurements in candidates.items():
+        group = each(measurements)
         for m in group:
             if not isinstance(m, Measurement) or m.sigma is None:
                 what = "without sigma" if isinstance(m, Measurement) else f"= {shown(m)}"

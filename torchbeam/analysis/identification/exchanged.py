@@ -54,11 +54,11 @@ def exchange_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, scale: 
     for a, b, stretch in _likeliest(problem, r, J, C, data):
         there = (a.rows >= 0) & (b.rows >= 0)
         for part in (slice(0, len(there)), stretch):
-            one, two = (c.rows[part][there[part]] for c in (a, b))
-            if part.stop - part.start < min(FEWEST, len(there)) or not len(one):
+            first, two = (c.rows[part][there[part]] for c in (a, b))
+            if part.stop - part.start < min(FEWEST, len(there)) or not len(first):
                 continue
             change = torch.zeros_like(data)
-            change[one], change[two] = data[one] - data[two], data[two] - data[one]
+            change[first], change[two] = data[first] - data[two], data[two] - data[first]
             change = problem.white(change)
             by = J.mT @ change
             step, more = C @ by, change @ (2 * r + change)
@@ -136,9 +136,9 @@ def _channels(problem: FitProblem) -> Iterator[Channels]:
         unit = sensor.unit if sensor else ""
         yield Channels(name, (e.name, columns.shape, unit), m.times, columns)
         if rows.ndim > 2:
-            for j, own in enumerate(rows.unbind(1)):
-                yield Channels(f"{name} {j}", (e.name, k, "row"), m.times, own.flatten(1))
+            for j, column in enumerate(rows.unbind(1)):
+                yield Channels(f"{name} {j}", (e.name, k, "row"), m.times, column.flatten(1))
         if columns.shape[1] > 1:
             names = Readings(e.name, m.labels, None, m.values, m.values, None).names
-            for label, own in zip(names, columns.unbind(1), strict=True):
-                yield Channels(label, (e.name, k, "one"), m.times, own[:, None])
+            for label, column in zip(names, columns.unbind(1), strict=True):
+                yield Channels(label, (e.name, k, "one"), m.times, column[:, None])

@@ -200,7 +200,7 @@ class Fit:
                 self.held[:, None], limits, self.bootstrap(repeats, seed=seed).interval(level)
             )
         elif method == "profile":
-            limits = torch.stack([one.interval for one in self.profile(level=level)])
+            limits = torch.stack([profile.interval for profile in self.profile(level=level)])
         return self.within(limits)
 
     def predict(
@@ -245,8 +245,8 @@ class Fit:
         )
         open_ = self.open if len(self.open) else torch.zeros_like(self.held)
         determined = ~self.held & ~open_
-        own = J[..., determined]
-        variance = ((own @ self.x_covariance[determined][:, determined]) * own).sum(-1).clamp(min=0)
+        G = J[..., determined]
+        variance = ((G @ self.x_covariance[determined][:, determined]) * G).sum(-1).clamp(min=0)
         variance = torch.where((J[..., open_ & ~self.held] != 0).any(-1), torch.inf, variance)
         quantile = self._quantile(level)
         most = (quantile[determined] if determined.any() else quantile).amax()
@@ -333,11 +333,11 @@ class Fit:
     def load(cls, path: str | Path) -> Fit:
         """A fit from its file: no model, profiles or bootstrap. ValueError for another file."""
         path = files.path_of("path", path)
-        given = files.load(path, "torchbeam fit", FORMAT, "saved fit")
+        saved = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         try:
-            transform = Transform(**given.pop("transform"))
-            readings = tuple(Readings(**r) for r in given.pop("readings"))
-            return cls(**given, transform=transform, readings=readings)
+            transform = Transform(**saved.pop("transform"))
+            readings = tuple(Readings(**r) for r in saved.pop("readings"))
+            return cls(**saved, transform=transform, readings=readings)
         except (KeyError, TypeError):  # other fields
             raise ValueError(
                 f"the file {str(path)!r} was given, which holds no fit of this version; one is "

@@ -73,10 +73,11 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     ]
     parts = series if len(series) > 1 else []
     sizes, each = (
-        [one.excess() for one in some if one.known and one.left >= 1] for some in ([whole], parts)
+        [rest.excess() for rest in some if rest.known and rest.left >= 1]
+        for some in ([whole], parts)
     )
-    long = [one for one in series if one.left >= FEWEST]
-    alike, lines = [one.correlation() for one in long], [one.line() for one in long]
+    long = [rest for rest in series if rest.left >= FEWEST]
+    alike, lines = [rest.correlation() for rest in long], [rest.line() for rest in long]
     level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines), 1)
     said = [
         f"the misfit{of} is {a.size:.3g} times what sigma says ({chance}): noise is larger, or the "

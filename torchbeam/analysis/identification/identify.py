@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean, choice, count
 from ...core.arguments import tolerance as check_tolerance
+from ...core.docstrings import with_arguments_of
 from ...core.validation import Value
 from ...core.warning import SlowPathWarning, warn
 from ...solvers.lbfgs import descend
@@ -33,42 +34,11 @@ TRIES = 5  # steps of differences, each a tenth of the one before
 SAME = 1e-3  # of a column of J
 
 
-def identify(
-    model: Model | Mapping[str, Model],
-    data: Any,
-    start: Any,
-    *,
-    log: bool = False,
-    bounds: tuple[Value, Value] | None = None,
-    sigma: Value | None = None,
-    absolute_sigma: bool = True,
-    noise: str = "common",
-    names: Sequence[str] | None = None,
-    starts: int = 1,
-    spread: float = 3.0,
-    follow: int = 32,
-    seed: int = 0,
-    derivatives: str = "auto",
-    relative_step: float | None = None,
-    iterations: int = 50,
-    tolerance: float = 1e-6,
-    progress: bool = False,
-) -> Fit:
-    """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over
-    sigma.
+@dataclass(frozen=True)
+class SearchOptions:
+    """Options of `identify`, checked where a search begins.
 
     Args:
-        model: theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N,
-            p), or name -> (N, *shape) where parameters have names. y (N, ...) is as the data; or
-            (y, status (N,)), 0 = success; or the `Solution` of N samples, which the measurements
-            read
-        data: (...) as y without its first axis; NaN where nothing was measured. Or a `Measurement`,
-            which has noise, times, sensor, offset and drift; or several of one experiment, in a
-            list: y is then a list too, or a Solution. name -> any of these: several experiments;
-            then `model` is name -> model, or one for all
-        start: (p,), or (starts, p) to be followed all at once, as one batch: the best end counts;
-            or name -> `Parameter`, number or tensor. Parameters are all experiments', but for those
-            that are each one's own
         starts: so many, drawn about the one that was given, within a factor of `spread`, the bounds
             and the priors' supports; between bounds, or ends of a support, where there are two,
             evenly in the coordinate of the search
@@ -94,39 +64,7 @@ def identify(
         tolerance: of the largest step, relative to theta (of log theta, absolute); also, squared,
             of the decrease of the squares
         progress: a line of progress (tqdm)
-
-    Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised
-    until the squares go down, each start by itself. (Nocedal and Wright 2006, section 10.3.) No
-    step changes a parameter by more than ten times its size (with `log`: by a factor of more than
-    ten), or takes it beyond 1e9 times its start. A trial at which the model raises, has a status,
-    or is not finite is a step that is not taken: a shorter one is tried. Starts that are done, or
-    fail, are no longer evaluated.
-
-    A parameter that ran away is named in `unidentifiable`, and so are parameters, or changes of
-    several together, that change the misfit by no more than `tolerance` of itself, or than
-    rounding, where they change by their own size. The status is then never 0.
-
-    Raises:
-        ValueError: for a model whose output does not fit the data, for starts at none of which it
-            is finite, fewer data than parameters without a prior, data without a number; what the
-            model raises at all starts goes through.
-
-    Examples:
-        >>> x = torch.tensor([1.0, 2.0, 3.0, 4.0])
-        >>> fit = tb.identify(
-        ...     lambda p: p["k"][..., None] * x,
-        ...     2 * x + torch.tensor([0.1, -0.1, 0.1, -0.1]),
-        ...     {"k": 1.0},
-        ... )
-        >>> fit.theta, fit.interval(0.95)  # the estimate, where it is
-        (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
     """
-    return searched(model, data, start, SearchOptions.of(locals()))
-
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """Options of `identify`, checked where a search begins."""
 
     log: bool
     bounds: tuple[Value, Value] | None
@@ -164,13 +102,80 @@ class SearchOptions:
             )
 
 
+@with_arguments_of(SearchOptions)
+def identify(
+    model: Model | Mapping[str, Model],
+    data: Any,
+    start: Any,
+    *,
+    log: bool = False,
+    bounds: tuple[Value, Value] | None = None,
+    sigma: Value | None = None,
+    absolute_sigma: bool = True,
+    noise: str = "common",
+    names: Sequence[str] | None = None,
+    starts: int = 1,
+    spread: float = 3.0,
+    follow: int = 32,
+    seed: int = 0,
+    derivatives: str = "auto",
+    relative_step: float | None = None,
+    iterations: int = 50,
+    tolerance: float = 1e-6,
+    progress: bool = False,
+) -> Fit:
+    """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over
+    sigma.
+
+    Args:
+        model: theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N,
+            p), or name -> (N, *shape) where parameters have names. y (N, ...) is as the data; or
+            (y, status (N,)), 0 = success; or the `Solution` of N samples, which the measurements
+            read
+        data: (...) as y without its first axis; NaN where nothing was measured. Or a `Measurement`,
+            which has noise, times, sensor, offset and drift; or several of one experiment, in a
+            list: y is then a list too, or a Solution. name -> any of these: several experiments;
+            then `model` is name -> model, or one for all
+        start: (p,), or (starts, p) to be followed all at once, as one batch: the best end counts;
+            or name -> `Parameter`, number or tensor. Parameters are all experiments', but for those
+            that are each one's own
+
+    Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised
+    until the squares go down, each start by itself. (Nocedal and Wright 2006, section 10.3.) No
+    step changes a parameter by more than ten times its size (with `log`: by a factor of more than
+    ten), or takes it beyond 1e9 times its start. A trial at which the model raises, has a status,
+    or is not finite is a step that is not taken: a shorter one is tried. Starts that are done, or
+    fail, are no longer evaluated.
+
+    A parameter that ran away is named in `unidentifiable`, and so are parameters, or changes of
+    several together, that change the misfit by no more than `tolerance` of itself, or than
+    rounding, where they change by their own size. The status is then never 0.
+
+    Raises:
+        ValueError: for a model whose output does not fit the data, for starts at none of which it
+            is finite, fewer data than parameters without a prior, data without a number; what the
+            model raises at all starts goes through.
+
+    Examples:
+        >>> x = torch.tensor([1.0, 2.0, 3.0, 4.0])
+        >>> fit = tb.identify(
+        ...     lambda p: p["k"][..., None] * x,
+        ...     2 * x + torch.tensor([0.1, -0.1, 0.1, -0.1]),
+        ...     {"k": 1.0},
+        ... )
+        >>> fit.theta, fit.interval(0.95)  # the estimate, where it is
+        (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
+    """
+    return searched(model, data, start, SearchOptions.of(locals()))
+
+
 def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
     """See `identify`."""
     options.check()
     o, derivatives, tolerance = options, options.derivatives, options.tolerance
     experiments = experiments_of(model, data, o.sigma)
     like = [
-        d for given in (data.values() if isinstance(data, Mapping) else [data]) for d in each(given)
+        d for group in (data.values() if isinstance(data, Mapping) else [data]) for d in each(group)
     ]
     if isinstance(start, Mapping) or any(isinstance(d, Measurement) for d in like):
         like = [m.values for e in experiments for m in e.measurements]

@@ -297,23 +297,23 @@ class Measurement:
         axes behind that of the samples.
         """
         names = {*self.place.values(), *(() if self.frame is None else self.frame.parameters)}
-        given = {
+        changes = {
             n: v.reshape(len(v), *(1,) * axes, *v.shape[1:])
             for n, v in (parameters or {}).items()
             if n in names
         }
         sensor = self.sensor
         if self.place:
-            sensor = replace(sensor, **{f: given[name] for f, name in self.place.items()})
-        return sensor if self.frame is None else self.frame.of(sensor, given)
+            sensor = replace(sensor, **{f: changes[name] for f, name in self.place.items()})
+        return sensor if self.frame is None else self.frame.of(sensor, changes)
 
 
 def _frequencies(hum: Any) -> tuple[float | str, ...]:
     """Hz, or names of parameters, of what was given as hum."""
     every = tuple(hum) if isinstance(hum, (tuple, list)) else (hum,)
-    for one in every:
-        if not isinstance(one, str) and not 0 < number("hum", one) < math.inf:
-            raise refusal(f"hum = {shown(one)}", "a positive frequency, Hz, or a parameter's name,")
+    for m in every:
+        if not isinstance(m, str) and not 0 < number("hum", m) < math.inf:
+            raise refusal(f"hum = {shown(m)}", "a positive frequency, Hz, or a parameter's name,")
     if len(set(every)) < len(every):
         raise refusal(f"hum = {shown(hum)}", "each frequency once")
     return every
@@ -331,7 +331,7 @@ def each(data: Any) -> list[Any]:
 
 def sigma_given(measurements: Iterable[Measurement]) -> bool:
     """Whether they have sigma. Raises ValueError where some have and others have not."""
-    given = {m.sigma is not None for m in measurements}
-    if len(given) > 1:
+    known = {m.sigma is not None for m in measurements}
+    if len(known) > 1:
         raise refusal("measurements with sigma and without", "all or none", were=True, are=True)
-    return given == {True}
+    return known == {True}

@@ -59,10 +59,10 @@ class Noise:
                         continue
                     name = " ".join(filter(None, (e.name, label))) or "data"
                     name = name if name not in fitted else f"{name} ({len(fitted)})"
-                    own = m.fitted / len(m.labels)
-                    if len(seen) - own < LEAST:
+                    lost = m.fitted / len(m.labels)
+                    if len(seen) - lost < LEAST:
                         raise _too_few(name, len(seen))
-                    here[:, k], fitted[name] = len(fitted), own
+                    here[:, k], fitted[name] = len(fitted), lost
                     scatter = (seen - seen.mean()).square().mean().sqrt().item()
                     sigma[k] = scatter or seen.abs().max().item() or 1.0
                 numbers.append(here.flatten())

@@ -266,7 +266,7 @@ def _named(
     """Vector of named parameters, shared ones and one of each experiment's own."""
     if not start:
         raise refusal("no parameters", "one at least", were=True)
-    entries, given, names, first = [], [], [], 0
+    entries, found, names, first = [], [], [], 0
     for name, one in start.items():
         if not isinstance(name, str):
             raise refusal(f"a parameter named {name!r}", "text")
@@ -282,24 +282,23 @@ def _named(
             full = name if experiment is None else f"{experiment}.{name}"
             names += [full] if not entry.shape else [f"{full}[{i}]" for i in range(entry.size)]
             entries.append(entry)
-            given.append(one)
+            found.append(one)
             first += entry.size
 
-    def joined(read: Any, like: Any = lambda one: one.start) -> Tensor:
-        numbers = [torch.as_tensor(read(one), dtype=kind[0], device=kind[1]) for one in given]
+    def joined(read: Any, like: Any = lambda p: p.start) -> Tensor:
+        numbers = [torch.as_tensor(read(p), dtype=kind[0], device=kind[1]) for p in found]
         return torch.cat(
-            [x.expand_as(like(one)).flatten() for x, one in zip(numbers, given, strict=True)]
+            [x.expand_as(like(p)).flatten() for x, p in zip(numbers, found, strict=True)]
         )
 
     unbounded = torch.tensor(-torch.inf), torch.tensor(torch.inf)
-    low, high = (joined(lambda one, i=i: (one.bounds or unbounded)[i]) for i in (0, 1))
+    low, high = (joined(lambda p, i=i: (p.bounds or unbounded)[i]) for i in (0, 1))
     logs, logits = (
-        joined(lambda one, name=name: float(one.transform == name)).bool()
-        for name in ("log", "logit")
+        joined(lambda p, name=name: float(p.transform == name)).bool() for name in ("log", "logit")
     )
     zero = torch.zeros_like(low)
     transform = Transform(
         logs, logits, torch.where(logits, low, zero), torch.where(logits, high, zero)
     )
-    start, size = joined(lambda one: one.start)[None], joined(lambda one: one.size)
+    start, size = joined(lambda p: p.start)[None], joined(lambda p: p.size)
     return Parameters(tuple(names), tuple(entries), transform, start, size, low, high, first, True)

@@ -163,10 +163,10 @@ def _instrument(
         at = as_tensor(times, m.values.dtype, m.values.device)
         like = m.values.new_zeros(len(at), *m.values.shape[1:])
         m = replace(m, values=like, times=at, sigma=None, noise="white")
-    own = Nuisance.of([(e.name, m)], 0)
-    place = own.place.new_tensor([problem.parameters.names.index(n) for n in own.names])
+    nuisance = Nuisance.of([(e.name, m)], 0)
+    place = nuisance.place.new_tensor([problem.parameters.names.index(n) for n in nuisance.names])
     frequencies = (problem.parameters.number(n, e.name) for n in wave_names(m))
-    return m, replace(own, place=place).with_frequencies(frequencies)
+    return m, replace(nuisance, place=place).with_frequencies(frequencies)
 
 
 def _reader(
@@ -194,11 +194,11 @@ def _reader(
     check_function("a model", model, "theta")
 
     def read(theta: Tensor) -> Tensor:
-        given = problem.parameters.given(theta, experiment)
-        y, status = with_status(model(given), len(theta))
+        values = problem.parameters.given(theta, experiment)
+        y, status = with_status(model(values), len(theta))
         if isinstance(y, (Solution, State)) and isinstance(sensor, Measurement):
             status = status_of(y, status)
-            y = sensor.read(y, given if isinstance(given, dict) else None)
+            y = sensor.read(y, values if isinstance(values, dict) else None)
         elif isinstance(y, (Solution, State)):
             if sensor is None:
                 raise ValueError(

@@ -260,8 +260,8 @@ class FitProblem:
         """The same with deviations that are so many times (channels,) as large."""
         every = self.noise.each(factor)
         sigma = [
-            m.sigma * own
-            for (_, m), own in zip(self.measurements, self.by_measurement(every), strict=True)
+            m.sigma * row
+            for (_, m), row in zip(self.measurements, self.by_measurement(every), strict=True)
         ]
         changed = replace(self, experiments=self._with_measured("sigma", sigma))
         white = self.white

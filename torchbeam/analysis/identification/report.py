@@ -35,8 +35,8 @@ def write_report(
     """See `Fit.report`; `reason`: the status in words."""
     path = files.file_of("path", path, ".html")
     parts = [_summary(fit, reason), _intervals(fit, level), _data(fit), *_pictures(fit)]
-    for name, given in _checked(predictions).items():
-        parts.append(_prediction(name, *given))
+    for name, row in _checked(predictions).items():
+        parts.append(_prediction(name, *row))
     return _written(path, "Fit", parts)
 
 
@@ -72,7 +72,7 @@ def _summary(fit: Any, reason: str) -> str:
         for name, rho in fit.memory.items()
     ]
     said = [*fit.unidentifiable, *fit.hints]
-    doubts = "".join(f'<li class="doubt">{escape(one)}</li>' for one in said)
+    doubts = "".join(f'<li class="doubt">{escape(doubt)}</li>' for doubt in said)
     nothing = "<p>Nothing looks wrong.</p>"
     text = "".join(f"<p>{escape(line)}</p>" for line in lines)
     return f"{text}<h2>Doubts</h2>{f'<ul>{doubts}</ul>' if said else nothing}"
@@ -90,8 +90,8 @@ def _intervals(fit: Any, level: float) -> str:
 def _data(fit: Any) -> str:
     """Each channel in numbers."""
     rows = []
-    for one in fit.readings:
-        for name, data, y in one.channels():
+    for reading in fit.readings:
+        for name, data, y in reading.channels():
             off = (data - y)[~data.isnan()]
             if len(off):
                 sizes = (off.square().mean().sqrt().item(), off.mean().item(), off.abs().max())
@@ -103,7 +103,7 @@ def _data(fit: Any) -> str:
 def _pictures(fit: Any) -> list[str]:
     """Data, model and residuals of each measurement over time, and the correlations."""
     series = [r for r in fit.readings if r.data.ndim and len(r.data) > 1]
-    drawn = [_picture(fit_picture(replace(fit, readings=(one,)))[0]) for one in series]
+    drawn = [_picture(fit_picture(replace(fit, readings=(reading,)))[0]) for reading in series]
     pictures = ["<h2>Fit and residuals</h2>", *drawn] if drawn else []
     if len(fit.names) > 1:
         pictures += ["<h2>Correlation</h2>", _picture(correlation(fit))]
@@ -123,8 +123,8 @@ def _prediction(name: str, times: Tensor, predicted: Prediction, data: Tensor | 
         )  # fmt: skip
         ax.plot(numbers(times[order]), numbers(y[order, k]), "C0", lw=1.2, label="predicted")
         if data is not None:
-            own = data.reshape(len(data), -1)[:, k]
-            ax.plot(numbers(times), numbers(own), ".", ms=4, color="C3", label="measured")
+            values = data.reshape(len(data), -1)[:, k]
+            ax.plot(numbers(times), numbers(values), ".", ms=4, color="C3", label="measured")
         ax.set(xlabel="time / s", title=f"{name} {k}" if channels > 1 else name)
     places[0].legend(frameon=False, fontsize=8)
     if data is not None:
@@ -146,11 +146,11 @@ def _checked(predictions: Any) -> dict[str, tuple[Tensor, Prediction, Tensor | N
             "or (times, prediction, data), is wanted"
         )
     checked = {}
-    for name, given in predictions.items():
-        times, one, data = (*given, None)[:3] if isinstance(given, tuple) else (None, None, None)
+    for name, row in predictions.items():
+        times, one, data = (*row, None)[:3] if isinstance(row, tuple) else (None, None, None)
         if not isinstance(one, Prediction) or not one.y.ndim:
             raise ValueError(
-                f"predictions of {shown(name)} = {shown(given)} were given; (times, prediction) or "
+                f"predictions of {shown(name)} = {shown(row)} were given; (times, prediction) or "
                 "(times, prediction, data) are wanted"
             )
         times = as_tensor(times, one.y.dtype)

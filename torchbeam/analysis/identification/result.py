@@ -40,18 +40,11 @@ def conclusions(
     theta, history = T.theta(x), T.theta(search.history)
     region.sized(torch.arange(len(x), device=x.device), torch.where(torch.isfinite(r), r, 0), J)
     at_unit = torch.where(T.additive, 1.0, torch.maximum(x.abs(), region.size))
-    steps = x.new_tensor(1.0)  # relative
-    if problem.method == "difference":
-        steps = torch.as_tensor(problem.relative_step, dtype=x.dtype, device=x.device)
-    rounding = torch.finfo(x.dtype).eps / steps.min()
+    rounding, resolution = _accuracy(problem, x)
     target = problem.target
     least_seen = torch.maximum(
         tolerance * torch.linalg.vector_norm(r, dim=-1),
         rounding * torch.linalg.vector_norm(r + target, dim=-1),
-    )
-    resolution = max(
-        torch.finfo(x.dtype).eps ** 0.5,
-        CURVED * steps.max().item() ** 2 * (problem.method == "difference"),
     )
     away, shown, open_ = region.away(x), [], []
     for k in range(len(x)):
@@ -90,13 +83,6 @@ def conclusions(
         warn(odd[0], UserWarning)
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
     status = int(statuses[best])
-    failed = int((statuses == FAILED).sum())
-    said = [REASON[status], *shown[best], *hints]
-    if failed:
-        said.append(f"the model failed at {failed} of {len(x)} starts")
-    if search.raised:
-        last = search.raised[-1]
-        said.append(f"at {len(search.raised)} trials the model raised, last {last!r}")
     noise, memory = {}, {}
     if problem.sigma_given:
         noise = dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
@@ -113,7 +99,8 @@ def conclusions(
                 iterations=len(search.history) - 1,
                 history=history, starts=theta, misfits=misfit, statuses=statuses,
                 unidentifiable=shown[best],
-                message="; ".join(said), hints=hints, doubts=doubts, open=open_[best],
+                message=_message(search, statuses, [REASON[status], *shown[best], *hints]),
+                hints=hints, doubts=doubts, open=open_[best],
                 held=spread.held, freedom=spread.freedom, redundancy=spread.redundancy,
                 scale=spread.scale, blocks=spread.blocks, noise=noise, memory=memory,
                 derivatives=derivatives,
@@ -121,6 +108,25 @@ def conclusions(
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
                 jacobian=J[best], problem=problem)
     # fmt: on
+
+
+def _accuracy(problem: FitProblem, x: Tensor) -> tuple[Tensor, float]:
+    """Rounding of derivatives over the values that they are of, and their relative accuracy."""
+    eps, steps = torch.finfo(x.dtype).eps, x.new_tensor(1.0)  # relative
+    if problem.method != "difference":
+        return eps / steps, eps**0.5
+    steps = torch.as_tensor(problem.relative_step, dtype=x.dtype, device=x.device)
+    return eps / steps.min(), max(eps**0.5, CURVED * steps.max().item() ** 2)
+
+
+def _message(search: Found, statuses: Tensor, sentences: list[str]) -> str:
+    """These sentences, and what starts and trials failed at."""
+    if failed := int((statuses == FAILED).sum()):
+        sentences.append(f"the model failed at {failed} of {len(statuses)} starts")
+    if search.raised:
+        last = search.raised[-1]
+        sentences.append(f"at {len(search.raised)} trials the model raised, last {last!r}")
+    return "; ".join(sentences)
 
 
 def _everywhere(problem: FitProblem, known: Tensor) -> Tensor:
@@ -163,6 +169,6 @@ def _as_given(readings: tuple[Readings, ...], problem: FitProblem) -> Any:
     rest = iter(readings)
     parts = {}
     for e in filter(lambda e: e.measured, problem.experiments):
-        own = tuple(next(rest).y for _ in e.measurements)
-        parts[e.name] = own[0] if e.single else own
+        values = tuple(next(rest).y for _ in e.measurements)
+        parts[e.name] = values[0] if e.single else values
     return parts[None] if None in parts else parts

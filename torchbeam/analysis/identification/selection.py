@@ -90,8 +90,8 @@ class Selection:
         if math.isfinite(self.budget):
             choices.append(self.greedy(True))
         if exchange:
-            choices = [self.exchanged(one) for one in choices]
-        return min(choices, key=lambda one: self.value(one).item())
+            choices = [self.exchanged(choice) for choice in choices]
+        return min(choices, key=lambda choice: self.value(choice).item())
 
     def value(self, chosen: Sequence[int]) -> Tensor:
         return self.criterion.log_deviation(self.information(chosen))

@@ -65,6 +65,6 @@ def _correlated(fit: Any) -> list[str]:
     ]
     return [
         f"{fit.names[j]} and {fit.names[i]} are hardly told apart: correlation {c:.3f}"
-        for c, i, j in sorted(pairs, key=lambda one: -abs(one[0]))
+        for c, i, j in sorted(pairs, key=lambda pair: -abs(pair[0]))
         if abs(c) > STRONG
     ]

@@ -1,3 +1,1 @@
-"""Compiled steps and equilibria: their local functions, and the native drivers that call
-them.
-"""
+"""Compiled steps and equilibria: their local functions, and the native drivers that call them."""

@@ -37,7 +37,7 @@ from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
 # of their states, and of tendons
-OF_INTERACTIONS = "last_force", "tension", *(one.kept for one in INTERACTIONS if one.kept)
+OF_INTERACTIONS = "last_force", "tension", *(sort.kept for sort in INTERACTIONS if sort.kept)
 ENDED = ("velocity", "spin")  # of a node at the end, that are scaled
 # what ends follow from beside the start and the constants
 ENDED_BY = "u", "m", "found", "last", "force", "change", "start"
@@ -141,7 +141,7 @@ class AdjointProgram(NativeProgram):
     ) -> dict[str, Function]:
         """Functions of the transposed matrix, and of stresses."""
         w, outputs, functions = self.w, elements[-1].outputs, {}
-        own = Packing(OWN, nodes, ["D"])
+        packing = Packing(OWN, nodes, ["D"])
         blocks = [
             *(f"{side}.D" for side in self.sides),
             *(name for name in midsides.BLOCKS if name in outputs),
@@ -149,11 +149,11 @@ class AdjointProgram(NativeProgram):
         shapes = {name: outputs[name].shape for name in blocks}
         loads = [load.with_zeros(shapes) for load in loads]
         between = Packing(self.given_by_elements, [*elements, *loads], blocks)
-        nodes, made = [one.only([OWN]) for one in own.made()], between.made()
+        nodes, made = [function.only([OWN]) for function in packing.made()], between.made()
         kinds = kinds_of(self.kinds, LOAD)
         for (k, _), load in zip(kinds, made[len(elements) :], strict=True):
             functions[f"{LOAD.name} blocks {k}"] = load.only([between.name])
-        elements = [one.only([between.name, "E", "hB"]) for one in made[: len(elements)]]
+        elements = [function.only([between.name, "E", "hB"]) for function in made[: len(elements)]]
         nodes, elements = self.with_ends(
             nodes, elements, (*self.state, "u", "m"), traced.constants["common"]
         )
@@ -169,7 +169,7 @@ class AdjointProgram(NativeProgram):
         )
         shapes |= {"own.D": (w, w)}
         return functions | rows.of_rows(
-            traced, own, between, shapes, self.held, self.kinds.runs, transposed=True
+            traced, packing, between, shapes, self.held, self.kinds.runs, transposed=True
         )
 
     def _layout(self) -> Layout:
@@ -180,7 +180,7 @@ class AdjointProgram(NativeProgram):
             ("element", ELEMENTS),
             ("common", ONE),
             *((("support", SUPPORTS),) * self.held),
-            *((one.constants, one.rows) for one in interactions.present(self.kinds)),
+            *((sort.constants, sort.rows) for sort in interactions.present(self.kinds)),
         ):
             # a derivative need not read what it is by
             outputs = (output for name in self.functions for output in self.outputs(name))
@@ -201,9 +201,9 @@ class AdjointProgram(NativeProgram):
         layout.record("stress", ELEMENTS, [("stress", k)])
         cotangents(layout, "stress", ELEMENTS, [("stress", k)])
         if self.element_state:
-            own = [(name, prod(self.shapes[name])) for name in self.element_state]
-            layout.record(ELEMENT.state, ELEMENTS, own)
-            cotangents(layout, ELEMENT.state, ELEMENTS, own)
+            sizes = [(name, prod(self.shapes[name])) for name in self.element_state]
+            layout.record(ELEMENT.state, ELEMENTS, sizes)
+            cotangents(layout, ELEMENT.state, ELEMENTS, sizes)
         if "project" in self.functions:
             layout.record("ended", NODES, [(name, prod(self.shapes[name])) for name in ENDED])
             bars = [*ENERGIES, "scale", *(f"{name}_bar" for name in (*ENERGIES, "scale"))]

@@ -1,5 +1,4 @@
-"""Local functions of a generalized-alpha step: those of the midpoint step, of another local
-problem.
+"""Local functions of a generalized-alpha step: those of the midpoint step, of this problem.
 
 A node's state has its accelerations as well, and an element's, where strains are damped, their
 rates.
@@ -12,37 +11,16 @@ from typing import Any
 
 from torch import Tensor
 
-from ...equations.alpha_kinematics import EndKinematics
 from ...equations.generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
 from ...nodal.conditions import Conditions
 from ...nodal.rows import Rows
 from ...state.state import State
 from .chain_constants import Common
 from .local_functions import LocalFunctions
-from .local_problem import NODE, Fields, Given
+from .local_problem import NODE, Fields
 from .node_kinds import ElementKind, NodeKind
 
 STRAINING = "straining"
-
-
-@dataclass(frozen=True)
-class LocalAlphaProblem(Given, GeneralizedAlphaProblem):
-    """A step of one node, or of one element; before: conditions at its start, None = they are the
-    same there.
-    """
-
-    before: Conditions | None = None
-
-    @property
-    def conditions_before(self) -> Conditions:
-        return replace(self.before or self.given, t=self.t - self.dt)
-
-    def straining(self, kinematics: EndKinematics) -> Tensor:
-        return (
-            super().straining(kinematics)
-            if self.model.topology.element_count
-            else self.start.straining
-        )
 
 
 @dataclass(frozen=True)
@@ -66,7 +44,9 @@ class AlphaFunctions(LocalFunctions):
     def element_state(self) -> tuple[str, ...]:
         return (STRAINING,) if self.trees.element.rows.law.damped else ()
 
-    def of_node(self, fields: Fields, kind: NodeKind) -> tuple[LocalAlphaProblem, EndUnknowns]:
+    def of_node(
+        self, fields: Fields, kind: NodeKind
+    ) -> tuple[GeneralizedAlphaProblem, EndUnknowns]:
         problem, x = super().of_node(fields, kind)
         if kind.support is not None and "last" in fields:
             problem = replace(problem, start=replace(problem.start, reaction=fields["last"][None]))
@@ -80,7 +60,7 @@ class AlphaFunctions(LocalFunctions):
 
     def of_element(
         self, fields: Fields, kind: ElementKind, between: bool = False
-    ) -> tuple[LocalAlphaProblem, EndUnknowns]:
+    ) -> tuple[GeneralizedAlphaProblem, EndUnknowns]:
         problem, x = super().of_element(fields, kind, between)
         common = self.common_of(fields)
         if not between or common.before is None:
@@ -94,23 +74,23 @@ class AlphaFunctions(LocalFunctions):
         rows: Rows,
         start: State,
         common: Common,
-        given: Fields,
+        values: Fields,
         now: Conditions,
         C: Tensor | None,
-    ) -> LocalAlphaProblem:
+    ) -> GeneralizedAlphaProblem:
         stations = rows.topology.element_count * self.order
-        straining = given.get(
+        straining = values.get(
             STRAINING, start.position.new_zeros(stations, 2 * rows.space.dims.strain)
         )
-        start = AlphaState(**vars(start), acceleration=given["acceleration"], straining=straining)
-        return LocalAlphaProblem(
+        start = AlphaState(**vars(start), acceleration=values["acceleration"], straining=straining)
+        return GeneralizedAlphaProblem(
             rows,
             start,
             common.dt,
             common.t,
             common.inputs,
             rho_inf=self.rho_inf,
-            given=now,
+            known=now,
             stiffness=C,
         )
 

@@ -80,17 +80,17 @@ class ProgramInstance:
             for j in nodes
         ]
         numbered = {
-            name: [there.index(kind) for kind in own]
-            for name, there, own in zip(
+            name: [there.index(kind) for kind in rows]
+            for name, there, rows in zip(
                 (sort.kinds for sort in (NODE, ELEMENT, *INTERACTIONS)),
                 (*program.kinds[:2], *program.kinds.between),
                 (*kinds[:2], *kinds.between),
                 strict=True,
             )
         }
-        own = {"bases": bases, "held": near, "support_of": support_of, **numbered, **tables.lists}
-        own["support_nodes"] = [*self.supports, 0]
-        self.lists = {name: _integers(own[name], [0]) for name in LISTS}
+        lists = {"bases": bases, "held": near, "support_of": support_of, **numbered, **tables.lists}
+        lists["support_nodes"] = [*self.supports, 0]
+        self.lists = {name: _integers(lists[name], [0]) for name in LISTS}
         self.numbers = {"nodes": len(nodes), **tables.numbers}
         self._blocks: dict[int, list[Tensor]] = {}  # of memory that no call uses, by lanes
 
@@ -110,9 +110,9 @@ class ProgramInstance:
 
     def pays(self, samples: int) -> bool:
         """Whether its cells take fewer registers than one after the other, a sample a lane."""
-        lanes, own = self.lanes(samples), self.program.lanes()
+        lanes, width = self.lanes(samples), self.program.lanes()
         groups = -(-samples // (lanes // self.lanes_each))
-        return groups * max(1, lanes // own) < self.lanes_each * -(-samples // own)
+        return groups * max(1, lanes // width) < self.lanes_each * -(-samples // width)
 
     @property
     def lanes_each(self) -> int:
@@ -133,7 +133,7 @@ class ProgramInstance:
                 segments[-1][1] += 1
             else:
                 segments.append([k, 1, there, cell])
-        return [tuple(own) for own in segments]
+        return [tuple(segment) for segment in segments]
 
     def taken(self, lanes: int) -> Tensor:
         """A block of memory, to be given back after the call."""
@@ -218,16 +218,16 @@ class TransferTable:
         x, record = x.detach(), self.instance.program.layout.records[field.record]
         components = record.fields[field.name][1]
         batch = torch.Size((self.batch.numel(),)) if field.flat else self.batch
-        lead, own = x.shape[: x.ndim - field.axes], x.shape[x.ndim - field.axes :]
+        lead, tail = x.shape[: x.ndim - field.axes], x.shape[x.ndim - field.axes :]
         steps, lead = (lead[0], lead[1:]) if len(lead) > len(batch) else (1, lead)
         samples = lead.numel()
         if x.dtype != self.instance.dtype:
             x = x.to(self.instance.dtype)
         if 1 < samples < batch.numel():
-            x, samples = x.reshape(steps, *lead, *own).expand(steps, *batch, *own), batch.numel()
-        rows = own.numel() // components
-        if not rows and own[0] == 1:  # all stations of all elements have it in common
-            x = x.expand(*x.shape[: x.ndim - field.axes], self.instance.program.order, *own[1:])
+            x, samples = x.reshape(steps, *lead, *tail).expand(steps, *batch, *tail), batch.numel()
+        rows = tail.numel() // components
+        if not rows and tail[0] == 1:  # all stations of all elements have it in common
+            x = x.expand(*x.shape[: x.ndim - field.axes], self.instance.program.order, *tail[1:])
             rows = 1
         x = x.reshape(steps, samples, rows, components)
         return x.contiguous() if components > 1 and x.stride(-1) != 1 else x
@@ -241,8 +241,8 @@ class TransferTable:
             0 if n == 1 else stride for n, stride in zip(x.shape[:3], x.stride()[:3], strict=True)
         )
         offsets = self._offsets(field, x)
-        for offset, own in zip(offsets, instance.segments(field.record), strict=True):
-            begin, count, _, cell = own
+        for offset, segment in zip(offsets, instance.segments(field.record), strict=True):
+            begin, count, _, cell = segment
             table += [x.data_ptr() + offset, sample, step, field.every, row, count]
             place = instance.base[field.record] + first + begin * record.size
             table += [components, place, record.size, row * cell]
@@ -286,19 +286,19 @@ class Call:
         self.place = {name: k for k, name in enumerate(instance.program.driver.ARGS)}
         self._arguments: list[Arguments] = []  # that no call uses
         # what is written of each step, where that has a table of its own
-        own = "stepwises" in self.place
-        self._table = ["stepwises" if own and one.steps else "outputs" for one in outputs]
-        shapes = [(*(K,) * one.steps, self.B, *one.shape) for one in outputs]
+        steps = "stepwises" in self.place
+        self._table = ["stepwises" if steps and out.steps else "outputs" for out in outputs]
+        shapes = [(*(K,) * out.steps, self.B, *out.shape) for out in outputs]
         self.templates = [like(shape, instance.dtype) for shape in shapes]
-        written = {"outputs": [], "stepwises": []} if own else {"outputs": []}
-        for table, shape, one in zip(self._table, shapes, outputs, strict=True):
+        written = {"outputs": [], "stepwises": []} if steps else {"outputs": []}
+        for table, shape, out in zip(self._table, shapes, outputs, strict=True):
             x = torch.empty(shape, dtype=instance.dtype, device=CPU)
-            field = Field(one.record, one.name, x, len(one.shape), flat=True, every=one.every)
+            field = Field(out.record, out.name, x, len(out.shape), flat=True, every=out.every)
             written[table].append(field)
         fields = [*inputs, *constants, *fixed, *fixed_fields(instance)]
         self.tables = {
             "inputs": TransferTable(instance, fields, batch, len(inputs), len(constants)),
-            **{k: TransferTable(instance, own, batch, len(own)) for k, own in written.items()},
+            **{k: TransferTable(instance, x, batch, len(x)) for k, x in written.items()},
         }
         numbers = {
             "samples": self.B,
@@ -314,7 +314,7 @@ class Call:
 
     def holding(self, constants: Sequence[Field]) -> Call:
         """This call with these constants."""
-        table = self.tables["inputs"].holding([one.value for one in constants])
+        table = self.tables["inputs"].holding([field.value for field in constants])
         return with_values(self, tables=self.tables | {"inputs": table}, _arguments=[])
 
     def run(

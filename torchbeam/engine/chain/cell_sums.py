@@ -58,7 +58,7 @@ class CellSums:
     def _first(self) -> str:
         code, V, W = Code("first cell", ["ptr %to", "ptr %source"]), *self._types()
         used = W // self.cells * self.cells
-        first = [k == own and k < used for k, own in enumerate(self.firsts)]
+        first = [k == cell and k < used for k, cell in enumerate(self.firsts)]
         mask = ", ".join(f"i1 {'true' if x else 'false'}" for x in first)
         source = code.new(f"load {V}, ptr %source, align {self.lanes.bytes}")
         zero = self.lanes.constant(0.0)

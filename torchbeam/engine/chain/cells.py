@@ -34,9 +34,9 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
     """
     framework = connectivity.framework
     others = [
-        own
-        for one, own in zip(INTERACTIONS, connectivity.edges, strict=True)
-        if own and not one.celled
+        rows
+        for sort, rows in zip(INTERACTIONS, connectivity.edges, strict=True)
+        if rows and not sort.celled
     ]
     if framework.ties or others or kinds.touching:
         return None
@@ -44,11 +44,11 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
     starts = [*framework.starts, framework.node_count - framework.singles]
     nodes = [range(a, b) for a, b in pairwise(starts)]
     nodes += [range(a, a + 1) for a in range(starts[-1], framework.node_count)]
-    part_of = {node: part for part, own in enumerate(nodes) for node in own}
+    part_of = {node: part for part, part_nodes in enumerate(nodes) for node in part_nodes}
     joined = [
         {part_of[node] for node in edge.nodes if node is not None}
-        for own in connectivity.edges
-        for edge in own
+        for rows in connectivity.edges
+        for edge in rows
     ]
     degree = {part: sum(part in pair for pair in joined) for part in range(chains, len(nodes))}
     candidates = []
@@ -71,8 +71,8 @@ def _components(parts: list[int], joined: list[set[int]]) -> list[list[int]]:
         there = [part for part in pair if part in root]
         for one in there[1:]:
             a, b = root[there[0]], root[one]
-            root = {part: a if own == b else own for part, own in root.items()}
-    return [[p for p in parts if root[p] == own] for own in dict.fromkeys(root.values())]
+            root = {part: a if top == b else top for part, top in root.items()}
+    return [[p for p in parts if root[p] == top] for top in dict.fromkeys(root.values())]
 
 
 def _alike(
@@ -84,21 +84,21 @@ def _alike(
 ) -> Cells | None:
     """Of these parts, if they are alike."""
     framework, supports, every, _ = connectivity
-    (which,) = (k for k, one in enumerate(INTERACTIONS) if one.celled)
+    (which,) = (k for k, sort in enumerate(INTERACTIONS) if sort.celled)
     edges, sorts = every[which], (NODES, ELEMENTS, INTERACTIONS[which].rows)
     chains, order = len(framework.chains), framework.order
     common = [node for part in shared for node in nodes[part]]
     firsts = [sum(framework.chains[:k]) for k in range(chains)]
     cells = []
     for group in groups:
-        own = [node for part in group for node in nodes[part]]
-        own_nodes, beams = {*own}, [part for part in group if part < chains]
-        place = {node: k for k, node in enumerate((*own, *common))}
+        of_group = [node for part in group for node in nodes[part]]
+        own_nodes, beams = {*of_group}, [part for part in group if part < chains]
+        place = {node: k for k, node in enumerate((*of_group, *common))}
         inner = [k for k, edge in enumerate(edges) if own_nodes & {*edge.nodes}]
         inner += [k for k, edge in enumerate(edges) if {*edge.nodes} <= {*common, None}]
         held_nodes = [k for k, node in enumerate(supports) if node in place]
         rows = {
-            NODES: [*own, *common],
+            NODES: [*of_group, *common],
             ELEMENTS: [firsts[k] + e for k in beams for e in range(framework.chains[k])],
             sorts[-1]: inner,
             MULTIPLIERS: inner,

@@ -29,14 +29,14 @@ class Clearance:
         self.nodes, links = nodes, [[*range(nodes)] for _ in range(2)]
         rest: dict[Any, Tensor] = {}
         reach: dict[Any, Tensor] = {}
-        for one, own in zip(touching.each, near, strict=True):
-            points, pieces = one.nodes
+        for contact, rows in zip(touching.each, near, strict=True):
+            points, pieces = contact.nodes
             for before, node, after in (*points, *pieces):
                 links[0][node], links[1][node] = before, after
             # from one of two beams to the other and back nodes are as far from each other
-            reach[one.pair] = one.reach
-            pairs = self._between(one, one.may_touch & ~own)
-            rest[one.pair] = pairs | rest.get(one.pair, False)
+            reach[contact.pair] = contact.reach
+            pairs = self._between(contact, contact.may_touch & ~rows)
+            rest[contact.pair] = pairs | rest.get(contact.pair, False)
         self._links = torch.tensor(links)
         self._reach = [*reach.values()]
         self._runs, self._first, self._counts = self._tables([*rest.values()])
@@ -45,9 +45,9 @@ class Clearance:
         self._numbers = (ctypes.c_int64 * len(ARGS))()
         self._lock = threading.Lock()  # of what is kept
 
-    def _between(self, one: PartContact, pairs: Tensor) -> Tensor:
+    def _between(self, contact: PartContact, pairs: Tensor) -> Tensor:
         """(..., nodes, nodes) of pairs (..., n, K), each once."""
-        points, pieces = (torch.tensor([own[1] for own in part]) for part in one.nodes)
+        points, pieces = (torch.tensor([node[1] for node in part]) for part in contact.nodes)
         every = pairs.new_zeros(*pairs.shape[:-2], self.nodes, self.nodes)
         every[..., points[:, None], pieces] = pairs
         return (every | every.mT).triu()
@@ -60,12 +60,12 @@ class Clearance:
         if shape and all((x == x[:1]).all() for x in parts):
             shape, parts = torch.Size(()), [x[:1] for x in parts]
         for b in range(shape.numel()):
-            own = []
+            found = []
             for kind, x in enumerate(parts):
                 change = torch.nn.functional.pad(x[b].to(torch.int8), (1, 1)).diff(dim=-1)
                 (node, first), (_, end) = ((change == k).nonzero().unbind(-1) for k in (1, -1))
-                own.append(torch.stack((node, first, end, torch.full_like(node, kind)), -1))
-            runs.append(torch.cat(own))
+                found.append(torch.stack((node, first, end, torch.full_like(node, kind)), -1))
+            runs.append(torch.cat(found))
             counts.append(len(runs[-1]))
         counts = torch.tensor(counts)
         first = counts.cumsum(0) - counts

@@ -12,9 +12,9 @@ from torch._C import _functorch as functorch
 from torch.autograd import forward_ad
 
 from ...core.derivatives import lasting, no_derivatives
+from ...core.function_dependencies import Dependencies
 from ...core.functions_of_time import past_hooks
 from ...core.leaves import functions, wants_gradient
-from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...nodal.multipliers import stacked
@@ -81,7 +81,7 @@ class CompiledStep:
         method: str = "midpoint",
         conserve: bool = False,
         *,
-        around: Surroundings | None = None,
+        around: Dependencies | None = None,
         like: CompiledStep | None = None,
         **options: Any,
     ) -> None:
@@ -109,7 +109,7 @@ class CompiledStep:
         self.none, self.all = self.structure.none, self.structure.all
         self.constant = self._constant()
         self._sizes = [Field("common", name, x, 0) for name, x in sizes(model).items()]
-        self.sources = [*[one.value for one in self.constant], *self.constants.sources]
+        self.sources = [*[field.value for field in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
         self._seen: tuple[int, ...] | None = None
         self._checked = not by_function(model)  # whether these keep samples apart
@@ -130,7 +130,7 @@ class CompiledStep:
             values["mixture"] = none.new_zeros(4)
         return {name: x.clone() for name, x in values.items()}
 
-    def _traced(self, around: Surroundings | None, kinds: Kinds | None) -> StepStructure:
+    def _traced(self, around: Dependencies | None, kinds: Kinds | None) -> StepStructure:
         """The structure, by a look at all trees; its program is that of an earlier one, or
         traced. kinds: None = not known yet.
         """
@@ -220,7 +220,7 @@ class CompiledStep:
         if _forward_mode(*given):
             return None
         recorded = torch.is_grad_enabled()
-        held = [*given, *(one.value for one in self.constant), *states] if recorded else []
+        held = [*given, *(field.value for field in self.constant), *states] if recorded else []
         wanted = self._wanted(held, values) if recorded else []
         if self.eager_because is not None:
             return None
@@ -264,7 +264,7 @@ class CompiledStep:
     ) -> Adjoint:
         """What the cotangents of steps that were made with these tensors are found from."""
         pairs = zip(self.structure.changing, given, strict=True)
-        changing = [one._replace(value=x) for (one, _), x in pairs]
+        changing = [field._replace(value=x) for (field, _), x in pairs]
         known, call = [*changing, *self.constant], form.call
         names = frozenset(known[k].name for k in wanted if k < len(known))
         return Adjoint(
@@ -300,9 +300,9 @@ class CompiledStep:
         @cache
         def whole() -> dict[str, Tensor]:
             self._look()
-            given = dt, self.none if t is None else t, inputs
+            instants = dt, self.none if t is None else t, inputs
             return self.constants.changing(
-                *(given if K is None else in_steps(K, axes, dims, *given))
+                *(instants if K is None else in_steps(K, axes, dims, *instants))
             )
 
         def of(rows: slice) -> dict[str, Tensor]:

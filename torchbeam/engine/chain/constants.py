@@ -10,8 +10,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.derivatives import cached, lasting
+from ...core.function_dependencies import Dependencies
 from ...core.leaves import detached, functions, with_values
-from ...core.surroundings import Surroundings
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.acting import ActingLoad
@@ -60,7 +60,7 @@ class Constants:
         model: Model,
         steps: bool = True,
         instant: float = 0.5,
-        around: Surroundings | None = None,
+        around: Dependencies | None = None,
         roles: LoadRoles | None = None,
     ) -> None:
         """roles: those of a model of the same structure, None = to be found."""
@@ -89,7 +89,7 @@ class Constants:
         model, scene = self.model, self.model.scene
         if scene.numbers is not None:  # a model is made of them
             return [*scene.numbers]
-        by_place = [load for load, own in zip(self.loads, self.by_place, strict=True) if own]
+        by_place = [load for load, local in zip(self.loads, self.by_place, strict=True) if local]
         held = (
             self.given,
             by_place,
@@ -157,8 +157,8 @@ class Constants:
         values |= {name: x for name, x in velocities if x is not None}
         values |= {} if frame is None else {"frame": frame}
         if model.scene.tendons:
-            given = model.tendons.values(model.scene, t, inputs, t)
-            values["tendon given"] = given[..., [k for k, _ in model.tendons.stretches]]
+            drives = model.tendons.values(model.scene, t, inputs, t)
+            values["tendon given"] = drives[..., [k for k, _ in model.tendons.stretches]]
         if not self.prescribes and not model.scene.joints:
             return values
         end = t + (1 - self.instant) * dt if self.steps else t
@@ -280,7 +280,7 @@ class Constants:
         tendons = self.model.tendons
         if not tendons.stretches:
             return None
-        own, first = zip(*tendons.stretches, strict=True)
+        rope_of, first = zip(*tendons.stretches, strict=True)
 
         def of_ropes(name: str) -> Tensor | None:
             of_each = [getattr(rope, name) for rope in tendons.ropes]
@@ -288,7 +288,7 @@ class Constants:
             if like is None:
                 return None
             rows = (torch.zeros_like(like) if x is None else x for x in of_each)
-            return torch.stack(torch.broadcast_tensors(*rows), -1)[..., list(own)]
+            return torch.stack(torch.broadcast_tensors(*rows), -1)[..., list(rope_of)]
 
         ends = (tendons.arms[..., [e + k for e in first], :] for k in range(2))
         drawn, *ropes = map(of_ropes, ("drawn", "stiffness", "friction", "slip_speed"))
@@ -297,14 +297,14 @@ class Constants:
     def _conditions(
         self, values: dict[str, Tensor], when: str = ""
     ) -> tuple[NodeConditions, CommonConditions]:
-        own = tuple(
+        acts = tuple(
             load if known is load else filled(known, lambda i, k=k: values[f"{when}load {k} {i}"])
             for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True))
         )
         rows, loads = (
             tuple(
                 load if by_place == wanted else None
-                for load, by_place in zip(own, self.by_place, strict=True)
+                for load, by_place in zip(acts, self.by_place, strict=True)
             )
             for wanted in (True, False)
         )
@@ -374,8 +374,8 @@ class Constants:
         if tangent is None:
             with lasting(), torch.no_grad():  # no solution depends on its tangent
                 dt = dt.detach()
-                own = dt if self.steps else None
-                C, law = self.model.tangent_stiffness(own), self.model.law.C
+                step = dt if self.steps else None
+                C, law = self.model.tangent_stiffness(step), self.model.law.C
                 same = C.shape == law.shape and C.data_ptr() == law.data_ptr()
                 exact = C.new_ones(C.shape[:-3]) if same else same_law(C, law).to(C)
                 tangent = dt.clone(), C, exact

@@ -35,7 +35,7 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
         **{name: (ELEMENT.state, name) for name in program.element_state},
         **{name: ("sample", name) for name in program.sample_state},
         **(OF_MULTIPLIERS if program.kinds.multiplied else {}),
-        **{one.kept: (one.state, one.kept) for one in INTERACTIONS if kept(kinds, one)},
+        **{sort.kept: (sort.state, sort.kept) for sort in INTERACTIONS if kept(kinds, sort)},
         **(OF_TENDONS if program.kinds.stretches else {}),
     }
 
@@ -77,9 +77,9 @@ class Adjoint:
         self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]
     ) -> list[Tensor | None]:
         """Of what is wanted, from those of the states after each step, None = zero."""
-        own = self._by_number(start, states, grads)
-        given = (*self.known, *start)
-        return [own[k].sum_to_size(given[k].shape) if k in own else None for k in self.wanted]
+        bars = self._by_number(start, states, grads)
+        sources = (*self.known, *start)
+        return [bars[k].sum_to_size(sources[k].shape) if k in bars else None for k in self.wanted]
 
     def rows(
         self,
@@ -102,8 +102,8 @@ class Adjoint:
             None,
             self.calls.setdefault(("rows", count, K), {}),
             [
-                one._replace(value=one.value[first].unsqueeze(1)) if self._stepwise(k) else one
-                for k, one in enumerate(self.changing)
+                x._replace(value=x.value[first].unsqueeze(1)) if self._stepwise(k) else x
+                for k, x in enumerate(self.changing)
             ],
             self.constant,
             self.good[first, None].expand(K, count, B).reshape(K, -1),
@@ -117,19 +117,19 @@ class Adjoint:
             states = [after[first] for after in states]
         if B > 1:  # the state of one sample is that of all rows
             states = [
-                after.reshape(K, 1, B, *own).expand(K, count, B, *own)
-                for after, own in zip(states, shapes, strict=True)
+                after.reshape(K, 1, B, *shape).expand(K, count, B, *shape)
+                for after, shape in zip(states, shapes, strict=True)
             ]
         grads = [
-            None if grad is None else grad.reshape(count, K, B, *own).movedim(0, 1)
-            for grad, own in zip(grads, shapes, strict=True)
+            None if grad is None else grad.reshape(count, K, B, *shape).movedim(0, 1)
+            for grad, shape in zip(grads, shapes, strict=True)
         ]
-        given, rows = (*self.known, *start), []
+        sources, rows = (*self.known, *start), []
         cotangents = many._by_number(start, states, grads)
         for k in self.wanted:
             x = cotangents.get(k)
             if x is not None:
-                shape, behind = given[k].shape, 0
+                shape, behind = sources[k].shape, 0
                 if self._stepwise(k):
                     x, behind = x.movedim(1, 0), shape[0] - K
                     shape = (K, *shape[1:])
@@ -143,7 +143,7 @@ class Adjoint:
     @property
     def known(self) -> list[Tensor]:
         """The constants."""
-        return [one.value for one in (*self.changing, *self.constant)]
+        return [x.value for x in (*self.changing, *self.constant)]
 
     def _by_number(
         self, start: Sequence[Tensor], states: Sequence[Tensor], grads: Sequence[Tensor | None]
@@ -178,11 +178,11 @@ class Adjoint:
         """The states that each step lies between, and the cotangents of what it made."""
         K, B = self.good.shape
         for name, x, after, grad in zip(self.state, start, states, grads, strict=True):
-            own = after.shape[after.ndim - self._axes(name) :]
-            grad = after.new_zeros(own) if grad is None else grad.reshape(K, B, *own).contiguous()
-            yield Field(*self._place(name, "_grad"), grad, len(own), flat=True)
-            samples = after.shape[: after.ndim - len(own)].numel() // K
-            after = after.reshape(K, samples, *own).contiguous()
+            axes = after.shape[after.ndim - self._axes(name) :]
+            grad = after.new_zeros(axes) if grad is None else grad.reshape(K, B, *axes).contiguous()
+            yield Field(*self._place(name, "_grad"), grad, len(axes), flat=True)
+            samples = after.shape[: after.ndim - len(axes)].numel() // K
+            after = after.reshape(K, samples, *axes).contiguous()
             if name == "reaction":
                 yield Field("support", "found", after, 2, flat=True)
             elif name == "stress":
@@ -193,8 +193,8 @@ class Adjoint:
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
             if self.instance.has(*before):
-                first = x.expand(*self.batch, *own).reshape(1, B, *own)[:, :samples]
-                yield Field(*before, torch.cat((first, after[:-1])), len(own), flat=True)
+                first = x.expand(*self.batch, *axes).reshape(1, B, *axes)[:, :samples]
+                yield Field(*before, torch.cat((first, after[:-1])), len(axes), flat=True)
 
     def _axes(self, name: str) -> int:
         return 0 if self.state[name][0] == "sample" else 2
@@ -219,15 +219,15 @@ class Adjoint:
                 if not instance.has(record, name):
                     continue
                 rows = one.record != "common"
-                own = one.value.shape[one.value.ndim - one.axes + rows :]
+                shape = one.value.shape[one.value.ndim - one.axes + rows :]
                 if rows:
                     components = instance.program.layout.records[record].fields[name][1]
-                    own = (instance.rows(record) * components // own.numel(), *own)
+                    shape = (instance.rows(record) * components // shape.numel(), *shape)
             else:
                 x, part = start[k - len(known)], [*self.state][k - len(known)]
                 record, name = self._place(part, "_bar")
-                own = x.shape[x.ndim - self._axes(part) :]
-            outputs[k] = Output(record, name, own, self._stepwise(k))
+                shape = x.shape[x.ndim - self._axes(part) :]
+            outputs[k] = Output(record, name, shape, self._stepwise(k))
         made = [*outputs.values()]
         K = len(self.good)
         call = Call(instance, self.batch, K, fields, made, self.constant, lanes=self.lanes)
@@ -322,13 +322,13 @@ def rows_of_steps(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor)
     size, (count, steps) = len(adjoint.state), rows[0].shape[:2]
     start, states, known = saved[:size], saved[size : 2 * size], saved[2 * size :]
     grads: list[Tensor | None] = [None] * size
-    for x, own in zip(outputs, rows, strict=True):
-        grads[x.output_nr] = own
+    for x, shape in zip(outputs, rows, strict=True):
+        grads[x.output_nr] = shape
     with torch.no_grad(), without_autocast():
         cotangents = adjoint.rows(count, start, states, grads, steps)
     sources = [(*known, *start)[k] for k in adjoint.wanted]
-    pairs = [(x, own) for x, own in zip(sources, cotangents, strict=True) if own is not None]
-    return rows_of_sums([x for x, _ in pairs], [own for _, own in pairs], by)
+    pairs = [(x, bar) for x, bar in zip(sources, cotangents, strict=True) if bar is not None]
+    return rows_of_sums([x for x, _ in pairs], [bar for _, bar in pairs], by)
 
 
 def rows_of_sums(outputs: Sequence[Tensor], rows: Sequence[Tensor], by: Tensor) -> Tensor:

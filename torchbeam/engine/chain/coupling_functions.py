@@ -29,8 +29,8 @@ class CouplingFunctions:
     def coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its push (w) on the balances of its nodes, and its blocks (w, w), see `of_ends`."""
         problem, x = self.problem(fields, kind)
-        own = OWN if kind.multiplied else ""
-        return of_ends(problem, x, problem.model.couplings, kind.sides, own)
+        unit = OWN if kind.multiplied else ""
+        return of_ends(problem, x, problem.model.couplings, kind.sides, unit)
 
     def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its work over the step, its forces, and what it remembers."""
@@ -40,8 +40,8 @@ class CouplingFunctions:
         outputs |= {"force": fields["force"]} if kind.multiplied else {}
         if not kind.kept:
             return outputs
-        given, motion = {"stress": x.stress}, problem.node_motion(kinematics)
-        memory = problem.model.couplings.finished(given, motion, None, None).get("memory")
+        after, motion = {"stress": x.stress}, problem.node_motion(kinematics)
+        memory = problem.model.couplings.finished(after, motion, None, None).get("memory")
         memory = x.stress.new_zeros(1, 0) if memory is None else memory
         return outputs | {"memory": pad(memory[0], (0, kind.kept - memory.shape[-1]))}
 
@@ -53,13 +53,13 @@ class CouplingFunctions:
         """The problem of one coupling, whose nodes have no other loads, and its unknowns."""
         ends = self.problems.of_ends(fields, kind, Framework(1, (), len(kind.sides)))
         now = self._coupled(ends, ends.common.now, kind)
-        given, own = ends.given, ()
+        values, own = ends.values, ()
         if kind.multiplied:
             held = fields["force"].new_tensor([kind.held])
-            own, given = (held, held.new_ones(())), given | {"stress": fields["force"][None]}
-        given |= {"memory": fields["memory"][None]} if kind.kept else {}
+            own, values = (held, held.new_ones(())), values | {"stress": fields["force"][None]}
+        values |= {"memory": fields["memory"][None]} if kind.kept else {}
         rows = replace(ends.rows, couplings=interactions.Couplings(ends.rows.space, *own))
-        problem, x = self.problems.problem(rows, None, ends.common, given, now)
+        problem, x = self.problems.problem(rows, None, ends.common, values, now)
         if ends.common.before is not None:
             before = self._coupled(ends, ends.common.before, kind)
             problem = replace(problem, before=before)

@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from typing import Any, TypeVar
 
 from ...core.arguments import choice
+from ...core.function_dependencies import Dependencies, Unsteady
 from ...core.leaves import own_leaves
-from ...core.surroundings import Surroundings, Unsteady
 from ...nodal.model import Model
 from ...scene.effects.effect import of_library
 from ..compiler.trace import NotTraceable
@@ -20,7 +20,7 @@ from .compiled_step import FUNCTIONS, CompiledStep
 from .kept_programs import NOTHING
 from .native import NotCompiled
 from .touching_step import TouchingStep
-from .user_functions import by_function, by_sample, known, surroundings
+from .user_functions import by_function, by_sample, dependencies_of, known
 
 T = TypeVar("T")
 ENGINES = ("auto", "eager", "compiled")
@@ -49,7 +49,7 @@ def refusal(model: Model, method: str, conserve: bool = False, **options: Any) -
         "conserve of what floats free": conserve and bool(model.free_pieces),
         f"the device {scene.device}": scene.device.type != "cpu",
     }
-    return next((reason for reason, given in reasons.items() if given), None)
+    return next((reason for reason, applies in reasons.items() if applies), None)
 
 
 def why_eager(model: Model, method: str, **options: Any) -> str | None:
@@ -76,15 +76,15 @@ def unsteady(model: Model) -> str | None:
     """What a user's function of the motion reads that may change unnoticed, in words; None where
     there is none.
     """
-    own = by_function(model)
-    if not own:
+    effects = by_function(model)
+    if not effects:
         return None
     try:
-        surroundings(own)
+        dependencies_of(effects)
     except Unsteady as reason:
         return (
-            f"{own[0].called} by a function of the motion that reads {reason}, which may "
-            f"change{place(own[0])}"
+            f"{effects[0].called} by a function of the motion that reads {reason}, which may "
+            f"change{place(effects[0])}"
         )
     return None
 
@@ -93,12 +93,12 @@ def why_not_traced(model: Model, method: str, **options: Any) -> str | None:
     """Why what users wrote is not traced, by name and line, or what it raises; None where it is
     traced.
     """
-    own = by_function(model)
+    effects = by_function(model)
     try:
-        if own:
-            _made(model, method, own, **options)
+        if effects:
+            _made(model, method, effects, **options)
     except Exception as error:
-        return untraceable(own[0], error)
+        return untraceable(effects[0], error)
     return None
 
 
@@ -153,23 +153,23 @@ def automatic_step(
     reason = refusal(model, method, **options) or (MISSING if not installed() else None)
     if reason is not None:
         return None, reason
-    own, reason = by_function(model), unsteady(model) if meaning() == "auto" else None
+    effects, reason = by_function(model), unsteady(model) if meaning() == "auto" else None
     if reason is not None:
         return None, reason + VALUES
     try:
-        return _made(model, method, own, **options), None
+        return _made(model, method, effects, **options), None
     except Exception as error:
-        return None, untraceable(own[0], error) if own else impossible(error)
+        return None, untraceable(effects[0], error) if effects else impossible(error)
 
 
-def _made(model: Model, method: str, own: list[Any], **options: Any) -> CompiledStep:
-    step = partial(_of_known_pairs, method, own, options)
+def _made(model: Model, method: str, effects: list[Any], **options: Any) -> CompiledStep:
+    step = partial(_of_known_pairs, method, effects, options)
     return TouchingStep(model, step) if model.touching.present else step(model)
 
 
 def _of_known_pairs(
     method: str,
-    own: list[Any],
+    effects: list[Any],
     options: dict[str, Any],
     model: Model,
     like: CompiledStep | None = None,
@@ -177,7 +177,7 @@ def _of_known_pairs(
     return by_sample(
         lambda around: CompiledStep(model, method, around=around, like=like, **options),
         model,
-        known(own),
+        known(effects),
     )
 
 
@@ -185,29 +185,29 @@ def natively(
     what: str,
     model: Model,
     reason: str | None,
-    make: Callable[[Surroundings | None], T],
+    make: Callable[[Dependencies | None], T],
     required: bool,
 ) -> T | None:
     """What native code makes of a model, with what its functions read, unless there is a reason
     against it; else None, with a warning that `what` is slow where that is not meant. required:
     raises ValueError in its place.
     """
-    own = by_function(model)
+    effects = by_function(model)
     try:
         if reason is None and not required:
             reason = unsteady(model)
         if reason is None:
-            around = (known if required else surroundings)(own) if own else NOTHING
+            around = (known if required else dependencies_of)(effects) if effects else NOTHING
             return by_sample(make, model, around)
     except NotTraceable as error:
-        reason = untraceable(own[0], error) if own and not required else str(error)
+        reason = untraceable(effects[0], error) if effects and not required else str(error)
     except NotCompiled as error:
         if required:
             raise
         given_up(error, what)
         return None
     except Exception:
-        if required or not own:
+        if required or not effects:
             raise
         return None  # of the user's function: raised eagerly, too
     if required:

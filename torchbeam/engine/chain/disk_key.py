@@ -48,7 +48,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         model.scene.beam.offset,
         bool(model.scene.loads),
         model.touching.present,
-        model.rubs,
+        model.has_friction,
         local.searches,
         kinds,
         held,
@@ -79,7 +79,7 @@ def _static(x: Any, known: dict[int, int] | None = None) -> Any:
     if isinstance(x, dict):
         return tuple((name, _static(value, known)) for name, value in x.items())
     if isinstance(x, FunctionType):
-        return x.__code__  # what it reads beside its arguments is in `Surroundings.key`
+        return x.__code__  # what it reads beside its arguments is in `Dependencies.key`
     if callable(x) and not isinstance(x, type):
         return type(x)
     return tuple([_static(part, known) for part in x]) if isinstance(x, (tuple, list)) else x

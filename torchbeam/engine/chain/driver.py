@@ -167,8 +167,8 @@ class Driver(Elimination):
             self.add(("push", row.nodes[side]), (record, row.number, f"{side}.push"), size)
         for name in OF_INTERACTIONS:
             if name in self.layout.fields(record):
-                own = self.at(record, row.number, name)
-                self.code.call("largest", self.at("sums", 0, name), own)
+                force = self.at(record, row.number, name)
+                self.code.call("largest", self.at("sums", 0, name), force)
 
     def _push_on_shared(self) -> None:
         """What the joints of all cells push the nodes that these share by."""
@@ -232,8 +232,8 @@ class Driver(Elimination):
                 f"{side}.move": ("move", self.move_of(self.node_of(e, side)))
                 for side in SIDES[self.order]
             }
-            own = ("stress", "strain_law", "element")
-            self.call("stress", lambda f: self.first_of(own, f, e), ("change", 0), places)
+            records = ("stress", "strain_law", "element")
+            self.call("stress", lambda f: self.first_of(records, f, e), ("change", 0), places)
             self.blend(("stress", e), ("change", 0, "stress"), over)
         with code.loop(0, self.args["nodes"]) as j:
             self.call_of("update", NODE.at(j), "change", {"move": ("move", self.move_of(j))})
@@ -339,8 +339,8 @@ class Driver(Elimination):
 
     def _judge_by(self, *names: str) -> None:
         """By what functions have given of sums: the largest, of squares the sum itself."""
-        given = {field for name in names for field in self.functions[name].outputs}
-        for name in (name for name in self.layout.fields("sums") if name in given):
+        outputs = {field for name in names for field in self.functions[name].outputs}
+        for name in (name for name in self.layout.fields("sums") if name in outputs):
             if name in SQUARES:
                 self.add(("sums", 0, name), ("change", 0, name))
             else:
@@ -348,10 +348,10 @@ class Driver(Elimination):
 
     def least_cosine(self, j: str) -> None:
         """Of the nodes' turns, that of node j among them."""
-        cosine, own = self.at("sample", 0, "cosine"), self.at("change", 0, "cosine")
+        cosine, least = self.at("sample", 0, "cosine"), self.at("change", 0, "cosine")
         with self.code.when(self.code.compare("eq", j, 0)):
-            self.copy(cosine, own, 1)
-        self.code.call("least", cosine, own)
+            self.copy(cosine, least, 1)
+        self.code.call("least", cosine, least)
 
     def keep_forces(self, good: str) -> None:
         """Stress, and the loads of supports, of what has gone well."""

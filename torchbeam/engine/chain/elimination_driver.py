@@ -35,9 +35,9 @@ class Elimination(RowCode):
             return
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        for one in self.interactions:
-            if not one.celled:
-                self.each_of(one, self.join)
+        for row in self.interactions:
+            if not row.celled:
+                self.each_of(row, self.join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
@@ -86,9 +86,9 @@ class Elimination(RowCode):
         """Rows of the interface, with interactions that cells may have."""
         with self.entries("interface", shared=shared) as (p, entry):
             self._interface(p, entry)
-        for one in self.interactions:
-            if one.celled:
-                self.each_of(one, self.join, shared=shared)
+        for row in self.interactions:
+            if row.celled:
+                self.each_of(row, self.join, shared=shared)
 
     def node(self, j: str, turn: str | int) -> None:
         """What node j gives its row, and the elements at it, where it is held."""
@@ -289,8 +289,8 @@ class Elimination(RowCode):
                 self.on_block("subtract_block", *before[:2], E, side)
                 self.subtract_column(*before[2:], E, y)
                 self.fill(pushed, w * w)
-                given = f"ptr {pushed}, i64 {w}, ptr {E}, i64 {w}, i64 {w}, ptr {ahead}"
-                code.line(f'call void @"subtract"({given}, i64 {w}, i64 {w})')
+                arguments = f"ptr {pushed}, i64 {w}, ptr {E}, i64 {w}, i64 {w}, ptr {ahead}"
+                code.line(f'call void @"subtract"({arguments}, i64 {w}, i64 {w})')
                 self.copy(E, pushed, w * w)
 
             self._nodes_of_run(first, count, self.order, row)

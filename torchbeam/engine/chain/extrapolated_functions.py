@@ -41,8 +41,8 @@ class ExtrapolatedFunctions(LocalFunctions):
 
     @property
     def state(self) -> tuple[str, ...]:
-        own = super().state
-        return (*own, *(f"{OTHER}{name}" for name in own))
+        fields = super().state
+        return (*fields, *(f"{OTHER}{name}" for name in fields))
 
     def finish_node(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """See `LocalFunctions.finish_node`, with the means above."""

@@ -37,10 +37,10 @@ def kept(kinds: Kinds, sort: Sort) -> int:
 
 def kinds_of(kinds: Kinds, sort: Sort) -> list[tuple[int, Any]]:
     """Those whose functions are not those of an earlier one, with their numbers."""
-    own = all_kinds(kinds, sort)
+    every = all_kinds(kinds, sort)
     if sort in INTERACTIONS:
-        return distinct(own, sort.name)
-    return [(k, kind) for k, kind in enumerate(own) if sort is not LOAD or kind.loads]
+        return distinct(every, sort.name)
+    return [(k, kind) for k, kind in enumerate(every) if sort is not LOAD or kind.loads]
 
 
 def of_interaction(
@@ -49,12 +49,12 @@ def of_interaction(
     """Functions of an iteration, by kind; function: what gives pushes and blocks, of a kind."""
     functions = {}
     for k, kind in kinds_of(kinds, sort):
-        functions[f"{sort.name} {k}"] = own = function(kind)
+        functions[f"{sort.name} {k}"] = push = function(kind)
         if sort.far:
             functions[f"far {sort.name} {k}"] = far(traced, sort, kind)
         if held:
-            functions |= _free(traced, f"free {sort.name} {k}", own, kind.sides)
-            functions |= _reactions(traced, f"{sort.name} reaction {k}", own, kind.sides)
+            functions |= _free(traced, f"free {sort.name} {k}", push, kind.sides)
+            functions |= _reactions(traced, f"{sort.name} reaction {k}", push, kind.sides)
     return functions
 
 
@@ -81,8 +81,8 @@ def _reactions(
     for side in sides:
         row = {name: shape for name, shape in _blocks(function) if name[0] == side}
         moves = {f"{name[1]}.move": (w,) for name in row}
-        given = {"end_free": (w,)} | row | moves
-        functions[f"{called} {side}"] = traced(partial(end_reaction, side), given)
+        shapes = {"end_free": (w,)} | row | moves
+        functions[f"{called} {side}"] = traced(partial(end_reaction, side), shapes)
     return functions
 
 
@@ -150,9 +150,9 @@ def record_adjoint(
     """Records of the adjoint, but for those of constants."""
     _record(layout, functions, sort, f"{sort.name} blocks")
     if kept(kinds, sort):
-        own = [(sort.kept, kept(kinds, sort))]
-        layout.record(sort.state, sort.rows, own)
-        cotangents(layout, sort.state, sort.rows, own)
+        sizes = [(sort.kept, kept(kinds, sort))]
+        layout.record(sort.state, sort.rows, sizes)
+        cotangents(layout, sort.state, sort.rows, sizes)
 
 
 def _record(layout: Layout, functions: dict[str, Function], sort: Sort, called: str) -> None:

@@ -30,8 +30,8 @@ class InternalStates:
         """The inverse."""
         parts = rows.split([act.load.internal for act in self.acts], -1)
         states = {
-            act.internal.start: own[..., self._nodes_of(act), :].flatten(-2)
-            for act, own in zip(self.acts, parts, strict=True)
+            act.internal.start: x[..., self._nodes_of(act), :].flatten(-2)
+            for act, x in zip(self.acts, parts, strict=True)
         }
         return torch.cat([states[first] for first in sorted(states)], -1)
 

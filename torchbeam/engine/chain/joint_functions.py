@@ -63,13 +63,13 @@ class JointFunctions:
         at = {side: k for k, side in enumerate(kind.sides)}
         pair = tuple(at.get(side) for side in SIDES[1])
         ends = self.problems.of_ends(fields, kind, Framework(1, (), len(at), (pair,)))
-        given = ends.given | {"stress": fields["force"][None], "joints": fields["joints"][None]}
+        values = ends.values | {"stress": fields["force"][None], "joints": fields["joints"][None]}
         if "last_force" in fields:
-            given["last_stress"] = fields["last_force"][None]
+            values["last_stress"] = fields["last_force"][None]
         constants = filled(self.problems.trees.joint, lambda k: fields[f"joint.{k}"][None])
         rows = replace(ends.rows, joints=self._alone(ends.rows, constants, kind))
         now = replace(ends.now, joints=JointValues(constants.effort, constants.coordinate))
-        return self.problems.problem(rows, None, ends.common, given, now)
+        return self.problems.problem(rows, None, ends.common, values, now)
 
     def _alone(self, rows: Rows, constants: JointConstants, kind: JointKind) -> Joints:
         """The one joint between the nodes of rows."""
@@ -80,10 +80,10 @@ class JointFunctions:
             not.
             """
             parts = zip(*(row[k] for row in kind.parts), strict=True)
-            own = factor.constant, *factor.fixed.unbind(-3)
+            matrices = factor.constant, *factor.fixed.unbind(-3)
             constant, *fixed = (
                 _numbered(x, tuple(None if there else 0.0 for there in part))
-                for x, part in zip(own, parts, strict=True)
+                for x, part in zip(matrices, parts, strict=True)
             )
             shift = _numbered(factor.shift, kind.shifts[k])
             return replace(factor, constant=constant, shift=shift, fixed=torch.stack(fixed, -3))
@@ -112,4 +112,4 @@ class JointFunctions:
 def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:
     """x (..., rows, n), in some rows a number."""
     rows = zip(x.unbind(-2), numbers, strict=True)
-    return torch.stack([own if k is None else torch.full_like(own, k) for own, k in rows], -2)
+    return torch.stack([row if k is None else torch.full_like(row, k) for row, k in rows], -2)

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
+from ...core.function_dependencies import Dependencies
 from ...core.remembered import keep
-from ...core.surroundings import Surroundings
 from ..compiler.object_cache import key_of
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk, structure
@@ -18,10 +18,10 @@ from .program import NewtonProgram, StepProgram
 from .tracing import Traced
 
 T = TypeVar("T")
-# by structure, with the surroundings that its key is made of
-PROGRAMS: dict[tuple, tuple[NewtonProgram, Surroundings]] = {}
-TRACED: dict[tuple, tuple[Traced, Surroundings]] = {}  # likewise, what their programs share
-NOTHING = Surroundings()
+# by structure, with the dependencies that its key is made of
+PROGRAMS: dict[tuple, tuple[NewtonProgram, Dependencies]] = {}
+TRACED: dict[tuple, tuple[Traced, Dependencies]] = {}  # likewise, what their programs share
+NOTHING = Dependencies()
 KEPT, KEPT_TRACED = 64, 8  # of them; the one that was not asked for for longest goes first
 
 
@@ -29,7 +29,7 @@ def program_of(
     local: LocalFunctions,
     kinds: Kinds,
     held: bool,
-    around: Surroundings | None = NOTHING,
+    around: Dependencies | None = NOTHING,
     made: type[NewtonProgram] = StepProgram,
     known: Traced | None = None,
     **options: bool,
@@ -52,7 +52,7 @@ def program_of(
 
 
 def traced_of(
-    local: LocalFunctions, kinds: Kinds, held: bool, around: Surroundings | None
+    local: LocalFunctions, kinds: Kinds, held: bool, around: Dependencies | None
 ) -> Traced:
     """Functions that programs of the same structure have traced of late, see `program_of`."""
     if around is None:
@@ -62,13 +62,13 @@ def traced_of(
 
 
 def _kept(
-    entries: dict[tuple, tuple[T, Surroundings]],
+    entries: dict[tuple, tuple[T, Dependencies]],
     key: tuple,
     count: int,
-    around: Surroundings,
+    around: Dependencies,
     new: Callable[[], T],
 ) -> T:
-    """The entry of a key, or a new one, among at most so many; with it the surroundings that the
+    """The entry of a key, or a new one, among at most so many; with it the dependencies that the
     key is made of.
     """
     entry = entries.pop(key, None)  # other threads may ask too: at worst two of them make it
@@ -78,14 +78,14 @@ def _kept(
 
 
 def adjoint_of(
-    program: StepProgram, local: LocalFunctions, wanted: frozenset[str], around: Surroundings | None
+    program: StepProgram, local: LocalFunctions, wanted: frozenset[str], around: Dependencies | None
 ) -> AdjointProgram:
     """The adjoint of a program, for these constants: of what users' functions were when it was
     made.
     """
     if wanted not in program.adjoints:
         key = None if program.key is None else key_of(program.key, *sorted(wanted))
-        known, own = program.traced, (program.kinds, program.held)
-        known = traced_of(local, *own, around) if known is None else known
-        program.adjoints[wanted] = AdjointProgram(local, *own, wanted, key, known)
+        known, settings = program.traced, (program.kinds, program.held)
+        known = traced_of(local, *settings, around) if known is None else known
+        program.adjoints[wanted] = AdjointProgram(local, *settings, wanted, key, known)
     return program.adjoints[wanted]

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ...core.function_dependencies import Dependencies
 from ...core.remembered import keep
 from ...core.repetition import repetitions
-from ...core.surroundings import Surroundings
 from ...core.validation import broadcast
 from ...equations.load_steps import LIMIT
 from ...equations.steady import Configuration, least_forces
@@ -65,7 +65,7 @@ def refusal(model: Model) -> str | None:
         f"the device {scene.device}": scene.device.type != "cpu",
         MISSING: not installed(),
     }
-    return next((reason for reason, given in reasons.items() if given), None)
+    return next((reason for reason, applies in reasons.items() if applies), None)
 
 
 def climb(
@@ -85,7 +85,7 @@ def climb(
     if functorch.peek_interpreter_stack() is not None:
         return None
 
-    def make(around: Surroundings | None) -> Climbed:
+    def make(around: Dependencies | None) -> Climbed:
         return _climbed(model, t, inputs, x, tolerance, judged, lanes, around)
 
     return natively("equilibria are found", model, refusal(model), make, required)
@@ -142,11 +142,11 @@ def _climbed(
     tolerance: float | None,
     judged: bool,
     lanes: int | None,
-    around: Surroundings | None,
+    around: Dependencies | None,
 ) -> Climbed:
     # where there are own unknowns that are no forces of constraints, it is looked at by torch
     edges = connectivity_of(model).edges
-    judged = judged and not any(edge.alone for own in edges for edge in own)
+    judged = judged and not any(edge.alone for rows in edges for edge in rows)
     structure, trees = _structure(model, t, inputs, around, judged)
     instance, multiplied = structure.instance, model.multipliers.count > 0
     exact = same_law(trees.element.C, model.law.C)
@@ -158,26 +158,25 @@ def _climbed(
         **OF_MULTIPLIERS,
         "reaction": ("support", "last"),
     }
-    given = [
+    fields = [
         *fields_at_rest(instance, model, trees, t, inputs),
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
-    batch = broadcast_shapes(*(one.value.shape[: one.value.ndim - one.axes] for one in given))
+    batch = broadcast_shapes(*(x.value.shape[: x.value.ndim - x.axes] for x in fields))
     check_batch(model, batch)
-    key = lanes, batch, *[(one.value.shape, one.value.stride(), one.value.dtype) for one in given]
+    key = lanes, batch, *[(x.value.shape, x.value.stride(), x.value.dtype) for x in fields]
     call = structure.calls.get(key)
     shapes = {name: v.shape[-2:] for name, v in start.items()}
     shapes["reaction"] = model.constraints.fixed.shape
     if call is None:
-        out = [Output(*place.get(name, ("kept", name)), own) for name, own in shapes.items()]
+        out = [Output(*place.get(name, ("kept", name)), shape) for name, shape in shapes.items()]
         out += [Output("sample", name, ()) for name in ("last_status", "indefinite")]
-        call = Call(instance, batch, 1, given, out, lanes=lanes)
+        call = Call(instance, batch, 1, fields, out, lanes=lanes)
         keep(structure.calls, key, call, CALLS)
     found = [
-        x.reshape((*batch, *x.shape[1:]))
-        for x in call.run([one.value for one in given], limit=LIMIT)
+        x.reshape((*batch, *x.shape[1:])) for x in call.run([x.value for x in fields], limit=LIMIT)
     ]
     solution = dict(zip(shapes, found, strict=False))
     if multiplied:
@@ -190,7 +189,7 @@ def _climbed(
 
 
 def _structure(
-    model: Model, t: Tensor, inputs: Inputs, around: Surroundings | None, judged: bool
+    model: Model, t: Tensor, inputs: Inputs, around: Dependencies | None, judged: bool
 ) -> tuple[LoadStructure, Trees]:
     """That of an earlier model if there was one, and this one's trees."""
     constants = kinds = None
@@ -214,7 +213,7 @@ def _structure(
 def instance_at_rest(
     local: SteadyFunctions,
     constants: Constants,
-    around: Surroundings | None,
+    around: Dependencies | None,
     program_type: type[NewtonProgram],
     **options: bool,
 ) -> ProgramInstance:
@@ -240,7 +239,7 @@ def fields_at_rest(
         *_poses(model, t),
         *(Field("common", name, v, 0) for name, v in numbers.items()),
     ]
-    return [one for one in fields if instance.has(one.record, one.name)]
+    return [x for x in fields if instance.has(x.record, x.name)]
 
 
 def _poses(model: Model, t: Tensor) -> list[Field]:

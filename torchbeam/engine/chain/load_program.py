@@ -75,9 +75,9 @@ class LoadProgram(RestProgram):
     def _layout(self) -> Layout:
         layout = super()._layout()
         rules = [self.functions[name] for name in RULES]
-        own = [x for rule in rules for x in (*rule.outputs, *rule.inputs)]
-        own = [x for x in (*own, "indefinite") if x not in self.varying]
-        layout.record("sample", ONE, [(name, 1) for name in own])
+        names = [x for rule in rules for x in (*rule.outputs, *rule.inputs)]
+        names = [x for x in (*names, "indefinite") if x not in self.varying]
+        layout.record("sample", ONE, [(name, 1) for name in names])
         if self.judged:
             layout.record("sums", ONE, [("indefinite", 1)])
         if self.judged and INTERFACE in self.kinds.runs:

@@ -49,17 +49,17 @@ class LoadRoles(NamedTuple):
             for k, act in enumerate(acts)
             if k not in natively and (act.load.internal or _by_inputs(act.load))
         ]
-        own = [acts[k] for k in natively]
-        loads = [act.load for act in own]
-        given, asked = [], []
+        some = [acts[k] for k in natively]
+        loads = [act.load for act in some]
+        dead, asked = [], []
         for k, load in enumerate(model.loads[1]):
             if load not in loads:
                 is_given = _given(load) and not (model.turning and load.wants_axes)
-                (given if is_given else asked).append(k)
+                (dead if is_given else asked).append(k)
         none = {name: model.length.new_zeros(size) for name, size in scene.inputs.items()}
         zero = model.length.new_zeros(())
-        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in own]
-        valued = valued_at_rest(model, own)
+        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in some]
+        valued = valued_at_rest(model, some)
         wants_support = any(load.wants_support for load in loads)
         rests = not scene.has_prescribed_motion and scene.root is None
         given_eigenstrain = all(_given(effect) for effect in scene.eigenstrains)
@@ -67,10 +67,10 @@ class LoadRoles(NamedTuple):
             asked or any(map(_by_time, loads, by_place)) or (wants_support and not rests)
         )
         drives = [
-            given
+            drive
             for joint in scene.joints
             for coordinate in joint.coordinates
-            for given in joint.law(coordinate)[-2:]
+            for drive in joint.law(coordinate)[-2:]
         ]
         drives += [x for tendon in scene.tendons for x in (tendon.tension, tendon.length)]
         asks = by_time or not given_eigenstrain or not rests or any(map(callable, drives))
@@ -78,7 +78,7 @@ class LoadRoles(NamedTuple):
             tuple(natively),
             tuple(by_place),
             tuple(load is known for load, known in zip(loads, valued, strict=True)),
-            tuple(given),
+            tuple(dead),
             tuple(asked),
             wants_support,
             rests,

@@ -66,7 +66,7 @@ class LocalFunctions(LocalProblems):
     def points_told(self, sort: Sort, kind: Any) -> int:
         """At how many points of a row an iteration tells the next one something."""
         if sort is PAIR:
-            return int(kind.rubs)
+            return int(kind.has_friction)
         if sort is NODE:
             acting = acting_loads(kind, self.trees.node.now.loads, self.trees.common.now.loads)
             return sum(load.rubbing_points for load in acting)
@@ -147,7 +147,7 @@ class LocalFunctions(LocalProblems):
         after = problem.finish(x, reaction)
         fields_after = {name: getattr(after, name)[0] for name in self.NODE} | {"work": after.work}
         if INTERNAL in self.state:
-            own = (
+            states = (
                 {}
                 if after.internal is None
                 else dict(
@@ -159,7 +159,7 @@ class LocalFunctions(LocalProblems):
                 )
             )
             still = fields[INTERNAL].split(self.internal)
-            fields_after[INTERNAL] = torch.cat([own.get(k, still[k]) for k in range(len(still))])
+            fields_after[INTERNAL] = torch.cat([states.get(k, still[k]) for k in range(len(still))])
         return fields_after | self.energies(problem, after)
 
     def energies(self, problem: StepProblem, after: State) -> Fields:
@@ -179,7 +179,7 @@ class LocalFunctions(LocalProblems):
         x = problem.apply_supports(x)
         kinematics, inertia, load = problem.node_balance(x)
         element = problem.element_balance(x, kinematics)
-        tangent, own = problem.tangent(x, kinematics, element, inertia), problem.eigenstrain
+        tangent, strain = problem.tangent(x, kinematics, element, inertia), problem.eigenstrain
         wrench = None
         if self.trees.element.rows.coupling is not None:
             wrench = (
@@ -197,9 +197,9 @@ class LocalFunctions(LocalProblems):
         if wrench is not None:
             balance, asked = balance + wrench, asked + wrench
         forces, effective_strain = [element.forces], [element.effective_strain]
-        if isinstance(own, Tensor):
-            forces.append(restrained_forces(model, element.acting, own, model.length))
-            effective_strain.append(own)
+        if isinstance(strain, Tensor):
+            forces.append(restrained_forces(model, element.acting, strain, model.length))
+            effective_strain.append(strain)
         forces, effective_strain = (
             torch.cat([x.expand(self.order, x.shape[-1]) for x in part], -2).abs()
             for part in (forces, effective_strain)
@@ -246,10 +246,10 @@ class LocalFunctions(LocalProblems):
         parts = problem.element_loads(kinematics)
         D, U, L, *far = problem.element_load_matrix(kinematics).tensors
         wrench, p = problem.model.topology.scatter(parts), self.model.space.dims.position
-        given = {"balance": -wrench, "asked": -wrench, "D": D}
+        outputs = {"balance": -wrench, "asked": -wrench, "D": D}
         found = {
             f"{side}.{name}": value[k]
-            for name, value in given.items()
+            for name, value in outputs.items()
             for k, side in enumerate(self.sides)
         }
         found |= {"far_U": far[0][0], "far_L": far[1][0]} if far else {}

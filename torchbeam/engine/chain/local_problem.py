@@ -5,14 +5,13 @@ and its loads.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ...core.derivatives import cached
-from ...core.leaves import Tree, leaf
 from ...equations.balance_problem import BalanceProblem
 from ...equations.midpoint import MidpointProblem, MidpointUnknowns
 from ...equations.step_problem import StepProblem
@@ -55,31 +54,11 @@ NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
 
 
-@dataclass(frozen=True)
-class Given(Tree):
-    """A problem of rows, under conditions that are given: stiffness is S^-1 of the tangent,
-    None = there are no elements.
-    """
-
-    given: Conditions = field(kw_only=True)
-    stiffness: Tensor | None = leaf(3, kw_only=True)
-
-    conditions = property(lambda self: self.given)
-    C = property(lambda self: self.stiffness)
-
-
-@dataclass(frozen=True)
-class LocalProblem(Given, MidpointProblem):
-    """A step of one node, or of one element."""
-
-
 class Ends(NamedTuple):
-    """Nodes that something lies between: rows, the fields that are given of them, what all have in
-    common, and conditions.
-    """
+    """Nodes that something lies between: rows, their fields, what they share, conditions."""
 
     rows: Rows
-    given: Fields
+    values: Fields
     common: Common
     now: Conditions
 
@@ -87,8 +66,7 @@ class Ends(NamedTuple):
 @dataclass(frozen=True)
 class LocalProblems:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not
-    matter. supports: None where nothing moves them; joints, stretches, pairs: where
-    there are none.
+    matter. supports: None where nothing moves them; joints, stretches, pairs: where there are none.
 
     A node's internal states are those of all loads that have some, one after the other, whichever
     act there.
@@ -167,15 +145,15 @@ class LocalProblems:
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
         """The problem of one node, and its unknowns."""
         nodes, common = self._of_node(fields), self.common_of(fields)
-        given = {name: fields[name][None] for name in (*self.NODE, "u", "m") if name in fields}
-        given |= {name: fields[name] for name in self.SAMPLE if name in fields}
+        values = {name: fields[name][None] for name in (*self.NODE, "u", "m") if name in fields}
+        values |= {name: fields[name] for name in self.SAMPLE if name in fields}
         if INTERNAL in self.state:
             parts = fields[INTERNAL].split(self.internal)
-            given[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
+            values[INTERNAL] = torch.cat([parts[k] for k in kind.acting] or [fields[INTERNAL][:0]])
         supports = () if kind.support is None else (self._support(fields, "", 0, kind.support),)
         rows = self._rows(nodes.rows, None, common, supports, _hinges(kind))
         now = self.conditions(rows, kind, nodes.now, common, common.now, None, supports)
-        return self.problem(rows, None, common, given, now)
+        return self.problem(rows, None, common, values, now)
 
     def _of_node(self, fields: Fields) -> NodeConstants:
         return filled(self.trees.node, lambda k: fields[f"node.{k}"][None])
@@ -188,34 +166,34 @@ class LocalProblems:
         def nodes(name: str) -> Tensor:
             return torch.stack([fields[f"{side}.{name}"] for side in self.sides])
 
-        own = filled(self.trees.node.rows, lambda k: nodes(f"node.{k}"))  # they come first
-        own = replace(own, mass=torch.zeros_like(own.mass), J=None)
-        given = {
+        ends = filled(self.trees.node.rows, lambda k: nodes(f"node.{k}"))  # they come first
+        ends = replace(ends, mass=torch.zeros_like(ends.mass), J=None)
+        values = {
             name: nodes(name)
             for name in (*self.NODE, "u", "m")
             if f"{self.sides[0]}.{name}" in fields
         }
-        given |= {name: fields[name] for name in ("stress", *self.element_state, *self.SAMPLE)}
+        values |= {name: fields[name] for name in ("stress", *self.element_state, *self.SAMPLE)}
         supports = tuple(
-            self._support(fields, f"{side}.", k, one.support)
-            for k, (side, one) in enumerate(zip(self.sides, kind.ends, strict=True))
-            if one.support is not None
+            self._support(fields, f"{side}.", k, end.support)
+            for k, (side, end) in enumerate(zip(self.sides, kind.ends, strict=True))
+            if end.support is not None
         )
         element, common = self.element_constants(fields), self.common_of(fields)
-        rows = self._rows(own, element.rows, common, supports, _hinges(*kind.ends))
+        rows = self._rows(ends, element.rows, common, supports, _hinges(*kind.ends))
         now = self.conditions(rows, None, None, common, common.now, element.eigenstrain, supports)
         now = self._with_between(rows, now, common.now, kind) if between else now
-        return self.problem(rows, element, common, given, now)
+        return self.problem(rows, element, common, values, now)
 
     def of_ends(self, fields: Fields, kind: BetweenKind, topology: Framework) -> Ends:
         """The nodes at the ends of what lies between those of a topology."""
-        own = filled(self.trees.node.rows, lambda k: _ends(fields, kind, f"node.{k}"))
-        given = {
+        nodes = filled(self.trees.node.rows, lambda k: _ends(fields, kind, f"node.{k}"))
+        values = {
             name: _ends(fields, kind, name)
             for name in (*self.NODE, "u", "m")
             if f"{kind.sides[0]}.{name}" in fields
         }
-        given |= {name: fields[name] for name in self.SAMPLE}
+        values |= {name: fields[name] for name in self.SAMPLE}
         there = [end for end in kind.ends if end is not None]
         ends = [(k, *end) for k, end in enumerate(zip(kind.sides, there, strict=True))]
         supports = tuple(
@@ -224,9 +202,9 @@ class LocalProblems:
             if end.support is not None
         )
         common, hinges = self.common_of(fields), _hinges(*(end for *_, end in ends))
-        rows = self._rows(own, None, common, supports, hinges, topology)
+        rows = self._rows(nodes, None, common, supports, hinges, topology)
         now = self.conditions(rows, None, None, common, common.now, None, supports)
-        return Ends(rows, given, common, now)
+        return Ends(rows, values, common, now)
 
     def _with_between(
         self, rows: Rows, now: Conditions, alike: CommonConditions, kind: ElementKind
@@ -294,7 +272,7 @@ class LocalProblems:
             if nodes is None
             else (acting_loads(kind, nodes.loads, alike.loads), nodes.dead)
         )
-        if any(one.batch for one in common.captured):
+        if any(captured.batch for captured in common.captured):
             loads = tuple(map(of_one_sample, loads))
         return Conditions(
             common.t,
@@ -315,46 +293,48 @@ class LocalProblems:
         rows: Rows,
         element: ElementConstants | None,
         common: Common,
-        given: Fields,
+        values: Fields,
         now: Conditions,
     ) -> tuple[BalanceProblem, Any]:
-        stress = given.get("stress", given["position"].new_zeros(0, rows.space.dims.strain))
+        stress = values.get("stress", values["position"].new_zeros(0, rows.space.dims.strain))
         return self._solved(
-            rows, common, {**given, "stress": stress}, now, None if element is None else element.C
+            rows, common, {**values, "stress": stress}, now, None if element is None else element.C
         )
 
     def _solved(
-        self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
+        self, rows: Rows, common: Common, values: Fields, now: Conditions, C: Tensor | None
     ) -> tuple[BalanceProblem, Any]:
         """The problem of rows under conditions, and its unknowns."""
-        position, stress = given["position"], given["stress"]
+        position, stress = values["position"], values["stress"]
         zero = position.new_zeros(())
         start = State(
-            *(given[name] for name in NODE),
-            given.get("last_stress", stress),
+            *(values[name] for name in NODE),
+            values.get("last_stress", stress),
             position.new_zeros(len(now.supports), rows.space.unknowns),
             zero,
             zero,
             zero,
             zero,
             frame=common.frame,
-            internal=given.get(INTERNAL),
-            joints=given.get("joints"),
-            memory=given.get("memory"),
+            internal=values.get(INTERNAL),
+            joints=values.get("joints"),
+            memory=values.get("memory"),
         )
-        x = self.UNKNOWNS(given.get("u"), given.get("m"), stress)
-        return self._stepping(rows, start, common, given, now, C), x
+        x = self.UNKNOWNS(values.get("u"), values.get("m"), stress)
+        return self._stepping(rows, start, common, values, now, C), x
 
     def _stepping(
         self,
         rows: Rows,
         start: State,
         common: Common,
-        given: Fields,
+        values: Fields,
         now: Conditions,
         C: Tensor | None,
     ) -> StepProblem:
-        return LocalProblem(rows, start, common.dt, common.t, common.inputs, given=now, stiffness=C)
+        return MidpointProblem(
+            rows, start, common.dt, common.t, common.inputs, known=now, stiffness=C
+        )
 
 
 def told_to(problem: StepProblem, sort: str, fields: Fields) -> StepProblem:

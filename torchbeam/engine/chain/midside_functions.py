@@ -60,9 +60,7 @@ class MidsideFunctions:
         return self.rows.local.element_assembly.topology
 
     def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
-        """(D, U, L, far upper, far lower) of one element, with D of its midside node's
-        own.
-        """
+        """(D, U, L, far upper, far lower) of one element, with D of its midside node's own."""
         D = torch.stack(
             (fields["element.i.D"], fields["element.m.D"] + fields["own.D"], fields["element.j.D"])
         )

@@ -22,7 +22,7 @@ def to_nodes(names: Iterable[str]) -> list[str]:
 
 
 def eliminating(
-    condense: dict[str, Function], restore: Function, own: Packing, inner: Packing
+    condense: dict[str, Function], restore: Function, inside: Packing, inner: Packing
 ) -> tuple[dict[str, Function], Packing, dict[str, tuple[int, ...]]]:
     """Functions of midside nodes by name, from those that eliminate them, which take fields of the
     midside node (own.) and of the element (element.), and the one that restores them; what elements
@@ -30,8 +30,8 @@ def eliminating(
     """
     names = {f"element.{name}": name for name in inner.fields}
     makers = [
-        inner.taken(own.taken(one, {f"own.{name}": name for name in own.fields}), names)
-        for one in condense.values()
+        inner.taken(inside.taken(function, {f"own.{name}": name for name in inside.fields}), names)
+        for function in condense.values()
     ]
     between = Packing(BETWEEN, makers, to_nodes(makers[0].outputs))
     middle = Packing(MIDDLE, between.made(), FOLLOWING)

@@ -81,8 +81,8 @@ class NativeProgram:
             if key is not None:
                 store_layout(key, layout)
         else:
-            own = {field.name: detached(getattr(local, field.name)) for field in fields(local)}
-            self._untraced = replace(local, **own), known
+            values = {field.name: detached(getattr(local, field.name)) for field in fields(local)}
+            self._untraced = replace(local, **values), known
         self.layout = layout
 
     @cached_property

@@ -106,7 +106,7 @@ class StretchKind(NamedTuple):
 
     ends: tuple[EndKind | None, EndKind | None]
     elastic: bool
-    rubs: bool
+    has_friction: bool
     multiplied: ClassVar[bool] = False
     kept: ClassVar[int] = 0
 
@@ -118,21 +118,21 @@ class StretchKind(NamedTuple):
     @property
     def coupled(self) -> bool:
         """Whether its tension depends on where the other stretches are."""
-        return self.elastic or self.rubs
+        return self.elastic or self.has_friction
 
     def by_word(self) -> dict[str, tuple[Any, ...]]:
         """What each of its functions depends on, by the first word of their names."""
         return {
-            "stretch": (self.ends, self.coupled, self.rubs),
-            "tension": (self.elastic, self.rubs),
+            "stretch": (self.ends, self.coupled, self.has_friction),
+            "tension": (self.elastic, self.has_friction),
             "tie": (self.ends, self.coupled),
         }
 
 
 def alike(kinds: tuple[Any, ...], k: int, word: str) -> int:
     """The first of the kinds that has the same functions of this word as kind k."""
-    own = [kind.by_word()[word] if hasattr(kind, "by_word") else kind for kind in kinds]
-    return own.index(own[k])
+    words = [kind.by_word()[word] if hasattr(kind, "by_word") else kind for kind in kinds]
+    return words.index(words[k])
 
 
 def distinct(kinds: tuple[Any, ...], word: str) -> list[tuple[int, Any]]:
@@ -146,10 +146,10 @@ class PairKind(NamedTuple):
     """
 
     ends: tuple[EndKind, ...]
-    rubs: bool
-    damps: bool
+    has_friction: bool
+    has_damping: bool
     surface: type | None
-    tapers: bool
+    has_taper: bool
     multiplied: ClassVar[bool] = False
     kept: ClassVar[int] = 0
 
@@ -204,7 +204,7 @@ class Kinds(NamedTuple):
     @property
     def multiplied(self) -> bool:
         """Whether there are forces of constraints."""
-        return any(kind.multiplied for own in self.between for kind in own)
+        return any(kind.multiplied for kinds in self.between for kind in kinds)
 
     @classmethod
     def of(
@@ -218,8 +218,8 @@ class Kinds(NamedTuple):
         element; several: those that act on several nodes.
         """
         held, topology = [node.end for node in nodes], model.topology
-        ends = (tuple(held[node] for node in own) for own in zip(*topology.elements, strict=True))
-        elements = tuple(ElementKind(own, loads(e)) for e, own in enumerate(ends))
+        ends = (tuple(held[node] for node in row) for row in zip(*topology.elements, strict=True))
+        elements = tuple(ElementKind(row, loads(e)) for e, row in enumerate(ends))
         joints, stretches = _of_joints(model, held), _of_stretches(model, held)
         pairs, touching = _of_pairs(model, held)
         runs = MANNERS if touching else manners_of(model)  # pairs come and go
@@ -237,7 +237,7 @@ class Kinds(NamedTuple):
 
     def distinct(self) -> Kinds:
         """Each once; where there are bodies alone, a kind of elements that none is of."""
-        kinds = Kinds(*(tuple(dict.fromkeys(own)) for own in self))
+        kinds = Kinds(*(tuple(dict.fromkeys(sort)) for sort in self))
         kinds = kinds._replace(pairs=kinds.touching)
         return kinds if kinds.elements else kinds._replace(elements=(NO_ELEMENT,))
 
@@ -262,8 +262,8 @@ def _of_joints(model: Model, held: list[EndKind]) -> tuple[JointKind, ...]:
     factors = joints.v, joints.w, joints.across
     shifts = zip(*(_shifts(factor.shift) for factor in factors), strict=True)
     return tuple(
-        JointKind(tuple(None if node is None else held[node] for node in pair), *own)
-        for pair, *own in zip(
+        JointKind(tuple(None if node is None else held[node] for node in pair), *more)
+        for pair, *more in zip(
             model.topology.joints, *masks, shifts, _tuples(joints.parts), balls, strict=True
         )
     )
@@ -293,8 +293,8 @@ def _of_pairs(
     possible = {}
     for touching in model.touching.each:
         points, pieces = (
-            dict.fromkeys(tuple(held[node] for node in nodes) for nodes in own)
-            for own in (piece_nodes(*touching.along), touching.pieces)
+            dict.fromkeys(tuple(held[node] for node in nodes) for nodes in rows)
+            for rows in (piece_nodes(*touching.along), touching.pieces)
         )
         possible |= dict.fromkeys(PairKind(a + b, *touching.law) for a in points for b in pieces)
     return pairs, tuple(possible)

@@ -59,7 +59,7 @@ class Order(NamedTuple):
 
 def connectivity_of(model: Model) -> Connectivity:
     """Of a whole model."""
-    edges = tuple(one.edges(model) for one in INTERACTIONS)
+    edges = tuple(sort.edges(model) for sort in INTERACTIONS)
     return Connectivity(model.topology, model.constraints.nodes, edges)
 
 
@@ -77,7 +77,7 @@ def manners_by(framework: Framework, order: Order) -> tuple[str, ...]:
     for run, place in order.following:
         manners.add(f"following {'forward' if place == run.before else 'backward'}")
     more = {"bordered": order.bordered, INTERFACE: framework.cut.interface}
-    return tuple(sorted(manners | {name for name, own in more.items() if own}))
+    return tuple(sorted(manners | {name for name, runs in more.items() if runs}))
 
 
 @lru_cache(maxsize=64)
@@ -88,23 +88,23 @@ def order_of(connectivity: Connectivity) -> Order:
     nodes = [ends[end] for end in how.interface]
     fixed = frozenset(k for k, node in enumerate(nodes) if node in supports)
     last = frozenset(range(len(nodes) - shared, len(nodes)))
-    own, constraints, together = _units(nodes, edges)
+    owned, constraints, together = _units(nodes, edges)
     direct = {(i, j) for _, i, j in how.direct}
     couplings = tuple(sorted(direct.union(*(combinations(sorted(x), 2) for x in together))))
     between = [run for runs in how.runs for run in runs if run.manner == "between"]
     runs = tuple((run.before, run.after) for run in between)
-    units = len(nodes) + sum(unit is not None for units in own for unit in units)
+    units = len(nodes) + sum(unit is not None for units in owned for unit in units)
     groups, following = Elimination(len(nodes), units, constraints, couplings, runs).ordered(
         fixed, last
     )
-    common = last | {unit for unit, one in constraints.items() if {*one.ends} <= {*last, None}}
+    common = last | {unit for unit, tie in constraints.items() if {*tie.ends} <= {*last, None}}
     of_common = [bool(common & {*group}) for group in groups]
     apart = of_common == sorted(of_common) and all(
-        common >= {*group} for group, own in zip(groups, of_common, strict=True) if own
+        common >= {*group} for group, shared in zip(groups, of_common, strict=True) if shared
     )
     return Order(
         couplings,
-        own,
+        owned,
         constraints,
         groups,
         tuple((between[k], place) for k, place in following.items()),
@@ -122,16 +122,16 @@ def _units(
     place: dict[int | None, int] = {node: k for k, node in enumerate(nodes)}
     unit, constraints, together, every = len(nodes), {}, set(), []
     for own_edges in edges:
-        own: list[int | None] = []
+        owned: list[int | None] = []
         for edge in own_edges:
             there = [place[node] for node in edge.nodes if node is not None]
             has_own = edge.alone or edge.held is not None
-            own.append(unit if has_own else None)
+            owned.append(unit if has_own else None)
             together.add(frozenset([*there, unit] if has_own else there))
             together |= {frozenset((unit - 1, unit))} if edge.chained else set()
             if edge.held is not None:
                 ends = tuple(map(place.get, edge.nodes))
                 constraints[unit] = Constraint(ends, edge.held, edge.firm)
             unit += has_own
-        every.append(tuple(own))
+        every.append(tuple(owned))
     return tuple(every), constraints, together

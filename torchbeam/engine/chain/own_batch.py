@@ -44,8 +44,8 @@ def of_one_sample(load: Any) -> Any:
     return with_values(
         load,
         **{
-            own.name: lambda *args, f=own.value, **named: one(f(*args, **named))
-            for own in own_leaves(load)
-            if own.axes is None and callable(own.value)
+            leaf.name: lambda *args, f=leaf.value, **named: one(f(*args, **named))
+            for leaf in own_leaves(load)
+            if leaf.axes is None and callable(leaf.value)
         },
     )

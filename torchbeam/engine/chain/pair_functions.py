@@ -56,8 +56,8 @@ class PairFunctions:
         """So many of a node's unknowns a pair pushes, and is moved by: without friction places
         alone.
         """
-        dims = self.problems.model.space.dims
-        return self.problems.model.space.unknowns if kind.rubs or kind.surface else dims.position
+        space = self.problems.model.space
+        return space.unknowns if kind.has_friction or kind.surface else space.dims.position
 
     def finish_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
         """Its work over the step."""
@@ -70,15 +70,15 @@ class PairFunctions:
         pairs = filled(self.problems.trees.pair, lambda k: fields[f"pair.{k}"][None])
         if isinstance(pairs, SurfacePairs):
             pairs = pairs.of(kind.surface)
-        if not kind.rubs:
+        if not kind.has_friction:
             pairs = replace(pairs, friction=None, slip_speed=None)
-        if not kind.tapers:
+        if not kind.has_taper:
             pairs = replace(pairs, taper=None)
-        if not kind.damps:
+        if not kind.has_damping:
             pairs = replace(pairs, damping=None)
         touching = OnePair(ends.rows.space, self.problems.model.touching.moves.detach(), pairs)
         problem, x = self.problems.problem(
-            replace(ends.rows, touching=touching), None, ends.common, ends.given, ends.now
+            replace(ends.rows, touching=touching), None, ends.common, ends.values, ends.now
         )
         x = problem.apply_supports(x)
         return problem, problem.node_balance(x)[0]

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 from torch._C import _functorch as functorch
 
+from ...core.function_dependencies import Dependencies
 from ...core.functions_of_time import rate_along
-from ...core.surroundings import Surroundings
 from ...equations.steady import Configuration, SteadyProblem
 from ...math.block_tridiagonal import in_unit
 from ...nodal.balance import same_law
@@ -71,7 +71,7 @@ class NativeBalance:
     """
 
     def __init__(
-        self, problem: SteadyProblem, load: str | None, around: Surroundings | None
+        self, problem: SteadyProblem, load: str | None, around: Dependencies | None
     ) -> None:
         """problem: at factor 0."""
         self.model, self.problem = problem.model, problem
@@ -82,10 +82,10 @@ class NativeBalance:
         self.instance = instance_at_rest(local, constants, around, PathProgram)
         fields = fields_at_rest(self.instance, model, trees, problem.t, problem.inputs)
         self.exact, self.load = same_law(local.trees.element.C, model.law.C), load
-        self.rising = [one for one in fields if one.name in rises]
-        self.fields = [one for one in fields if one.name not in rises]
+        self.rising = [field for field in fields if field.name in rises]
+        self.fields = [field for field in fields if field.name not in rises]
         self.fields += [
-            one._replace(name=dot(one.name), value=rises[one.name]) for one in self.rising
+            field._replace(name=dot(field.name), value=rises[field.name]) for field in self.rising
         ]
         self.fields += [] if led is None else [Field("node", RATE, led, 2)]
         self.instance.program.run(1)  # raises where it cannot be compiled
@@ -105,7 +105,7 @@ class NativeBalance:
 
         trees = at_rest(inputs)
         if load is None:
-            moving = any(one.displacement is not None for one in model.scene.supports)
+            moving = any(support.displacement is not None for support in model.scene.supports)
             return trees, ("load_factor",), {}, _rate(problem) if moving else None
         none = at_rest({**inputs, load: torch.zeros_like(inputs[load])})
         pairs = zip(constant_fields(none), constant_fields(trees), strict=True)
@@ -120,7 +120,7 @@ class NativeBalance:
         batch, order, x = factor.shape, self.instance.program.order, (position, rotation, stress)
         stress, forces = self.model.multipliers.split(stress)
         share = factor if self.load is None else torch.ones_like(factor)
-        given = [
+        fields = [
             Field(record, name, value.expand(*batch, *value.shape[-axes:]).contiguous(), axes)
             if axes
             else Field(record, name, value.contiguous(), 0)
@@ -133,10 +133,10 @@ class NativeBalance:
                 ("common", "reached", share, 0),
             )
         ]
-        for one in self.rising:
-            rate = next(x.value for x in self.fields if x.name == dot(one.name))
-            wide = factor[(...,) + (None,) * one.axes]
-            given.append(one._replace(value=(one.value + wide * rate).contiguous()))
+        for field in self.rising:
+            rate = next(x.value for x in self.fields if x.name == dot(field.name))
+            wide = factor[(...,) + (None,) * field.axes]
+            fields.append(field._replace(value=(field.value + wide * rate).contiguous()))
         size = self.instance.program.w, self.instance.program.w
         rows = {
             ("move", "move"): (self.instance.rows("move"), size[0]),
@@ -155,17 +155,17 @@ class NativeBalance:
             check_batch(self.model, batch)
             slope = torch.tensor((0.0, 1.0), dtype=factor.dtype).reshape(2, *(1,) * len(batch))
             fixed = [*self.fields, Field("common", "slope", slope, 0)]
-            out = [Output(*name, own, steps=True) for name, own in rows.items()]
-            call = self._calls[batch] = Call(self.instance, batch, 2, given, out, fixed=fixed)
-        found = call.run([one.value for one in given])
+            out = [Output(*name, shape, steps=True) for name, shape in rows.items()]
+            call = self._calls[batch] = Call(self.instance, batch, 2, fields, out, fixed=fixed)
+        found = call.run([field.value for field in fields])
         move, dstress, reaction, measure, *blocks = (
             x.reshape(2, *batch, *x.shape[2:]) for x in found
         )
         if forces is not None:
             dstress = stacked(dstress, blocks.pop(0))
         answers = zip(move[..., slice(order, -order), :], dstress, reaction, strict=True)
-        own = self._pivots(*blocks) if self.by_rows else partial(self._system, *x, factor)
-        return NativePoint(Size(measure[0]), self.exact, *answers, own)
+        signs = self._pivots(*blocks) if self.by_rows else partial(self._system, *x, factor)
+        return NativePoint(Size(measure[0]), self.exact, *answers, signs)
 
     def _pivots(self, rows: Tensor, middle: Tensor | None = None) -> Tensor:
         """Pivots (..., n, w, w), also those of nodes that supports hold, 1."""
@@ -195,18 +195,18 @@ def _rate(problem: SteadyProblem) -> Tensor:
 def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
     """Why the balances of a path are not found by native code; None where they are."""
     model = problem.model
-    turned = any(one.turn is not None for one in model.scene.supports)
+    turned = any(support.turn is not None for support in model.scene.supports)
     # of which it is not known that they are linear in their inputs
-    own = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
+    by_user = any(map(written, (*model.loads[1], *model.scene.eigenstrains)))
     reasons = {
         "a Tendon": bool(model.scene.tendons),
-        "loads between nodes": any(one.between_nodes for one in model.scene.loads),
-        f"the factor of {load!r} beside functions without motion": load is not None and own,
+        "loads between nodes": any(load.between_nodes for load in model.scene.loads),
+        f"the factor of {load!r} beside functions without motion": load is not None and by_user,
         "supports that turn with the load's factor": load is None and turned,
         "loads with internal states": bool(model.internal_states),
         "a rigid motion that nothing holds": type(problem) is not SteadyProblem,
     }
-    return refusal(model) or next((reason for reason, given in reasons.items() if given), None)
+    return refusal(model) or next((reason for reason, applies in reasons.items() if applies), None)
 
 
 def native_balance(problem: SteadyProblem, load: str | None, engine: str) -> NativeBalance | None:

@@ -12,7 +12,6 @@ from typing import Any
 from torch import Tensor
 
 from ...equations.balance_problem import BalanceProblem
-from ...nodal.balance import mixed, scaled
 from ...nodal.model import Model
 from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
@@ -78,21 +77,13 @@ class PathSamples(SampleFunctions):
         self,
         force: Tensor,
         moment: Tensor,
-        strain: Tensor,
-        left_force: Tensor,
-        left_moment: Tensor,
-        left_strain: Tensor,
-        total: Tensor,
-        longest: Tensor,
         least_force: Tensor,
         least_moment: Tensor,
-        **joints: Tensor,
+        **sizes: Tensor,
     ) -> Fields:
         """Size of the residual, see `Residual.measure`."""
         force, moment = force.maximum(least_force), moment.maximum(least_moment)
-        largest = mixed(force, moment, total, longest)
-        size = scaled(left_force, left_moment, left_strain, *largest, strain)
-        return {"size": self.with_gaps(size, joints)}
+        return {"size": self._size(force, moment, **sizes)}
 
 
 def by_rows(model: Model) -> bool:

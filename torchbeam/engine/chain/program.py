@@ -71,9 +71,9 @@ class NewtonProgram(NativeProgram):
 
     def _of_row(self, traced: Tracing, sort: Sort, kind: Any) -> Function:
         """The balance of a kind of rows."""
-        given = traced.of(sort) | dict.fromkeys(self.varying, ())
-        given |= self._told(traced.local.points_told(sort, kind))
-        return traced(partial(traced.local.balance(sort), kind), given)
+        shapes = traced.of(sort) | dict.fromkeys(self.varying, ())
+        shapes |= self._told(traced.local.points_told(sort, kind))
+        return traced(partial(traced.local.balance(sort), kind), shapes)
 
     def _told(self, points: int) -> Shapes:
         """What the last iteration tells so many points where surfaces rub."""
@@ -88,7 +88,7 @@ class NewtonProgram(NativeProgram):
         w, functions = self.w, self._of_samples(traced)
         nodes = [*self._of_rows(traced, NODE).values()]
         functions |= self._beside(traced)
-        own = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
+        packing = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
         elements = [*self._of_rows(traced, ELEMENT).values()]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
         names = midsides.to_nodes(shapes)
@@ -99,7 +99,7 @@ class NewtonProgram(NativeProgram):
             functions[name] = load.only(load.outputs)
         law = Packing(LAW, made[: len(elements)], ("gap", "E"))
         elements = [one.only(name for name in one.outputs if name != "hB") for one in law.made()]
-        self._iterated(functions, own.made(), elements, traced)
+        self._iterated(functions, packing.made(), elements, traced)
 
         moves = {f"{side}.move": (w,) for side in self.sides}
         stress = traced(
@@ -107,8 +107,8 @@ class NewtonProgram(NativeProgram):
             {**traced.element, **{name: shapes[name] for name in law.fields}, **moves},
         )
         functions["stress"] = law.taken(stress, {name: name for name in law.fields})
-        shapes |= {f"own.{name}": nodes[0].outputs[name].shape for name in own.fields}
-        functions |= rows.of_rows(traced, own, between, shapes, self.held, self.kinds.runs)
+        shapes |= {f"own.{name}": nodes[0].outputs[name].shape for name in packing.fields}
+        functions |= rows.of_rows(traced, packing, between, shapes, self.held, self.kinds.runs)
         functions |= self._interactions(traced)
         if self.held:
             functions["reaction"] = traced(
@@ -148,8 +148,8 @@ class NewtonProgram(NativeProgram):
         """Functions of what acts between nodes."""
         functions, w, kinds = {}, self.w, self.kinds
         for sort in INTERACTIONS:
-            own = partial(self._of_row, traced, sort)
-            functions |= interactions.of_interaction(traced, sort, kinds, self.held, own)
+            traced_row = partial(self._of_row, traced, sort)
+            functions |= interactions.of_interaction(traced, sort, kinds, self.held, traced_row)
         changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
         for k, _ in interactions.kinds_of(kinds, JOINT):
             name = f"{JOINT.name} {k}"
@@ -187,11 +187,11 @@ class NewtonProgram(NativeProgram):
         nodes, elements = self.with_ends(
             nodes, elements, self.unknown, (*traced.constants["common"], *self.varying)
         )
-        for k, one in enumerate(nodes):
-            _split(functions, f"node {k}", one, (*self.unknown, "told", *self.varying))
+        for k, x in enumerate(nodes):
+            _split(functions, f"node {k}", x, (*self.unknown, "told", *self.varying))
         changing = [f"{side}.{name}" for side in self.sides for name in (*self.unknown, END)]
-        for k, one in enumerate(elements):
-            _split(functions, f"element {k}", one, (*changing, "stress", *self.varying))
+        for k, x in enumerate(elements):
+            _split(functions, f"element {k}", x, (*changing, "stress", *self.varying))
 
     def _layout(self) -> Layout:
         inputs, outputs, w, k = self.constants, self.outputs, self.w, self.k
@@ -241,8 +241,8 @@ class NewtonProgram(NativeProgram):
         if INTERFACE in self.kinds.runs:
             layout.record("push", NODES, [("push", w)])
         for sort in interactions.present(self.kinds):
-            given = self.kinds, inputs(sort.constants), w
-            interactions.record(layout, self.functions, sort, *given)
+            settings = self.kinds, inputs(sort.constants), w
+            interactions.record(layout, self.functions, sort, *settings)
         if self.kinds.multiplied:
             interactions.record_multipliers(layout, w)
         if self.kinds.stretches:

@@ -157,8 +157,8 @@ class RecordCode:
                 place = (*to, field[2:])
             return self.pointer(of(field) if place is None else place)
 
-        given = (*function.inputs, *(f"> {field}" for field in function.outputs))
-        self.code.call(name, *map(where, given))
+        names = (*function.inputs, *(f"> {field}" for field in function.outputs))
+        self.code.call(name, *map(where, names))
 
     @contextmanager
     def rows_of(self, record: str) -> Iterator[str | int]:
@@ -187,8 +187,8 @@ class RecordCode:
 
     def has(self, record: str, field: str) -> bool:
         """Whether a record has a field, or one of its cotangents."""
-        own, bars = self.layout.cotangent(record, field)
-        return field in self.layout.fields(record) or bars in self.layout.fields(own)
+        bar, bars = self.layout.cotangent(record, field)
+        return field in self.layout.fields(record) or bars in self.layout.fields(bar)
 
     def first_of(self, records: Iterable[str], field: str, row: str | int = 0) -> Place:
         """A field of the first of these records that has it; else of what all have in common."""
@@ -214,8 +214,8 @@ class RecordCode:
     ) -> Iterator[tuple[str, list[str]]]:
         """Each entry: its number and its integers. shared: of what cells share, or of a cell."""
         first, end = self.range_of(f"{table}_count", shared)
-        given = (self.code.sub(end, 1), -1, -1) if backward else (first, end)
-        with self.code.loop(*given) as k:
+        bounds = (self.code.sub(end, 1), -1, -1) if backward else (first, end)
+        with self.code.loop(*bounds) as k:
             yield k, self.integers(table, k)
 
     def range_of(self, count: str, shared: bool | None = None) -> tuple[str | int, str]:
@@ -248,9 +248,9 @@ class RecordCode:
         flags = self.code.at(matrix, self.args["entry_count"], self.lanes.vector)
         return f"ptr {matrix}, ptr {flags}"
 
-    def on_block(self, name: str, first: str, stride: str, *given: str) -> None:
+    def on_block(self, name: str, first: str, stride: str, *pointers: str) -> None:
         """A function of `BlockElimination` on a block of the matrix."""
-        more = "".join(f", ptr {x}" for x in given)
+        more = "".join(f", ptr {x}" for x in pointers)
         self.code.line(f'call void @"{name}"({self.system}, i64 {first}, i64 {stride}{more})')
 
     def add_block(self, first: str, stride: str, source: str, name: str = "block") -> None:
@@ -289,8 +289,8 @@ class RecordCode:
         """A function of so many components, None = as many as the first place of a record has."""
         if size is None:
             size = next(self.size_of(x) for x in places if not isinstance(x, str))
-        given = ", ".join(f"ptr {self.pointer(x)}" for x in places)
-        self.code.line(f'call void @"{name}"({given}, i64 {size})')
+        pointers = ", ".join(f"ptr {self.pointer(x)}" for x in places)
+        self.code.line(f'call void @"{name}"({pointers}, i64 {size})')
 
     def fill(self, to: str | Place, size: str | int | None = None) -> None:
         self.sized("zero", size, to)

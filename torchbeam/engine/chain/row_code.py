@@ -242,8 +242,8 @@ class RowCode(RecordCode):
         with self.each_kind(sort, number) as numbers:
             for k in numbers:
                 function = alike(kinds, k, sort.name)
-                own = code.load(code.at(entry, sort.width - 1)) if kinds[k].multiplied else None
-                then(Row(sort, number, function, entry, nodes, kinds[k].sides, own))
+                unit = code.load(code.at(entry, sort.width - 1)) if kinds[k].multiplied else None
+                then(Row(sort, number, function, entry, nodes, kinds[k].sides, unit))
 
     def each_of(
         self, sort: Sort, then: Then, look: bool = False, shared: bool | None = None

@@ -92,11 +92,11 @@ def given_by_rows(functions: dict[str, Function]) -> dict[str, int]:
 
 def record(layout: Layout, functions: dict[str, Function], w: int) -> None:
     """Records of what is eliminated."""
-    given = given_by_rows(functions)
+    sizes = given_by_rows(functions)
     layout.record("row", NODES, [("ahead", w * w), ("y", w)])
-    if "side" in given:
+    if "side" in sizes:
         layout.record("row", NODES, [("side", w * w)])
         layout.record("edge", ONE, [(name, w * w) for name in ("E", "pushed", "start")])
     if INTERFACE in functions:
-        layout.record("interface", INTERFACE, [(name, given[name]) for name in ROW])
+        layout.record("interface", INTERFACE, [(name, sizes[name]) for name in ROW])
         layout.record("matrix", ENTRIES, [("entry", 1)])

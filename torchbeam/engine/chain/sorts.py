@@ -65,7 +65,7 @@ def _of_pairs(model: Model) -> Edges:
 
 
 def _of_couplings(model: Model) -> Edges:
-    return tuple(Edge(one.nodes, one.unknowns or None) for one in model.scene.interactions)
+    return tuple(Edge(act.nodes, act.unknowns or None) for act in model.scene.interactions)
 
 
 class Sort(NamedTuple):

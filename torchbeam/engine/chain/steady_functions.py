@@ -20,20 +20,12 @@ from ...nodal.rows import Rows
 from ...scene.prescribed_motion import moved
 from .chain_constants import Common
 from .local_functions import LocalFunctions
-from .local_problem import Fields, Given
+from .local_problem import Fields
 from .node_kinds import NodeKind
 from .sample_functions import SampleFunctions
 
 # fields of a support's node, and their sizes
 POSE = {"position": 3, "rotation": 4, "displacement": 3, "turn": 3}
-
-
-@dataclass(frozen=True)
-class LocalSteadyProblem(Given, SteadyProblem):
-    """An equilibrium of one node, or of one element, whose supports are where they have to be."""
-
-    def apply_supports(self, x: Configuration) -> Configuration:
-        return x
 
 
 @dataclass(frozen=True)
@@ -54,13 +46,11 @@ class SteadyFunctions(LocalFunctions):
         return True  # of which inertia is a part
 
     def _solved(
-        self, rows: Rows, common: Common, given: Fields, now: Conditions, C: Tensor | None
-    ) -> tuple[LocalSteadyProblem, Configuration]:
-        x = Configuration(given["position"], given["rotation"], given["stress"])
-        load_factor = given.get("load_factor", common.t.new_ones(()))  # a move asks for none
-        return LocalSteadyProblem(
-            rows, common.t, common.inputs, load_factor, given=now, stiffness=C
-        ), x
+        self, rows: Rows, common: Common, values: Fields, now: Conditions, C: Tensor | None
+    ) -> tuple[SteadyProblem, Configuration]:
+        x = Configuration(values["position"], values["rotation"], values["stress"])
+        load_factor = values.get("load_factor", common.t.new_ones(()))  # a move asks for none
+        return SteadyProblem(rows, common.t, common.inputs, load_factor, known=now, stiffness=C), x
 
     def place(self, kind: NodeKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """Position and rotation of a support's node where it has to be; of the node undeformed

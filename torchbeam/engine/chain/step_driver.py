@@ -48,8 +48,8 @@ class StepSlots(Slots):
             "> status": ("sample", 0, "found_status"),
             "> moving": ("sample", 0, "good"),
         }
-        own = "common", "sums", "sample"
-        driver.call("outcome", lambda f: driver.first_of(own, f), places=places)
+        records = "common", "sums", "sample"
+        driver.call("outcome", lambda f: driver.first_of(records, f), places=places)
         for name, source in (("last_status", "found_status"), ("moving", "good")):
             driver.copy(("sample", 0, name), ("sample", 0, source))
 

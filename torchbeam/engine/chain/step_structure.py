@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from ...core.function_dependencies import Dependencies
 from ...core.remembered import keep, structure_of
-from ...core.surroundings import Surroundings
 from ...math.shapes import broadcast_shapes
 from ...nodal.coordinates.planar import Planar
 from ...nodal.model import Model
@@ -85,7 +85,7 @@ class StepStructure:
             if id(field.value) in names
         ]
         self.takes_time = roles.asks or any(
-            self.instance.has(one.record, one.name) for one, name in self.changing if name == "t"
+            self.instance.has(x.record, x.name) for x, name in self.changing if name == "t"
         )
         self.forms: dict[Any, Form] = {}
         self.adjoints: dict[frozenset[str], ProgramInstance] = {}
@@ -95,7 +95,7 @@ class StepStructure:
         cls,
         local: LocalFunctions,
         kinds: Kinds,
-        around: Surroundings | None,
+        around: Dependencies | None,
         values: dict[str, Tensor],
         roles: LoadRoles,
     ) -> StepStructure:
@@ -168,7 +168,7 @@ class StepStructure:
         lanes: int | None,
         every: int,
     ) -> Form:
-        *given, exact, moving = tensors[: -len(self.state)]
+        *values, exact, moving = tensors[: -len(self.state)]
         state = dict(zip(self.state, tensors[-len(self.state) :], strict=True))
         if any(x.device.type != "cpu" for x in tensors):
             device = next(x.device for x in tensors if x.device.type != "cpu")
@@ -178,7 +178,7 @@ class StepStructure:
         none = torch.zeros((), dtype=self.instance.dtype)
         numbers = {"tolerance": tolerance, "least": least}
         inputs = [
-            *(one._replace(value=x) for (one, _), x in zip(self.changing, given, strict=True)),
+            *(one._replace(value=x) for (one, _), x in zip(self.changing, values, strict=True)),
             Field("common", "exact", exact, 0),
             Field("sample", "moving", moving, 0),
             *(Field(*self.state[name], x, self.axes[name]) for name, x in state.items()),
@@ -195,9 +195,9 @@ class StepStructure:
             *(lead if K is None else lead[len(lead) > dims :] for lead in leads)
         )
         instance = self.instance_for(batch.numel(), lanes)
-        axes, own = moving.ndim or state["work"].ndim, batch
+        axes, shape = moving.ndim or state["work"].ndim, batch
         if K is not None and batch[: dims - axes].numel() == 1:
-            own = batch[dims - axes :]
+            shape = batch[dims - axes :]
         parts = [
             *((x.shape[x.ndim - self.axes[name] :], every) for name, x in state.items()),
             *[((), 1)] * len(NUMBERS),
@@ -208,14 +208,14 @@ class StepStructure:
         ]
         call = Call(instance, batch, K or 1, inputs, outputs, constants, fixed, lanes)
         templates = [
-            like((*(() if K is None else (K // each,)), *own, *part), self.instance.dtype)
+            like((*(() if K is None else (K // each,)), *shape, *part), self.instance.dtype)
             for part, each in parts
         ]
         return Form(call, templates, {})
 
 
 def _by_cells(
-    program: StepProgram, local: LocalFunctions, kinds: Kinds, around: Surroundings | None
+    program: StepProgram, local: LocalFunctions, kinds: Kinds, around: Dependencies | None
 ) -> ProgramInstance | None:
     """The model cell by cell, where it has any and nothing else couples them."""
     model = local.model
@@ -229,8 +229,8 @@ def _by_cells(
         return None
     held = bool(connectivity.supports)
     traced = programs.traced_of(local, kinds, held, around)
-    own = programs.program_of(local, cells.kinds, held, around, known=traced)
-    return ProgramInstance(own, model, kinds, cells)
+    cell = programs.program_of(local, cells.kinds, held, around, known=traced)
+    return ProgramInstance(cell, model, kinds, cells)
 
 
 _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whatever has a `program`
@@ -238,8 +238,8 @@ _STRUCTURES: dict[Hashable, Any] = {}  # of steps, and of load stepping: whateve
 
 def by_numbers(model: Model) -> bool:
     """Whether the kinds of a model's rows follow from numbers: those of joints, tendons, pairs."""
-    own = model.topology
-    return bool(own.joints or own.ties or model.scene.pairs)
+    framework = model.topology
+    return bool(framework.joints or framework.ties or model.scene.pairs)
 
 
 def key_of(model: Model, kinds: Kinds | None, *options: Any) -> Hashable | None:

@@ -71,8 +71,8 @@ def in_steps(
 ) -> tuple[Tensor, Tensor, Inputs]:
     """Of K steps of samples with so many axes, (K, ...) with `dims` of them."""
 
-    def spaced(x: Tensor, own: int) -> Tensor:
-        return x.reshape(K, *(1,) * (dims + 1 + own - x.ndim), *x.shape[1:])
+    def spaced(x: Tensor, axes: int) -> Tensor:
+        return x.reshape(K, *(1,) * (dims + 1 + axes - x.ndim), *x.shape[1:])
 
     dt, t = (x if x.ndim == 0 else spaced(x, 0) for x in (dt, t))
     return dt, t, {k: spaced(x, 1) if x.ndim > axes + 1 else x for k, x in inputs.items()}

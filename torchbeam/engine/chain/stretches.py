@@ -41,12 +41,12 @@ def adjoint_of_stretches(
     ends = ("own.direction", "last.direction", "last.tension")
     sums = [f"beyond.{name}" for name in SUMMED]
     bars = {"stretch": ["u", "m"], "tension first": sums, "tension next": [*sums, *ends]}
-    for name, own in bars.items():
+    for name, place in bars.items():
         word = name.partition(" ")[0]
         for k, _ in distinct(kinds, word):
             whole = functions[f"{name} {k}"]
             of = () if word == "stretch" else ["tension"]
-            functions[f"{name} {k} bar"] = derivative(whole, of, own)
+            functions[f"{name} {k} bar"] = derivative(whole, of, place)
     return functions
 
 

@@ -24,7 +24,7 @@ from .sorts import INTERACTIONS, LAST, OWN, Edge, Edges, Sort
 # tables of integers that code reads, and numbers, by name
 LISTS = (
     *("bases", "node_kinds", "element_kinds", "held", "support_of", "support_nodes"),
-    *(f"{one.constants}_{what}" for one in INTERACTIONS for what in ("kinds", "table")),
+    *(f"{sort.constants}_{what}" for sort in INTERACTIONS for what in ("kinds", "table")),
     *("element_nodes", "left_elements", "right_elements", "node_places", "element_places"),
     *("kept_nodes", "kept_elements", "interface", "direct", "elimination", "substitution"),
     "multipliers",
@@ -33,8 +33,8 @@ LISTS = (
 COUNTS = (
     *("nodes", "kept_node_count", "kept_element_count", "interface_count", "direct_count"),
     *("forward_count", "backward_count", "bordered_count", "following_count"),
-    *(*(f"{one.constants}_count" for one in INTERACTIONS), "entry_count", "group_count"),
-    *(*(f"{one.of}_count" for one in INTERACTIONS if one.of), "multipliers_count"),
+    *(*(f"{sort.constants}_count" for sort in INTERACTIONS), "entry_count", "group_count"),
+    *(*(f"{sort.of}_count" for sort in INTERACTIONS if sort.of), "multipliers_count"),
     *("first_groups", "last_groups", "last_table"),
     *("shared_groups", "shared_table", "shared_first", "shared_size"),
     *("own_nodes", "own_interface", "own_edges"),
@@ -48,7 +48,7 @@ WIDTH = {
     "bordered": 16,
     "following": 20,
     "multipliers": 1,
-    **{one.constants: one.width for one in INTERACTIONS},
+    **{sort.constants: sort.width for sort in INTERACTIONS},
 }
 NONE = (-1, -1)  # the place of a block that is not there
 BYTES = 4  # of a number, at least
@@ -119,7 +119,7 @@ class _Builder:
             NODE_PLACES: self.framework.order + 1 + len(places["kept_nodes"]),
             ELEMENT_PLACES: ELEMENT_TURNS + len(places["kept_elements"]),
         }
-        numbers |= {f"{one.of}_count": rows[one.of] for one in INTERACTIONS if one.of}
+        numbers |= {f"{sort.of}_count": rows[sort.of] for sort in INTERACTIONS if sort.of}
         return Tables(rows, lists, numbers)
 
     def _rows(self) -> dict[str, int]:
@@ -131,10 +131,10 @@ class _Builder:
             ENTRIES: size + flags,
             MULTIPLIERS: len(self.multipliers),
         }
-        for one, own_edges in zip(INTERACTIONS, self.edges, strict=True):
-            rows[one.rows] = len(own_edges)
-            if one.of is not None:
-                rows[one.of] = len({edge.more[-1] for edge in own_edges})
+        for sort, own_edges in zip(INTERACTIONS, self.edges, strict=True):
+            rows[sort.rows] = len(own_edges)
+            if sort.of is not None:
+                rows[sort.of] = len({edge.more[-1] for edge in own_edges})
         rows[SIGNS] = max((self.w * len(group) for group in self.groups), default=0) ** 2
         return rows
 
@@ -190,41 +190,41 @@ class _Builder:
     def _of_interactions(self) -> dict[str, Any]:
         """Tables of interactions, and of multipliers."""
         tables: dict[str, Any] = {
-            f"{one.constants}_table": self._table(one, own, units) if own else []
-            for one, own, units in zip(INTERACTIONS, self.edges, self.order.own, strict=True)
+            f"{sort.constants}_table": self._table(sort, edges, units) if edges else []
+            for sort, edges, units in zip(INTERACTIONS, self.edges, self.order.own, strict=True)
         }
         solutions = [self.pattern.solution(unit) for unit in self.order.constraints]
         return tables | {"multipliers": solutions}
 
     def _table(
-        self, one: Sort, own: Edges, units: tuple[int | None, ...]
+        self, sort: Sort, edges: Edges, units: tuple[int | None, ...]
     ) -> Sequence[int] | np.ndarray:
         """Row by row, or, of edges that have nothing but nodes, all at once."""
-        if one.unknowns or any(len(edge.nodes) < len(one.sides) for edge in own):
-            pairs = zip(own, units, strict=True)
-            return flat(self._row(one, edge, unit) for edge, unit in pairs)
-        at = np.array([[self.at_nodes[node] for node in edge.nodes] for edge in own], int)
-        at = at.reshape(len(own), len(one.sides))
+        if sort.unknowns or any(len(edge.nodes) < len(sort.sides) for edge in edges):
+            pairs = zip(edges, units, strict=True)
+            return flat(self._row(sort, edge, unit) for edge, unit in pairs)
+        at = np.array([[self.at_nodes[node] for node in edge.nodes] for edge in edges], int)
+        at = at.reshape(len(edges), len(sort.sides))
         rows = np.array([self.equation[node] for node in range(len(self.nodes))], int)[at]
-        blocks = self.pattern.places(rows[:, :, None], at[:, None]).reshape(len(own), -1)
+        blocks = self.pattern.places(rows[:, :, None], at[:, None]).reshape(len(edges), -1)
         return np.concatenate((np.array(self.nodes, int)[at], blocks), -1).ravel()
 
-    def _row(self, one: Sort, edge: Edge, own: int | None) -> list[int]:
+    def _row(self, sort: Sort, edge: Edge, unit: int | None) -> list[int]:
         """own: the unit of its unknowns."""
-        pattern, units = self.pattern, dict.fromkeys(one.sides)
-        units |= {OWN: own, LAST: own - 1 if edge.chained else None}
-        units |= zip(one.sides, map(self.at_nodes.get, edge.nodes), strict=False)
-        table = [0 if units[side] is None else self.nodes[units[side]] for side in one.sides]
+        pattern, units = self.pattern, dict.fromkeys(sort.sides)
+        units |= {OWN: unit, LAST: unit - 1 if edge.chained else None}
+        units |= zip(sort.sides, map(self.at_nodes.get, edge.nodes), strict=False)
+        table = [0 if units[side] is None else self.nodes[units[side]] for side in sort.sides]
         table += edge.more
-        for block in one.blocks:
+        for block in sort.blocks:
             at = [units[name] for name in block]
             # a weld has none
-            there = None not in at and (block != "oo" or self.equation[own] == own)
+            there = None not in at and (block != "oo" or self.equation[unit] == unit)
             table += self.between(*at) if there else NONE
-        if own is None:
-            return [*table, *NONE, -1, -1] if one.unknowns else table
-        table += *pattern.right(self.equation[own]), pattern.solution(own)
-        return [*table, self.multipliers.get(own, -1)]
+        if unit is None:
+            return [*table, *NONE, -1, -1] if sort.unknowns else table
+        table += *pattern.right(self.equation[unit]), pattern.solution(unit)
+        return [*table, self.multipliers.get(unit, -1)]
 
     # Groups
 
@@ -233,7 +233,7 @@ class _Builder:
         """Units that cells share."""
         nodes = {*range(len(self.nodes) - self.shared, len(self.nodes))}
         constraints = self.order.constraints.items()
-        return nodes | {k for k, one in constraints if {*one.ends} <= {*nodes, None}}
+        return nodes | {k for k, constraint in constraints if {*constraint.ends} <= {*nodes, None}}
 
     @cached_property
     def _own_groups(self) -> int:

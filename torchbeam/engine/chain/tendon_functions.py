@@ -56,7 +56,7 @@ class TendonFunctions:
         stretches = Stretches.of(step)
         before, after = (length[0] for length in stretches.lengths)
         outputs = {"length": after, "before": before, "direction": stretches.directions[1][0]}
-        if kind.rubs and self.problems.OVER_STEP:
+        if kind.has_friction and self.problems.OVER_STEP:
             outputs["rate"] = (stretches.directions[0] * step.rates.diff(dim=-2)).sum()
         if kind.coupled and self.problems.OVER_STEP:
             outputs["change"] = stretches.change(step._replace(way=tendons.way(motion)))[0]
@@ -70,11 +70,11 @@ class TendonFunctions:
         """
         constants = self._constants(fields)
         rope, before, change = self._rope(constants, kind), None, None
-        given = rope.raised(constants.given, fields.get("load_factor"))
+        drive = rope.raised(constants.given, fields.get("load_factor"))
         if self.problems.OVER_STEP:
             before = fields["beyond.before"]
             change = fields["beyond.change"] if kind.elastic else None
-        T, slope = rope.pull(given, fields["beyond.length"], before, change)
+        T, slope = rope.pull(drive, fields["beyond.length"], before, change)
         return {"tension": T, "slope": slope}
 
     def tension_next(self, kind: StretchKind, **fields: Tensor) -> Fields:
@@ -82,7 +82,7 @@ class TendonFunctions:
         above; `turned` is of the last one; `told`, where it is given: see `Grip`.
         """
         last, none = fields["last.tension"], torch.zeros_like(fields["own.direction"])
-        if not kind.rubs:
+        if not kind.has_friction:
             one = torch.ones_like(last)
             return {"tension": last, "slope": 0 * one, "ratio": one, "by_q": none, "turned": none}
         rope = self._rope(self._constants(fields), kind)
@@ -125,8 +125,8 @@ class TendonFunctions:
         outputs = pushed(T * unit, kind.sides, blocks)
         if kind.coupled:
             outputs |= self._own_blocks(fields)
-            own = self._own_rows(tendons, placed, fields)
-            outputs |= {f"o{side}": own[side] for side in kind.sides}
+            rows = self._own_rows(tendons, placed, fields)
+            outputs |= {f"o{side}": rows[side] for side in kind.sides}
             columns = zip(kind.sides, unit, strict=True)
             outputs |= {f"{side}o": pad(x[:, None], (0, w - 1)) for side, x in columns}
         return outputs
@@ -181,7 +181,7 @@ class TendonFunctions:
         constants, tendons = self._constants(fields), self.problems.model.tendons
         numbers = iter(range(n))
         nodes = tuple(None if end is None else next(numbers) for end in kind.ends)
-        rope = Rope(constants.drawn, None, constants.friction if kind.rubs else None)
+        rope = Rope(constants.drawn, None, constants.friction if kind.has_friction else None)
         tendons = replace(
             tendons,
             space=ends.rows.space,
@@ -194,7 +194,7 @@ class TendonFunctions:
         )
         rows = replace(ends.rows, tendons=tendons)
         now = replace(ends.now, tendons=constants.given[None])
-        return self.problems.problem(rows, None, ends.common, ends.given, now)
+        return self.problems.problem(rows, None, ends.common, ends.values, now)
 
     def _constants(self, fields: Fields) -> StretchConstants:
         """Of one stretch."""
@@ -204,6 +204,6 @@ class TendonFunctions:
         return Rope(
             constants.drawn,
             constants.stiffness if kind.elastic else None,
-            constants.friction if kind.rubs else None,
-            constants.slip_speed if kind.rubs else None,
+            constants.friction if kind.has_friction else None,
+            constants.slip_speed if kind.has_friction else None,
         )

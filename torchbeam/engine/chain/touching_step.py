@@ -84,7 +84,7 @@ class TouchingStep:
         self.eager_because: str | None = None
         self._list: PairList | None = None  # the last one
         self._compiled: set[Any] = set()  # for these samples and lanes, see `_compile_ahead`
-        laws = [one.contact for one in model.touching.each]
+        laws = [contact.contact for contact in model.touching.each]
         self._numbers = [x.value for x in leaves(laws) if isinstance(x.value, Tensor)]
         self._seen = self._written()
 
@@ -135,17 +135,17 @@ class TouchingStep:
                 count = pairs.steps_left(position, velocity, dt, count)
             rows = slice(first, first + count)
 
-            def of(x: Tensor, own: int, rows: Any = rows) -> Tensor:
+            def of(x: Tensor, axes: int, rows: Any = rows) -> Tensor:
                 """Of these steps."""
-                return x[rows] if K and x.ndim > own and len(x) == K else x
+                return x[rows] if K and x.ndim > axes and len(x) == K else x
 
-            given = {name: of(x, axes + 1) for name, x in inputs.items()}
+            held = {name: of(x, axes + 1) for name, x in inputs.items()}
             of_t, number = None if t is None else of(t, 0), count if K else None
             options = tolerance, least, limit, number, lanes
             into = None if whole is None else whole.behind(first)
             values = None if changing is None else partial(changing, rows)
             made = pairs.step(
-                start, of(dt, 0), of_t, given, moving, *options, into=into, values=values
+                start, of(dt, 0), of_t, held, moving, *options, into=into, values=values
             )
             if made is None:
                 self.eager_because = pairs.step.eager_because
@@ -194,10 +194,10 @@ class TouchingStep:
         least, near, chosen = max(SKIN * self.element, ROOM * move), [], []
         most = max(MOST * self.element, least)
         ahead = AHEAD * dt.detach().abs().amax()
-        for one in self.model.touching.each:
-            skin = (one.nearing(position, velocity) * ahead).clamp(least, most)
-            near.append(_anywhere(one.may_touch & (one.ball_slack(motion) <= skin)))
-            chosen.append(_chosen(one, near[-1]))
+        for contact in self.model.touching.each:
+            skin = (contact.nearing(position, velocity) * ahead).clamp(least, most)
+            near.append(_anywhere(contact.may_touch & (contact.ball_slack(motion) <= skin)))
+            chosen.append(_chosen(contact, near[-1]))
         clearance = Clearance(self.model.touching, near, self.model.node_count)
         self._list = PairList(self._known(chosen), clearance, torch.is_grad_enabled())
         return self._list
@@ -210,16 +210,16 @@ class TouchingStep:
             return  # None: each list has a program of its own
         self._compiled.add((samples, lanes))
         some = []
-        for one in self.model.touching.each:
-            first = _anywhere(one.may_touch)
+        for contact in self.model.touching.each:
+            first = _anywhere(contact.may_touch)
             first[first.nonzero()[1:].unbind(-1)] = False
-            some.append(_chosen(one, first))
-        if any(len(own.point) for own in some):
+            some.append(_chosen(contact, first))
+        if any(len(x.point) for x in some):
             self._made(some).compile(samples, lanes)
 
     def _known(self, near: list[Nearby]) -> CompiledStep:
         """Steps with these pairs."""
-        key = tuple((tuple(own.point.tolist()), tuple(own.piece.tolist())) for own in near)
+        key = tuple((tuple(x.point.tolist()), tuple(x.piece.tolist())) for x in near)
         key = torch.is_grad_enabled(), key
         step = self._steps.pop(key, None)
         return keep(self._steps, key, self._made(near) if step is None else step, LISTS)
@@ -232,7 +232,7 @@ class TouchingStep:
 def with_pairs(model: Model, near: list[Nearby]) -> Model:
     """A model with these pairs alone; their nodes are of the interface."""
     touching, topology = fixed(model.touching, near), model.topology
-    nodes = sorted({node for own in touching.nodes for node in own})
+    nodes = sorted({node for nodes in touching.nodes for node in nodes})
     topology = replace(topology, ties=(*topology.ties, *((node,) for node in nodes)))
     return replace(model, touching=touching, topology=topology)
 

@@ -63,37 +63,37 @@ class Tracing:
             for i, ((x, axes), rows) in enumerate(elements)
         }
         free = {"free": (p + s,), "reaction": (p + s,)}
-        own = {
+        tensors = {
             **self.constants["node"],
             **{name: self.shapes[name] for name in (*local.state, "u", "m")},
             **self.constants["support"],
         }
         support = {"found": (p + s,), "last": (p + s,)} if local.trees.support is not None else {}
-        self.node = {**own, **self.constants["common"], **support}
+        self.node = {**tensors, **self.constants["common"], **support}
         self.element = {
             **self.constants["element"],
             **self.constants["common"],
             **{name: self.shapes[name] for name in ("stress", *local.element_state)},
-            **{f"{side}.{name}": shape for side in local.sides for name, shape in own.items()},
+            **{f"{side}.{name}": shape for side in local.sides for name, shape in tensors.items()},
         }
         self.joint = {
             **self.constants["joint"],
             **self.constants["common"],
             "joints": (JOINT_READINGS,),
             **(forces := dict.fromkeys(FORCES, (p + s,))),
-            **(ends := _at_sides(own | free)),
+            **(ends := _at_sides(tensors | free)),
         }
         self.stretch = {**self.constants["stretch"], **self.constants["common"], **ends}
         self.stretch |= of_stretch()
         self.pair = {**self.constants["pair"], **self.constants["common"]}
-        self.pair |= _at_sides(own | free, PAIR_SIDES)
+        self.pair |= _at_sides(tensors | free, PAIR_SIDES)
         self.coupling = self.pair | forces | {"memory": (local.model.scene.memory[1],)}
 
-        own = [x for one in local.trees.common.captured for x, _ in flattened(one)]
+        tensors = [x for captured in local.trees.common.captured for x, _ in flattened(captured)]
         self.captured = {
             f"common.{i}": x
             for i, (x, _) in enumerate(flattened(local.trees.common))
-            if any(x is y for y in own)
+            if any(x is y for y in tensors)
         }
 
     def of(self, sort: Sort) -> Shapes:

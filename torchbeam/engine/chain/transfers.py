@@ -74,8 +74,8 @@ class Transfers:
             of_lane = [min(lane // cells, count - 1) for lane in range(W)]
             inside = [code.compare("slt", code.add("%first", k), "%samples") for k in of_lane]
             samples = [
-                code.choose(one, code.add("%first", k), last)
-                for one, k in zip(inside, of_lane, strict=True)
+                code.choose(valid, code.add("%first", k), last)
+                for valid, k in zip(inside, of_lane, strict=True)
             ]
             inside = [x if lane < count * cells else "false" for lane, x in enumerate(inside)]
             begins = [code.mul(one, sample) for one in samples]
@@ -95,7 +95,7 @@ class Transfers:
             with code.when(fresh), code.loop(0, rows) as r:
                 there = code.mul(r, row)
                 here = code.at("%memory", code.mul(code.add(place, code.mul(r, size)), bytes), "i8")
-                places = [code.at(one, there, scalar) for one in places]
+                places = [code.at(place, there, scalar) for place in places]
                 if name == "gather":
                     self._read(code, places, here, components, same)
                 else:

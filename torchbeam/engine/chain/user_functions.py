@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
+from ...core.function_dependencies import Dependencies, Unsteady
 from ...core.leaves import AXES, own_leaves, with_values
 from ...core.python_values import Read, of_class
-from ...core.surroundings import Surroundings, Unsteady
 from ...nodal import interactions
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
@@ -50,13 +50,13 @@ def check_batch(model: Model, batch: tuple[int, ...]) -> None:
         still = Constants(model).still
         nodes, t, inputs = _moving(model, still, torch.zeros_like(still.position))
         now = conditions(model, t, inputs, loads=tuple(loads))
-        own = nodes.position.new_ones(len(now.interactions), model.space.unknowns)
-        several = interactions.points(model.space, nodes, now, interactions.Inner(own))
+        pushes = nodes.position.new_ones(len(now.interactions), model.space.unknowns)
+        several = interactions.points(model.space, nodes, now, interactions.Inner(pushes))
         for acting, point in (*load_points(model, nodes, now, now.loads), *several):
             check_samples(acting.load, point, t, inputs, batch)
 
 
-def surroundings(loads: list[Any]) -> Surroundings:
+def dependencies_of(loads: list[Any]) -> Dependencies:
     """What functions of the motion that a user wrote read beside the motion. Raises Unsteady for
     what may change unnoticed.
     """
@@ -68,19 +68,19 @@ def surroundings(loads: list[Any]) -> Surroundings:
             if field.name in functions or (users and AXES not in field.metadata):
                 reads.append((field.name, lambda load=load, name=field.name: getattr(load, name)))
         reads += of_class(type(load))
-    return Surroundings(reads)
+    return Dependencies(reads)
 
 
-def known(loads: list[Any]) -> Surroundings | None:
+def known(loads: list[Any]) -> Dependencies | None:
     """The same; None where that is not known."""
     try:
-        return surroundings(loads)
+        return dependencies_of(loads)
     except Unsteady:
         return None
 
 
 def by_sample(
-    make: Callable[[Surroundings | None], Made], model: Model, around: Surroundings | None
+    make: Callable[[Dependencies | None], Made], model: Model, around: Dependencies | None
 ) -> Made:
     """make(around); where functions close over a batch, with the tensors that hold it as inputs,
     each sample its row of them, as `values=` of a load are. Raises OwnBatch where no tensors are
@@ -106,7 +106,7 @@ def by_sample(
 
 
 def _by_rows(
-    make: Callable[[Surroundings | None], Made], model: Model, around: Surroundings | None
+    make: Callable[[Dependencies | None], Made], model: Model, around: Dependencies | None
 ) -> Made:
     try:
         return make(around)
@@ -119,7 +119,7 @@ def _by_rows(
         return make(around.by_sample(rows, len(error.batch)))
 
 
-def _rows(model: Model, around: Surroundings, batch: torch.Size) -> list[Tensor]:
+def _rows(model: Model, around: Dependencies, batch: torch.Size) -> list[Tensor]:
     """Tensors with the batch's axes whose rows are each read by their sample alone, as if it were
     one of one: with other numbers of their size in their place, a change in the first row changes
     what functions give the first sample, and that alone; and the first and the last are in the

@@ -163,10 +163,10 @@ class BallDistances:
         """least_gap, or with rates least_time (x, velocity, before, after, nodes, runs, count,
         reach, scratch, result): of the pairs of so many runs.
         """
-        given = "x velocity before after runs reach scratch result".split()
+        names = "x velocity before after runs reach scratch result".split()
         counts = ["i64 %nodes", "i64 %count"]
         name = "least_time" if rates else "least_gap"
-        code, one, W = Code(name, [f"ptr %{x}" for x in given] + counts), self.one, self.lanes.count
+        code, one, W = Code(name, [f"ptr %{x}" for x in names] + counts), self.one, self.lanes.count
         room = code.add("%nodes", W)
         planes = [code.at("%scratch", code.mul(room, k), one.scalar) for k in range(PLANES)]
         places, wide, moving = planes[:3], planes[3], planes[4:]
@@ -242,10 +242,10 @@ class BallDistances:
         runs = code.at(args["runs"], first)
         reach = code.at(args["reach"], code.mul(b, args["kinds"]), self.one.scalar)
         result = code.slot(self.one.scalar)
-        given = [args[name] for name in ("before", "after")]
+        tables = [args[name] for name in ("before", "after")]
 
         def least(function: str, x: str, velocity: str = "null") -> str:
-            pointers = [x, velocity, *given, runs, reach, args["scratch"], result]
+            pointers = [x, velocity, *tables, runs, reach, args["scratch"], result]
             text = ", ".join(f"ptr {p}" for p in pointers)
             code.line(f'call void @"{function}"({text}, i64 {args["nodes"]}, i64 {count})')
             return self._load(code, result, 0)
@@ -267,9 +267,9 @@ class BallDistances:
             return self._load(code, result, 0)
 
         with code.loop(0, args["samples"]) as b:
-            least, own = self._of_sample(code, args, b), code.mul(b, size)
-            known, start = (code.at(args[name], own, scalar) for name in ("known", "start"))
-            moved = code.at(args["moved"], own, scalar)
+            least, sample = self._of_sample(code, args, b), code.mul(b, size)
+            known, start = (code.at(args[name], sample, scalar) for name in ("known", "start"))
+            moved = code.at(args["moved"], sample, scalar)
             step = code.slot()
             code.store(-1, step)
             with code.until() as ends:
@@ -293,8 +293,8 @@ class BallDistances:
                     with code.when(over):
                         code.store(k, limit)
                     with code.when(code.new(f"xor i1 {over}, true")):
-                        given = f"ptr {known}, ptr {x}, i64 {size}, ptr {result}"
-                        code.line(f'call void @"copy"({given})')
+                        arguments = f"ptr {known}, ptr {x}, i64 {size}, ptr {result}"
+                        code.line(f'call void @"copy"({arguments})')
                         space, none = (self._load(code, slot, 0) for slot in (square, result))
                         space = self._make(code, "fadd", space, none, one)
                         self._store(code, space, args["room"], b)
@@ -308,8 +308,8 @@ class BallDistances:
         size, best = code.mul(args["nodes"], 3), code.slot(scalar)
         self._store(code, self.one.constant(float("inf")), best)
         with code.loop(0, args["samples"]) as b:
-            own, least = code.mul(b, size), self._of_sample(code, args, b)
-            x, velocity = (code.at(args[name], own, scalar) for name in ("start", "moved"))
+            sample, least = code.mul(b, size), self._of_sample(code, args, b)
+            x, velocity = (code.at(args[name], sample, scalar) for name in ("start", "moved"))
             time = least("least_time", x, velocity)
             self._store(code, self._less(code, time, self._load(code, best, 0), self.one), best)
         self._store(code, self._load(code, best, 0), args["result"])

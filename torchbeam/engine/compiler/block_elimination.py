@@ -28,8 +28,8 @@ class BlockElimination(BlockSigns):
         self.signs = signs
 
     def functions(self) -> list[str]:
-        own = self._pivot(), self._factor(), self._solve(), self._eliminate(), self._substitute()
-        return [*super().functions(), *[self._signs()] * self.signs, *own]
+        more = self._pivot(), self._factor(), self._solve(), self._eliminate(), self._substitute()
+        return [*super().functions(), *[self._signs()] * self.signs, *more]
 
     def _pivot(self) -> str:
         """pivot(panel, n, columns): A^-1 of the first n columns times the others, in their place.
@@ -113,12 +113,12 @@ class BlockElimination(BlockSigns):
             at = self._at(code, rows[k], k)
             inverse = self._make(code, "fdiv", self.lanes.constant(1.0), self._load(code, at))
             self._store(code, inverse, at)
-            own = [self._load(code, self._at(code, rows[k], j)) for j in range(k + 1, w)]
+            row = [self._load(code, self._at(code, rows[k], j)) for j in range(k + 1, w)]
             for i in range(k + 1, w):
                 at = self._at(code, rows[i], k)
                 factor = self._make(code, "fmul", self._load(code, at), inverse)
                 self._store(code, factor, at)
-                for j, other in zip(range(k + 1, w), own, strict=True):
+                for j, other in zip(range(k + 1, w), row, strict=True):
                     to = self._at(code, rows[i], j)
                     part = self._make(code, "fmul", factor, other)
                     self._store(code, self._make(code, "fsub", self._load(code, to), part), to)
@@ -126,8 +126,8 @@ class BlockElimination(BlockSigns):
 
     def _solve(self) -> str:
         """solve(panel, stride, first, columns): columns from `first` on by those factors."""
-        given = ["ptr %panel", "i64 %stride", "i64 %first", "i64 %columns"]
-        code, w = Code("solve", given), self.w
+        arguments = ["ptr %panel", "i64 %stride", "i64 %first", "i64 %columns"]
+        code, w = Code("solve", arguments), self.w
         rows = [self._at(code, "%panel", code.mul("%stride", k)) for k in range(w)]
         end = code.add("%first", "%columns")
         for j, lanes in self._columns(code, "%first", end):
@@ -152,15 +152,15 @@ class BlockElimination(BlockSigns):
         return code.text(internal=True)
 
     def _eliminate(self) -> str:
-        given = [*SYSTEM, "ptr %table", "i64 %groups", *["ptr %own", "ptr %to"] * self.signs]
-        code, w = Code("eliminate", given), self.w
+        arguments = [*SYSTEM, "ptr %table", "i64 %groups", *["ptr %own", "ptr %to"] * self.signs]
+        code, w = Code("eliminate", arguments), self.w
         with self._groups(code) as group:
             n, columns, begin, rows, units, moves = group[:6]
             panel = self._at(code, "%memory", begin)
             if self.signs:
-                given = f"ptr {panel}, i64 {n}, i64 {columns}, i64 {moves}, ptr %own, ptr %to"
+                arguments = f"ptr {panel}, i64 {n}, i64 {columns}, i64 {moves}, ptr %own, ptr %to"
                 with code.when(code.compare("sge", moves, 0)):
-                    code.line(f'call void @"signs"({given})')
+                    code.line(f'call void @"signs"({arguments})')
             single = code.compare("eq", n, w)
             with code.when(code.new(f"xor i1 {single}, true")):
                 code.line(f'call void @"pivot"(ptr {panel}, i64 {n}, i64 {columns})')

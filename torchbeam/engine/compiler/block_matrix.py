@@ -142,8 +142,8 @@ class BlockMatrix:
     def _clear_numbers(
         self, code: Code, to: str, stride: str | int, rows: str | int, columns: str | int
     ) -> None:
-        given = f"ptr {to}, i64 {stride}, i64 {rows}, i64 {columns}"
-        code.line(f'call void @"zeros"({given})')
+        arguments = f"ptr {to}, i64 {stride}, i64 {rows}, i64 {columns}"
+        code.line(f'call void @"zeros"({arguments})')
 
     def _flag(self, code: Code, first: str | int) -> str:
         return code.at("%flags", first, "i8")
@@ -225,8 +225,8 @@ class BlockMatrix:
 
     def _add_block(self, name: str, size: int) -> str:
         """A block that is not there is copied."""
-        given = [*SYSTEM, "i64 %first", "i64 %stride", "ptr %source"]
-        code = Code(f"add_{name}", given)
+        arguments = [*SYSTEM, "i64 %first", "i64 %stride", "ptr %source"]
+        code = Code(f"add_{name}", arguments)
 
         def each(add: bool) -> None:
             to = self._at(code, "%memory", "%first")
@@ -259,15 +259,15 @@ class BlockMatrix:
         return code.text(internal=True)
 
     def _subtract_block(self) -> str:
-        given = [*SYSTEM, "i64 %first", "i64 %stride", "ptr %a", "ptr %b"]
-        code = Code("subtract_block", given)
+        arguments = [*SYSTEM, "i64 %first", "i64 %stride", "ptr %a", "ptr %b"]
+        code = Code("subtract_block", arguments)
         to, w = self._put(code, "%first", "%stride"), self.w
         self._less_product(code, to, "%stride", "%a", w, w, "%b", w, w)
         return code.text(internal=True)
 
-    def _less_product(self, code: Code, *given: str | int) -> None:
+    def _less_product(self, code: Code, *places: str | int) -> None:
         kinds = ("ptr", "i64", "ptr", "i64", "i64", "ptr", "i64", "i64")
-        text = ", ".join(f"{kind} {x}" for kind, x in zip(kinds, given, strict=True))
+        text = ", ".join(f"{kind} {x}" for kind, x in zip(kinds, places, strict=True))
         code.line(f'call void @"subtract"({text})')
 
     def _subtract(self) -> str:

@@ -47,7 +47,7 @@ class BlockPattern:
         moves: Iterable[int] | None = None,
     ) -> None:
         self.w, self.groups = w, tuple(groups)
-        self.moves = [w * len(own) for own in self.groups] if moves is None else [*moves]
+        self.moves = [w * len(group) for group in self.groups] if moves is None else [*moves]
         order = [unit for group in (*self.groups, outer) for unit in group]
         at = {unit: k for k, unit in enumerate(order)}
         self._group = {unit: g for g, group in enumerate((*self.groups, outer)) for unit in group}
@@ -56,11 +56,11 @@ class BlockPattern:
         rows, columns = [0] * len(self.groups), [0] * (1 + len(self.groups))
 
         def units(bits: int) -> list[int]:
-            own = []
+            found = []
             while bits:
-                own.append(order[(bits & -bits).bit_length() - 1])
+                found.append(order[(bits & -bits).bit_length() - 1])
                 bits &= bits - 1
-            return own
+            return found
 
         for row, column in blocks:
             g, other = self._group[row], self._group[column]
@@ -81,16 +81,16 @@ class BlockPattern:
         for group, down, across in zip(self.groups, self.rows, self.columns, strict=True):
             n, stride = w * len(group), w * (len(group) + len(across)) + 1
             self._panels.append(first)
-            own, below, panel = (np.array(x, int) for x in (group, down, (*group, *across)))
-            at, row, k = w * np.arange(len(panel)), own[:, None], np.arange(len(own))[:, None]
+            here, below, panel = (np.array(x, int) for x in (group, down, (*group, *across)))
+            at, row, k = w * np.arange(len(panel)), here[:, None], np.arange(len(here))[:, None]
             self._place[row, panel, 0] = first + w * stride * k + at
             self._place[row, panel, 1] = stride
             self._right[row, 0] = first + w * stride * k + stride - 1
             self._right[row, 1] = stride
             first += n * stride
             row, k = below[:, None], np.arange(len(below))[:, None]
-            self._place[row, own, 0] = first + w * n * k + at[: len(own)]
-            self._place[row, own, 1] = n
+            self._place[row, here, 0] = first + w * n * k + at[: len(here)]
+            self._place[row, here, 1] = n
             first += n * w * len(down)
         self._solution, self.size = first, first + w * len(order)
 
@@ -121,10 +121,9 @@ class BlockPattern:
     def elimination(self) -> list[np.ndarray]:
         """Table of `block_elimination.eliminate`, by group: its rows, its columns, where its panel
         lies, how many units have rows behind it, how many products are subtracted from these, and
-        how many of its unknowns are moves;
-        of each of these units where its first factor lies, and of each product there where it is
-        subtracted from and how far the rows there are apart, which columns of the panel are the
-        second factor, and how many.
+        how many of its unknowns are moves; of each of these units where its first factor lies, and
+        of each product there where it is subtracted from and how far the rows there are apart,
+        which columns of the panel are the second factor, and how many.
         """
         table = []
         for g, group in enumerate(self.groups):
@@ -137,8 +136,8 @@ class BlockPattern:
             products[:, -1, :2] = self._right[down]
             products[..., 2] = n + self.w * np.arange(m)
             products[:, :-1, 3], products[:, -1, 3] = self.w, 1
-            own = [n, self.right(group[0]).stride, self._panels[g], len(down), m, self.moves[g]]
-            table.append(np.concatenate((own, rows.ravel())))
+            head = [n, self.right(group[0]).stride, self._panels[g], len(down), m, self.moves[g]]
+            table.append(np.concatenate((head, rows.ravel())))
         return table
 
     @cached_property
@@ -150,7 +149,7 @@ class BlockPattern:
         table: list[list[int]] = []
         for g in reversed(range(len(self.groups))):
             group, units = self.groups[g], self.columns[g]
-            own = [self.w * len(group), self.right(group[0]).stride, self._panels[g], len(units)]
-            own += [self.solution(unit) + k for unit in group for k in range(self.w)]
-            table.append(own + [self.solution(unit) for unit in units])
+            head = [self.w * len(group), self.right(group[0]).stride, self._panels[g], len(units)]
+            head += [self.solution(unit) + k for unit in group for k in range(self.w)]
+            table.append(head + [self.solution(unit) for unit in units])
         return table

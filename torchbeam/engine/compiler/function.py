@@ -61,9 +61,8 @@ class Function:
         )
 
     def into(self, graph: Graph, inputs: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
-        """The nodes of the outputs in another graph, or the same, with `inputs`
-        (field -> nodes there) in place of the function's; a field that is not named stays an input
-        by that name.
+        """The nodes of the outputs in another graph, or the same, with `inputs` (field -> nodes
+        there) in place of the function's; a field that is not named stays an input by that name.
         """
         own, there = self.graph, {}
         for x in self.live():
@@ -106,10 +105,10 @@ class Function:
     def joined(self, other: Function) -> Function:
         """The outputs of both, in one graph: what is equal is computed once."""
         graph, outputs = Graph(), {}
-        for one in (self, other):
-            nodes = one.into(graph, {})
+        for part in (self, other):
+            nodes = part.into(graph, {})
             outputs |= {
-                name: Output(out.shape, tuple(nodes[name])) for name, out in one.outputs.items()
+                name: Output(out.shape, tuple(nodes[name])) for name, out in part.outputs.items()
             }
         return Function(graph, {**self.inputs, **other.inputs}, outputs)
 

@@ -87,10 +87,10 @@ class Module:
                 body.line(f"%n{step} = load {lanes.vector}, ptr {at}, align {lanes.bytes}")
             else:
                 body.operation(step)
-        given = [f"ptr noalias readonly {name}" for name in inputs.values()]
-        given += [f"ptr noalias writeonly {name}" for name in outputs.values()]
+        arguments = [f"ptr noalias readonly {name}" for name in inputs.values()]
+        arguments += [f"ptr noalias writeonly {name}" for name in outputs.values()]
         linkage, how = ("internal ", "always") if inline else ("", "no")
-        head = f'define {linkage}void @"{name}"({", ".join(given)}) {how}inline nounwind {{'
+        head = f'define {linkage}void @"{name}"({", ".join(arguments)}) {how}inline nounwind {{'
         self._definitions[name] = "\n".join((head, *body.lines, "  ret void", "}"))
 
     def elementary(self, name: str) -> str:
@@ -106,10 +106,10 @@ class Module:
                 else:
                     body.operation(node)
             (out,) = function.outputs["out"].nodes
-            given = ", ".join(f"{lanes.vector} %{field}" for field in function.inputs)
+            names = ", ".join(f"{lanes.vector} %{field}" for field in function.inputs)
             self._definitions[called] = "\n".join(
                 (
-                    f'define internal {lanes.vector} @"{called}"({given}) alwaysinline nounwind {{',
+                    f'define internal {lanes.vector} @"{called}"({names}) alwaysinline nounwind {{',
                     *body.lines,
                     f"  ret {lanes.vector} {body.name(out)}",
                     "}",

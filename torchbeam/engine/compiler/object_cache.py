@@ -75,9 +75,9 @@ def _not_read(path: Path, why: str) -> None:
 
 
 def default_folder() -> Path:
-    own = os.environ.get("TORCHBEAM_CACHE")
-    if own:
-        return Path(own)
+    folder = os.environ.get("TORCHBEAM_CACHE")
+    if folder:
+        return Path(folder)
     shared = os.environ.get("XDG_CACHE_HOME") or (
         os.environ.get("LOCALAPPDATA") if os.name == "nt" else None
     )
@@ -86,21 +86,21 @@ def default_folder() -> Path:
 
 def most_kept() -> float:
     """Bytes that all files may take together."""
-    given = os.environ.get(SIZE)
+    size = os.environ.get(SIZE)
     try:
-        megabytes = MOST if given is None else float(given)
+        megabytes = MOST if size is None else float(size)
         if not megabytes >= 0:
             raise ValueError
     except ValueError:
-        _not_a_size(given)
+        _not_a_size(size)
         megabytes = MOST
     return 1e6 * megabytes
 
 
 @cache
-def _not_a_size(given: str) -> None:
+def _not_a_size(size: str) -> None:
     """Warn, once."""
-    LOG.warning("%s=%s was given; a number of MB is wanted, %g is taken", SIZE, given, MOST)
+    LOG.warning("%s=%s was given; a number of MB is wanted, %g is taken", SIZE, size, MOST)
 
 
 def _opened(path: str, flags: int) -> int:

@@ -68,15 +68,15 @@ def _of_end(
     graph.
     """
     graph, live = function.graph, function.live()
-    own, moving = settled(function, set(names)), set()
+    still, moving = settled(function, set(names)), set()
     for x in live:
-        if x in own and (
+        if x in still and (
             graph.values[x][0] in unknown
             if graph.ops[x] == "input"
             else any(y in moving for y in graph.args[x])
         ):
             moving.add(x)
-    read = {y for x in live if x not in own for y in graph.args[x]}
+    read = {y for x in live if x not in still for y in graph.args[x]}
     read |= {x for out in function.outputs.values() for x in out.nodes}
     wanted = [x for x in sorted(read & moving) if graph.ops[x] != "input"]
     there: dict[int, int] = {}

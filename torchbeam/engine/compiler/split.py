@@ -68,10 +68,10 @@ def settled(function: Function, fixed: set[str]) -> set[int]:
 
 
 def _with_reciprocals(function: Function, known: set[int]) -> Function:
-    own, graph, there = function.graph, Graph(), {}
+    source, graph, there = function.graph, Graph(), {}
     for x in function.live():
-        op, value, args = own.ops[x], own.values[x], [there[y] for y in own.args[x]]
-        if op == "div" and x not in known and own.args[x][1] in known:
+        op, value, args = source.ops[x], source.values[x], [there[y] for y in source.args[x]]
+        if op == "div" and x not in known and source.args[x][1] in known:
             there[x] = graph.make("mul", args[0], graph.make("div", graph.one, args[1]))
         else:
             there[x] = graph.again(op, args, value)

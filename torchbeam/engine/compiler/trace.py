@@ -42,7 +42,7 @@ def trace(
         (4, ['out'])
     """
     captured = captured or {}
-    own = set(inputs)
+    names = set(inputs)
     read = {name: x[(0,) * (x.ndim - inputs.get(name, x).ndim)] for name, x in captured.items()}
     inputs = inputs | read
     given = {
@@ -60,7 +60,7 @@ def trace(
     def run() -> Any:
         with torch.no_grad(), Readings(tracer.traced, stand), tracer:
             return function(
-                **{name: given[name] for name in inputs if name not in captured or name in own}
+                **{name: given[name] for name in inputs if name not in captured or name in names}
             )
 
     before = torch.get_default_dtype()

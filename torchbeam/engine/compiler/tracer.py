@@ -105,26 +105,26 @@ class Tracer(Mode):
         self, func: Any, types: Any, args: tuple = (), kwargs: dict | None = None
     ) -> Any:
         kwargs = dict(kwargs or {})
-        given, known = _tensors((*args, *kwargs.values())), _operation(func)
-        name, traced = known.name, any(map(self.traced, given))
+        tensors, known = _tensors((*args, *kwargs.values())), _operation(func)
+        name, traced = known.name, any(map(self.traced, tensors))
         if known.random:
             raise NotTraceable(
                 f"random numbers were drawn by {func} at {line()}; numbers that are drawn before "
                 "are wanted"
             )
-        if self.captured and any(memory(x) in self.captured for x in given):
+        if self.captured and any(memory(x) in self.captured for x in tensors):
             raise NotTraceable(
                 f"{func} at {line()} reads the memory of a parameter by another tensor; the "
                 "parameter itself is wanted"
             )
         if name in FRESH or name in RESHAPED:
-            return self._made(func(*args, **kwargs), () if name in FRESH else given)
+            return self._made(func(*args, **kwargs), () if name in FRESH else tensors)
         if not traced:
             for k in known.written:
                 if k < len(args) and isinstance(args[k], Tensor):
                     self._own(func, args[k])
-            out = self._made(func(*args, **kwargs), () if name == "lift_fresh" else given)
-            if any(self._carries_gradient(x) for x in given):
+            out = self._made(func(*args, **kwargs), () if name == "lift_fresh" else tensors)
+            if any(self._carries_gradient(x) for x in tensors):
                 self.differentiable |= {x.untyped_storage()._cdata: x for x in _tensors(out)}
             return out
         if name == "_linalg_check_errors":
@@ -154,8 +154,8 @@ class Tracer(Mode):
         if written and (not self.traced(args[0]) or memory(args[0]) in self.stopped):
             self._own(func, args[0])
         behind = known.positional[len(args) :]
-        last = max((k + 1 for k, (own, _) in enumerate(behind) if own in kwargs), default=0)
-        args = [*args, *(kwargs.pop(own, default) for own, default in behind[:last])]
+        last = max((k + 1 for k, (name, _) in enumerate(behind) if name in kwargs), default=0)
+        args = [*args, *(kwargs.pop(name, default) for name, default in behind[:last])]
         result = self._applied(func, name.rstrip("_") if written else name, args, kwargs)
         if result is NotImplemented:
             return self._decomposed(func, args, kwargs)
@@ -189,11 +189,11 @@ class Tracer(Mode):
                 "without memory is wanted"
             )
 
-    def _made(self, out: Any, given: Sequence[Tensor]) -> Any:
+    def _made(self, out: Any, sources: Sequence[Tensor]) -> Any:
         """What an operation on nothing that is traced gave; its memory is new, where it is none of
         what was given.
         """
-        known = {memory(x) for x in given}
+        known = {memory(x) for x in sources}
         self.fresh |= {memory(x) for x in _tensors(out)} - known
         return out
 
@@ -202,10 +202,10 @@ class Tracer(Mode):
         come to light here, or that torch itself knows it by; one that writes by the one that does
         not.
         """
-        own = DECOMPOSED.get(func._schema.name.split("::")[-1])
+        rule = DECOMPOSED.get(func._schema.name.split("::")[-1])
         with self:
             try:
-                result = func.decompose(*args, **kwargs) if own is None else own(*args, **kwargs)
+                result = func.decompose(*args, **kwargs) if rule is None else rule(*args, **kwargs)
             except (NotImplementedError, TypeError) as error:
                 raise self._unknown(func, error) from error
             if result is NotImplemented and func in decomposition_table:

@@ -1,4 +1,4 @@
-"""Surroundings of a function: what it reads beside its arguments, and whether that is as it was."""
+"""Dependencies of a function: what it reads beside its arguments, and whether that is as it was."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Variable(NamedTuple):
         return self.version is None or version_of(now) == self.version
 
 
-class Surroundings:
+class Dependencies:
     """Variables that functions, and those that they call, close over and find in their modules:
     numbers, words, tensors, functions, lists, dictionaries and tuples, objects by those of their
     attributes that the functions name, classes by what they give their objects, and modules of
@@ -135,7 +135,7 @@ class Surroundings:
         met = [x for _, x in self._met.values() if isinstance(x, Tensor)]
         return [x for x in met if x.is_floating_point() and x.device.type == "cpu"]
 
-    def by_sample(self, tensors: list[Tensor], axes: int) -> Surroundings:
+    def by_sample(self, tensors: list[Tensor], axes: int) -> Dependencies:
         """The same with these of its tensors as inputs, whose first `axes` axes are a batch's."""
         other = copy(self)
         other.batched = {id(x): axes for x in tensors}
@@ -148,7 +148,7 @@ class Surroundings:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Equal for equal surroundings, as long as these exist: users' functions count by their
+        """Equal for equal dependencies, as long as these exist: users' functions count by their
         code, tuples, objects and dataclasses by their kind, with all that is in them, small tensors
         by their numbers, `inputs` by their shape.
         """

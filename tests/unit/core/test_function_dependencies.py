@@ -1,4 +1,4 @@
-"""Surroundings of a function: numbers, tensors and functions around it are followed; what may
+"""Dependencies of a function: numbers, tensors and functions around it are followed; what may
 change unnoticed is refused.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import torch
 
-from torchbeam.core.surroundings import Surroundings, Unsteady
+from torchbeam.core.function_dependencies import Dependencies, Unsteady
 
 number, weight, log, counted = 2.0, torch.ones(2), [1.0], 0
 free = torch.nn.Parameter(torch.ones(2))
@@ -105,7 +105,7 @@ def closing(value):
 
 
 def around(function):
-    return Surroundings([("function", lambda: function)])
+    return Dependencies([("function", lambda: function)])
 
 
 @pytest.mark.parametrize(
@@ -367,7 +367,7 @@ def test_what_a_user_put_on_a_module_of_a_package_is_noticed(monkeypatch, module
     """A number, a function and a tensor; what the module has by itself is none of it, but for
     numbers.
     """
-    known = Surroundings([("f", lambda: torch.nn.functional.relu)])
+    known = Dependencies([("f", lambda: torch.nn.functional.relu)])
     assert len(known.variables) == 2 and known.unchanged()  # one is the default dtype
     for first, other in (
         (2.0, 3.0),
@@ -380,7 +380,7 @@ def test_what_a_user_put_on_a_module_of_a_package_is_noticed(monkeypatch, module
             torch.linalg: lambda x: torch.linalg.users,
             math: lambda x: math.users,
         }[module]
-        known = Surroundings([("f", lambda reads=reads: reads)])
+        known = Dependencies([("f", lambda reads=reads: reads)])
         assert known.unchanged()
         monkeypatch.setattr(module, "users", other)
         assert not known.unchanged()
