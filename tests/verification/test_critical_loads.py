@@ -3,8 +3,8 @@ stiffness, length and orientation.
 
 Elements are of second order: the loads of 8 and 16 of them, extrapolated as (4 x_16 - x_8)/3, are
 held to the next term, (kh)^4: 2e-4 of half a wave along 8 elements, that times the fourth power of
-how many there are. Rigid links have no mesh: 1e-5, as modes take a beam that is rigid in all
-strains as 1e-7 1/(N m^2) flexible, beside springs of 1 N m/rad. References: T = Timoshenko and Gere
+how many there are. Rigid links have no mesh: 1e-5, as tangents take a beam that is rigid in all
+strains as 1e-7 as flexible as the stiffest spring. References: T = Timoshenko and Gere
 1961, Theory of Elastic Stability; Z = Ziegler 1968, Principles of Structural Stability.
 """
 
@@ -328,3 +328,28 @@ def test_a_column(row):
 def test_rigid_links(row, n):
     load, wanted = found(row, Draw(f"{row.__name__} {n}", False), n)
     assert load == pytest.approx(wanted, rel=RIGID)
+
+
+@pytest.mark.parametrize("stiffness", [1e-6, 1.0, 1e3, 1e6, 1e9])
+def test_rigid_links_know_no_unit(stiffness):
+    """Two links of 1 m and 1 kg on hinges of c, in whatever unit: P/c = (3 - sqrt 5)/2 of buckling,
+    and the frequencies of masses 4/3, 1/2, 1/3 and stiffnesses 2, -1, 1 times c. Links had an EI of
+    1e7 in any unit: 11 % off at c = 1e6.
+    """
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=INF, EI=INF, mass=1.0, inertia=0.0)
+    links = {
+        name: tb.Beam.straight(1.0, 1, section, root=(x, 0, 0)) for name, x in (("a", 0), ("b", 1))
+    }
+    ends = (None, ("a", 0)), (("a", -1), ("b", 0))
+    joints = [tb.Hinge(*two, axis=(0, 1, 0), stiffness=stiffness) for two in ends]
+
+    def pressed(P):
+        force = -P[..., None] * torch.tensor([1.0, 0, 0])
+        return tb.Scene(links, [tb.PointLoad(("b", -1), force=force)], joints=joints)
+
+    load = tb.critical_load(pressed, stiffness, points=3, count=2).factor.item()
+    assert load / stiffness == pytest.approx((3 - 5**0.5) / 2, rel=RIGID)
+    found = tb.modes(tb.Scene(links, joints=joints), count=2).frequency / stiffness**0.5
+    inertia, springs = np.array([[4 / 3, 0.5], [0.5, 1 / 3]]), np.array([[2, -1], [-1, 1]])
+    squares = np.linalg.eigvals(np.linalg.solve(inertia, springs))
+    np.testing.assert_allclose(found.tolist(), np.sort(squares) ** 0.5, rtol=1e-6)

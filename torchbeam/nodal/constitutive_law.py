@@ -24,6 +24,8 @@ from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
+from ..scene.effects.gravity import Gravity
+from ..scene.effects.springs import RootSpring, Spring
 from ..scene.scene import Scene
 from .coordinates.spatial import Spatial
 
@@ -206,7 +208,7 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     compliance = _with_residual_bending(beam, beam.compliance)
     S = _slim(compliance, beam, space)
     if rigid or beam.coupled:
-        C = _slim(_regular_inverse(beam, compliance), beam, space)
+        C = _slim(_regular_inverse(beam, compliance, _resistance(scene)), beam, space)
     else:
         C = S.reciprocal()
     if scene.damping is None:
@@ -273,9 +275,36 @@ def _slim(matrix: Tensor, beam: Beam, space: Spatial) -> Tensor:
     return space.project_diagonal(matrix.diagonal(dim1=-2, dim2=-1))[..., None]
 
 
-def _regular_inverse(beam: Beam, S: Tensor) -> Tensor:
+def _resistance(scene: Scene) -> Tensor | None:
+    """(...) N m/rad, the most by which joints, springs and weight resist a turn of rigid links,
+    travels by the length of the beams; None = nothing does.
+    """
+    beam, found = scene.beam, []
+    length = beam.length.sum(-1)
+    for joint in scene.joints:
+        for k in joint.coordinates:
+            travel = k == 1 and joint.position == "yz"
+            found.append((joint.law(k).stiffness, length**2 if travel else length**0))
+    for load in scene.loads:
+        if isinstance(load, Spring):
+            found.append((load.stiffness, length**2))
+        elif isinstance(load, RootSpring):
+            each = load.stiffness.unbind(-1)
+            found += [(x, length ** (2 if k < 3 else 0)) for k, x in enumerate(each)]
+        elif isinstance(load, Gravity) and torch.is_tensor(load.g):
+            mass = (beam.mass[..., 0, 0] * beam.length).sum(-1)
+            found.append((torch.linalg.vector_norm(load.g, dim=-1), mass * length))
+    found = [(x * by).detach() for x, by in found if torch.is_tensor(x)]
+    if not found:
+        return None
+    most = torch.stack(torch.broadcast_tensors(*found))
+    most = torch.where(most.isfinite(), most, 0.0).amax(0)
+    return torch.where(most > 0, most, 1.0)
+
+
+def _regular_inverse(beam: Beam, S: Tensor, resistance: Tensor | None = None) -> Tensor:
     """S^-1; a strain that S makes impossible gets a flexibility that is small beside the others,
-    for the tangent only.
+    for the tangent only; where all are impossible, beside that of a `_resistance` to turns.
     """
     if not any(impossible(beam)):
         return torch.linalg.inv(S)
@@ -286,7 +315,11 @@ def _regular_inverse(beam: Beam, S: Tensor) -> Tensor:
     diagonal = S.diagonal(dim1=-2, dim2=-1)
     # flexibility of a bending or twist, 1/(N m^2)
     largest = (diagonal / scale**2).amax(-1, keepdim=True).detach()
-    largest = torch.where(largest > 0, largest, torch.ones_like(largest))
+    if resistance is None:
+        alone = torch.ones_like(L)
+    else:
+        alone = (resistance[..., None, None] * L).reciprocal()
+    largest = torch.where(largest > 0, largest, alone.detach())
     small = REGULARISATION[S.dtype] * largest * scale.detach() ** 2
     return torch.linalg.inv(
         S + torch.diag_embed(torch.where(rigid & (diagonal == 0), small, torch.zeros_like(small)))
