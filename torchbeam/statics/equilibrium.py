@@ -81,17 +81,15 @@ def equilibrium(
             bifurcate, to the side to which it leans
         relax: come there by a motion without inertia in a viscous fluid instead of by load steps,
             then by Newton's method: for what is far from where it starts and hardly stiff on the
-            way, as a slack cable or a hinged beam that swings down. From the undeformed beam loads
-            grow first, then supports move; on `initial` all acts at once. Under conservative loads
-            it ends in a minimum of the energy, the one that this motion leads to. It is then pushed
-            evenly along each axis, to both sides, and let go: a RuntimeWarning says where that
-            leads to a lower one, by how much, and by what push (none that needs another is found)
+            way, as a slack cable or a hinged beam that swings down. Loads grow first, or act at
+            once on `initial`, then supports move. Under conservative loads it ends in the minimum
+            of the energy that this leads to, is pushed evenly along each axis, to both sides, and
+            let go: a RuntimeWarning says where that leads to a lower one, and by what push
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
-            samples at once on the CPU (by llvmlite), the same answers up to
-            rounding; what follows (gradients, `branch`) is eager. "auto": compiled for many samples
-            (32,768 and more, times elements; all those of a run of `monte_carlo` count) where
-            llvmlite is installed and the scene is taken; else eager, of which a SlowPathWarning
-            tells (TORCHBEAM_ENGINE in the environment says otherwise)
+            samples at once; what follows (gradients, `branch`) is eager. "auto": compiled for many
+            samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
+            where llvmlite is installed and the scene is taken; else eager, of which a
+            SlowPathWarning tells (TORCHBEAM_ENGINE says otherwise)
         inputs: of the scene by name, (..., size)
         accuracy: relative, of positions and axes of the middle and the tip: the state is on a mesh
             of its own choice, see `simulate`
@@ -99,25 +97,20 @@ def equilibrium(
     The load is raised in steps, per sample, where Newton's method needs it: a step in which it
     fails, or a node turns by more than 1 rad, is halved, and so is a long one that takes more than
     six iterations. Infinite stiffness is taken as it is. Differentiable by the implicit function
-    theorem.
+    theorem. A scene in single precision is solved in double, and the state rounded.
 
-    Past a point of buckling the way up may keep to a branch that is no longer stable. Where all
-    loads are conservative (dead forces, gravity) a RuntimeWarning names the samples whose tangent
-    is not positive definite; so where others are next to nothing. Of other loads (followers,
-    moments in space, a frame that turns) it names those whose tangent has a negative determinant:
-    they diverge, whatever their mass and damping; whether another one is stable is for `modes` to
-    say (`unstable`). Where a derivative is recorded at a limit point, a RuntimeError says that
-    there is none (with throw=False the sample is a constant); at a point of bifurcation a
-    RuntimeWarning says that some do not exist.
+    Past a point of buckling the way up may keep to an unstable branch. A RuntimeWarning names the
+    samples whose tangent is not positive definite, where loads are conservative or others next to
+    nothing; under others (followers, moments in space, a frame that turns) those whose tangent has
+    a negative determinant, which diverge whatever their mass and damping are: of the rest `modes`
+    says it (`unstable`). Where a derivative is recorded at a limit point, a RuntimeError says that
+    there is none (with throw=False the sample is a constant); at a bifurcation a RuntimeWarning
+    says that some do not exist.
 
-    What swings, as a pendulum, is held by its loads once these have stressed it; where by their
-    stiffness it is more than 0.5 rad away, relax=True is wanted. It is what follows by itself where
-    load steps fail and joints have limits, which end the way. A rigid motion that nothing holds and
-    no load drives stays as it starts, and derivatives are those with it held at the first support
-    (node 0 where there is none).
-
-    A scene in single precision is solved in double, and the state rounded: a strip of metal is so
-    much stiffer in stretching than in bending that float32 would find no balance.
+    What swings, as a pendulum, is held by its loads once these have stressed it; where that leads
+    further than 0.5 rad, relax=True is wanted. It follows by itself where load steps fail and
+    joints have limits. A rigid motion that nothing holds and no load drives stays as it starts, and
+    derivatives are those with it held at the first support (node 0 where there is none).
 
     Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form
     does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
@@ -128,6 +121,21 @@ def equilibrium(
         >>> state.tip.position, state.root.moment  # m, N m
         (tensor([0.9004, 0.0000, 0.3972]), tensor([0.0000, 1.8008, 0.0000]))
     """
+    _check(accuracy, throw, branch, relax, engine)
+    model = discretise(scene)
+    refuse_friction(scene)
+    tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
+    given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
+    initial = None if initial is None else check_state(initial, scene)
+
+    def found(double: Scene, *start: Any) -> State:
+        here = model if double is scene else discretise(double)
+        return _equilibrium(here, *start, tolerance, throw, branch, relax, engine)
+
+    return in_double(found, scene, initial, given, time)
+
+
+def _check(accuracy: Any, throw: bool, branch: str, relax: bool, engine: str) -> None:
     not_here("accuracy", accuracy, "torchbeam.equilibrium")
     choice("branch", branch, ("first", "stable"))
     choice("engine", engine, ENGINES)
@@ -135,29 +143,18 @@ def equilibrium(
     if relax and engine == "compiled":
         raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)
-    model = discretise(scene)
-    refuse_friction(scene)
-    tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
-    given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
-    initial = None if initial is None else check_state(initial, scene)
-
-    def found(scene: Scene, initial: State | None, given: Inputs, time: Tensor) -> State:
-        own = model if scene is model.scene else discretise(scene)
-        return _equilibrium(own, initial, time, tolerance, throw, branch, relax, engine, given)
-
-    return in_double(found, scene, initial, given, time)
 
 
 def _equilibrium(
     model: Model,
     initial: State | None,
+    given: Inputs,
     time: Tensor,
     tolerance: float | None,
     throw: bool,
     branch: str,
     relax: bool,
     engine: str,
-    given: Inputs,
 ) -> State:
     """`equilibrium`, in the dtype of the model's scene."""
     start = model.space.start(rest(model.scene) if initial is None else initial)
