@@ -140,12 +140,13 @@ class Linear:
         (N+1) + Z, n); what z does not tell follows z's own motion. place: as in `place`, None = not
         known.
         """
+        place = None if place is None else instance("place", place, Place)
         by_moves, moves = slopes(self.charted, instance("a state", state, State), place)
         return self.reads @ by_moves, moves @ self.moves
 
     def place(self, state: State) -> Place:
         """What departure, derivatives and moves of a state in the space's coordinates share."""
-        return self.charted.place(state)
+        return self.charted.place(instance("a state", state, State))
 
     def discrete(self, dt: float) -> Linear:
         """Model in discrete time, with the inputs held over steps of dt (s): exact, by the
