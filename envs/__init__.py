@@ -79,20 +79,11 @@ def __getattr__(name: str) -> Any:
 
 
 # those of which are not the first
-VERSIONS = dict.fromkeys(
-    (
-        "TipReach",
-        "TipTrack",
-        "FlutterHold",
-        "Slew",
-        "TwoLink",
-        "Peg",
-        "Gripper",
-        "FollowTarget",
-        "InverseKinematics",
-    ),
-    1,
-) | {"Payload": 2}
+SECOND_VERSIONS = (
+    "TipReach", "TipTrack", "FlutterHold", "Slew", "TwoLink", "Peg", "Gripper", "FollowTarget",
+    "InverseKinematics",
+)  # fmt: skip
+VERSIONS = dict.fromkeys(SECOND_VERSIONS, 1) | {"Payload": 2}
 
 
 def _register(

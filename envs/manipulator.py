@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -16,7 +16,7 @@ import torchbeam as tb
 from .actuators import Actuator, driven
 from .episodes import Episodes
 from .sensors import Observed
-from .soft_arm import SoftArm, SoftArmConfig
+from .soft_arm import SoftArm, SoftArmConfig, clamped_over, overlaps
 
 SEGMENTS = 5  # of the arm, each with a natural curvature of its own
 # Where they begin and end, in shares of the length. The published arm bends at the nodes between
@@ -74,10 +74,7 @@ class Manipulator(SoftArm):
         up = (1.0, 0.0, 0.0) if c.up is None else c.up
         section = tb.Section.circle(c.radius, c.young, 0.5, c.density)
         made = tb.Beam.straight(c.length, c.elements, section, c.direction, up)
-        held = overlaps(c.elements, [0.0, BENDS[0]])[0]
-        compliance = made.compliance.expand(c.elements, 6, 6).clone()
-        compliance[:, 3:] *= (1 - held * c.elements)[:, None, None]
-        return replace(made, compliance=compliance)
+        return clamped_over(made, BENDS[0])
 
     def actuators(self) -> tuple[Actuator, ...]:
         """One: the natural curvature of all elements, by angles of the segments."""
@@ -143,11 +140,3 @@ class Manipulator(SoftArm):
         nodes = range(self.elements % step or step, self.elements + 1, step)
         places = [self._seen(tb.sensors.NodePosition(node), 2.0) for node in nodes]
         return places + [self._seen(tb.sensors.NodeVelocity(node), 20.0) for node in nodes]
-
-
-def overlaps(elements: int, bounds: Sequence[float]) -> Tensor:
-    """(interval, element): how much of elements lies in intervals, in shares of the length."""
-    ends = torch.linspace(0, 1, elements + 1, dtype=torch.float64)
-    cuts = torch.tensor(bounds, dtype=torch.float64)[:, None]
-    shared = torch.minimum(ends[1:], cuts[1:]) - torch.maximum(ends[:-1], cuts[:-1])
-    return shared.clamp(min=0.0)

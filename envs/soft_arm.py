@@ -5,13 +5,14 @@ and what its place is worth.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
+import torchbeam as tb
 from torchbeam.extend import quaternions as quat
 from torchbeam.extend import shown
 
@@ -121,3 +122,20 @@ class SoftArm(Task):
         if width:
             return torch.sigmoid((bound - x) / width)
         return (x < bound).to(x)
+
+
+def clamped_over(beam: tb.Beam, share: float) -> tb.Beam:
+    """The beam, whose clamp holds a share of its length: there it neither bends nor twists."""
+    count = beam.element_count
+    rigid = count * overlaps(count, [0.0, share])[0]
+    compliance = beam.compliance.expand(count, 6, 6).clone()
+    compliance[:, 3:] *= (1 - rigid)[:, None, None]
+    return replace(beam, compliance=compliance)
+
+
+def overlaps(elements: int, bounds: Sequence[float]) -> Tensor:
+    """(interval, element): how much of elements lies in intervals, in shares of the length."""
+    ends = torch.linspace(0, 1, elements + 1, dtype=torch.float64)
+    cuts = torch.tensor(bounds, dtype=torch.float64)[:, None]
+    shared = torch.minimum(ends[1:], cuts[1:]) - torch.maximum(ends[:-1], cuts[:-1])
+    return shared.clamp(min=0.0)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from torchbeam.extend import SPIN, VELOCITY, LoadEffect, LoadPoint, Value, leaf
 from .actuators import Actuator, driven
 from .episodes import Episodes
 from .sensors import Observed
-from .soft_arm import SoftArm, SoftArmConfig
+from .soft_arm import SoftArm, SoftArmConfig, clamped_over
 
 FAST = 100.0  # m/s, a bound of what is seen of the tip
 SEEN = 10  # parts between the nodes that are observed, of a mesh that has them
@@ -105,9 +105,8 @@ class TorqueArm(SoftArm):
             inertia=c.density * second,
         )
         made = tb.Beam.straight(c.length, c.elements, section, c.direction, c.up, self.ROOT)
-        compliance = made.compliance.expand(c.elements, 6, 6).clone()
-        compliance[0, 3:] /= 2  # the published clamp holds the first element's axes at its middle
-        return replace(made, compliance=compliance)
+        # the published clamp holds the first element's axes at its middle
+        return clamped_over(made, 0.5 / c.elements)
 
     def actuators(self) -> tuple[Actuator, ...]:
         """One: couples per length on the elements, by values at the points."""

@@ -13,7 +13,7 @@ from torch import Tensor
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import concrete
 from ..nodal.coordinates.spatial import Spatial
-from ..scene.prescribed_motion import moved
+from ..scene.prescribed_motion import STILL, moved
 from ..solvers.newton import newton
 from .steady import Configuration, SteadyProblem
 
@@ -23,7 +23,6 @@ FIRST, WHOLE = 1.0, 1.2
 EASY = 0.8  # rad: after a step with that turn the next is as long again
 FEWEST = 1 / 64  # of the load in a first step
 WOUND = 5.0  # rad in one step: more cannot be told from less than TURN the other way
-STILL = 1e-6  # rad: a support that is no further from where it is at no load has not begun to turn
 LEAST = 1e-4  # smallest load step, as a share of the whole load
 LIMIT = 8  # iterations in a load step: one that takes more is quicker in two
 # iterations: a step that takes more may have come to another branch, and is made in two where it is

@@ -201,11 +201,8 @@ def _critical_load(
         path.go_on(factors, states, low)
         # brackets of neighbouring numbers have no inside
         tolerance = max(tolerance, ROUNDING * torch.finfo(low.dtype).eps)
-        inner = (
-            torch.linspace(0, 1, PARTS + 1, dtype=torch.float64)
-            .to(even)
-            .reshape(-1, *[1] * len(shape))
-        )
+        inner = torch.linspace(0, 1, PARTS + 1, dtype=even.dtype, device=even.device)
+        inner = inner.reshape(-1, *[1] * len(shape))
         while (high - low > tolerance * torch.maximum(high.abs(), low.abs())).any():
             there = low + (high - low) * inner
             states = path.equilibrium(there[1:-1], path.start)

@@ -17,7 +17,7 @@ from .effects import Pose
 from .frame_turn import turn_between
 from .supports import Support
 
-STILL = 1e-6  # m beside where it is, and half rad: poses that are no further apart are one
+STILL = 1e-6  # rad, and m: a support that is no further from where the beam has it has not begun
 
 
 @dataclass(frozen=True)

@@ -162,7 +162,7 @@ def _equilibrium(
     doubtful = states = driven = None
     # with those, the tangent of what is held is not that of what comes to rest
     judged = not model.internal_states
-    begun = None if initial is None else supports_of(model.scene, initial)
+    begun = None if initial is None else poses_of_supports(model.scene, initial)
     problem = SteadyProblem(model, time, given, time.new_ones(()), begun=begun)
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
@@ -281,8 +281,8 @@ def _warn_of_unstable(
         )
 
 
-def supports_of(scene: Scene, state: State) -> Poses | None:
-    """Where a state has the supports; None = none has a motion."""
+def poses_of_supports(scene: Scene, state: State) -> Poses | None:
+    """Where a state has them; None = none has a motion."""
     if not any(support.displaced for support in scene.supports):
         return None
     nodes = [support.node for support in scene.supports]

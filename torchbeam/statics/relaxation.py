@@ -92,8 +92,8 @@ def relax(
     """From x, each sample at its own pace, to rest in the problem `whole`:
     (shape, reaction, status). Where loads are conservative, every step and the end are minima of
     the energy, not saddles of it. loaded: all loads act on x, and supports are where they lead, or
-    where the problem has them begin.
-    known: a shape at rest; what comes near to it ends there, without a reaction. steps: at most.
+    where the problem has them begin. known: a shape at rest; what comes near to it ends there,
+    without a reaction. steps: at most.
     """
     model, t, inputs = whole.model, whole.t, whole.inputs
     with torch.no_grad():
@@ -105,7 +105,7 @@ def relax(
         viscosity = viscosity_of(model, force)
         flexibility = _flexibility(model, force) if model.law.rigid else force
         led = any(support.displaced for support in model.scene.supports)
-        led = led and (whole.begun is not None or not loaded)
+        led = led and not (loaded and whole.begun is None)
         end = 2.0 if led else 1.0  # supports move when loads are there
         longest = WOUND / turn_of_supports(whole, x)  # in which a support turns by so much
         reached, step = t.new_full(shape, float(loaded)), t.new_full(shape, FIRST)
