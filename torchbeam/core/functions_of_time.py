@@ -92,7 +92,7 @@ def _called(function: Callable[[Tensor], Any], t: Tensor) -> Any:
 
 def at_time(function: Callable[[Tensor], Any], t: Tensor, axes: int = 1) -> Any:
     """function(t) for t (...): a tensor of the leading axes of t and of what the function returns,
-    then its `own` axes; or a tuple of such and None, as it returns. The function gets a
+    then `axes` of its own; or a tuple of such and None, as it returns. The function gets a
     0-dimensional t.
     """
     if t.ndim == 0:

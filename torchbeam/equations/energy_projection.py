@@ -27,8 +27,8 @@ def conserved(
     free: list[list[Base]],
 ) -> State:
     """`after`, with the work of this step alone, and its velocities scaled so that kinetic + strain
-    energy changes by that work less what damping takes, see `projected`. `own`: the strain that the
-    beam takes by itself over this step, which holds no energy. free: the pieces that nothing holds.
+    energy changes by that work less what damping takes, see `projected`. eigenstrain: what the beam
+    takes by itself over this step, which holds no energy. free: the pieces that nothing holds.
     """
     kinetic, rise = kinetic_rise(model, start, after)
     rise = rise + strain_rise(model, start, after, dt, eigenstrain) - after.work

@@ -208,7 +208,8 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     compliance = _with_residual_bending(beam, beam.compliance)
     S = _slim(compliance, beam, space)
     if rigid or beam.coupled:
-        C = _slim(_regular_inverse(beam, compliance, _resistance(scene)), beam, space)
+        resistance = _resistance(scene) if rigid else None
+        C = _slim(_regular_inverse(beam, compliance, resistance), beam, space)
     else:
         C = S.reciprocal()
     if scene.damping is None:

@@ -120,11 +120,11 @@ class Tendons(BetweenNodes):
         blocks, steps = [], self.steps(motion, drives)
         for rope, step, part in zip(self.ropes, steps, self._parts, strict=True):
             acting, after = rope.tangent(step)
-            block = [k for k, node in enumerate(self.nodes[part]) if node is not None]
-            at = [part.start + k for k in block]
+            there = [k for k, node in enumerate(self.nodes[part]) if node is not None]
+            at = [part.start + k for k in there]
             by = (acting + rate * after).transpose(-3, -2)  # (..., m, m, 3, 3)
-            by = by[..., block, :, :, :][..., block, :, :]
-            force, lever = rope.forces(step)[..., block, :], motion.acting.lever[..., at, :]
+            by = by[..., there, :, :, :][..., there, :, :]
+            force, lever = rope.forces(step)[..., there, :], motion.acting.lever[..., at, :]
             block = self._blocks(by, force, lever, motion.end.lever[..., at, :])
             block = block if spin is None else block @ spin[..., None, at, :, :]
             blocks.append(block.flatten(-4, -3))

@@ -203,14 +203,13 @@ class TouchingPairs(Tree):
 
     def _actions(self, points: PairMotion) -> tuple[Tensor, Tensor | None, Tensor]:
         """Force (..., U, 3) N on the place; moment N m of friction, divided by `_levers`,
-        None = there is none; shares of the meeting.
+        None = there is none; shares of the contact point.
         """
         contact_point = self.closest_point(points)
         force = contact_point.force
         if contact_point.rub is None:
             return force, None, contact_point.shares
-        r, rub = torch.broadcast_tensors(contact_point.r, force)
-        return force, -torch.linalg.cross(r, rub), contact_point.shares
+        return force, -cross(contact_point.r, force), contact_point.shares
 
     def wrenches(self, motion: PairMotion) -> Tensor:
         """(..., U, 6, 6) N and N m on the nodes, which move so."""
@@ -267,7 +266,7 @@ class TouchingPairs(Tree):
         moved = torch.cat((torch.zeros_like(by_shares[..., :1, :]), by_shares), -2)
 
         def of_points(share: Tensor, by: Tensor, rest: Tensor, action: Tensor) -> Tensor:
-            """(..., 4, 6, 3, w) of an action whose shares `own` change by `rest` (..., 6, 4, w)."""
+            """(..., 4, 6, 3, w) of an action whose `share` changes by `rest` (..., 6, 4, w)."""
             whole = share[..., :, None, None, None] * by[..., None, :, :, :]
             return whole + rest.transpose(-3, -2)[..., None, :] * action[..., None, None, :, None]
 

@@ -12,8 +12,6 @@ from ..math.element_shapes import SHAPES
 
 # 1 + cosine of the turn from one tangent to the next: less, and the curve turns back on itself
 BACK = 1e-6
-
-
 TURNS_BACK = (
     "a curve that turns back on itself at a node was given; nodes that are nearer to "
     "each other are wanted, or frames"

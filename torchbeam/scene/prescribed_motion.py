@@ -56,10 +56,11 @@ class PrescribedMotion:
         """
         beam = self.scene.beam
         position, rotation = beam.nodes[..., support.node, :], beam.frames[..., support.node, :]
-        pose = moved(position, rotation, *self.displacement(support, t), share)
+        motion = self.displacement(support, t)
+        pose = moved(position, rotation, *motion, share)
         if start is None or not support.displaced:
             return pose
-        end, left = self.pose(support, t), 1 - share
+        end, left = moved(position, rotation, *motion), 1 - share
         away = quat.logarithm(quat.multiply(start[1], quat.conjugate(end[1])))
         way = (
             end[0] + left * (start[0] - end[0]),

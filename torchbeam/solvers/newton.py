@@ -67,8 +67,7 @@ def newton(
     trust_start  whether r may be the residual of x; not where that is the size of a step to come,
                  whatever the balance lacks
     foresee      (...) whether what is foreseen counts, None = of all; where it does not, as in
-                 equilibria, one below
-                 `tolerance` has to be measured
+                 equilibria, one below `tolerance` has to be measured
     """
     with no_derivatives():
         control = Control(tolerance, limit, trust_start, foresee)

@@ -179,8 +179,8 @@ class FrameworkMatrix:
 
 @lru_cache(maxsize=64)
 def _tied_at(framework: Any, behind: bool) -> tuple[tuple[int, ...], ...]:
-    """Which of the ties' blocks are by moves of nodes, of balances of nodes, or of the rows (own)
-    behind them; the rows and columns there.
+    """Which of the ties' blocks are by moves of nodes, of balances of nodes, or of the rows
+    `behind` them; the rows and columns there.
     """
     n, pairs = framework.node_count, enumerate(zip(*framework.tied, strict=True))
     there = [(k, i - n * behind, j) for k, (i, j) in pairs if j < n and (i >= n) == behind]

@@ -113,3 +113,16 @@ def test_a_turning_obstacle_drags_by_its_surface(shape):
     for other in others:
         for a, b in zip(other, first, strict=True):
             assert_close(a, b, rtol=0, atol=1e-3 * float(b.norm()))
+
+
+def test_a_contact_of_a_scene_is_copied_with_other_numbers():
+    """Of a body's surface, from which the scene took the radius; another radius is refused."""
+    ball = tb.Body(0.1, 4e-5, position=(0.0, 0, 0.3), surface=tb.Sphere((0, 0, 0), 0.1))
+    contact = tb.Contact(tb.Plane((0, 0, 0), (0, 0, 1)), on="ball", **LAW)
+    scene = tb.Scene({"ball": ball}, [contact], supports=())
+    (taken,) = scene.effects
+    copied = replace(scene, effects=[replace(taken, thickness=2e-3)])
+    assert copied.effects[0].thickness == 2e-3
+    assert_close(copied.effects[0].radius, taken.radius, rtol=0, atol=0)
+    with pytest.raises(ValueError, match="Contact with a radius of 'ball', which has a surface"):
+        replace(scene, effects=[replace(taken, radius=0.2)])

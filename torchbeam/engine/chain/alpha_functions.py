@@ -25,9 +25,7 @@ STRAINING = "straining"
 
 @dataclass(frozen=True)
 class AlphaFunctions(LocalFunctions):
-    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
-    adjoint.
-    """
+    """Functions of nodes, of elements and of what acts between nodes; those of the adjoint."""
 
     rho_inf: float = 0.8
 

@@ -53,7 +53,7 @@ class CellSums:
                 part = code.new(f"shufflevector {V} {whole}, {V} poison, <{W} x i32> <{mask}>")
                 total = part if total is None else merged(code, total, part)
             code.line(f"store {V} {total}, ptr {at}, align {self.lanes.bytes}")
-        return code.text().replace("define void", "define internal void")
+        return code.text(internal=True)
 
     def _first(self) -> str:
         code, V, W = Code("first cell", ["ptr %to", "ptr %source"]), *self._types()
@@ -64,7 +64,7 @@ class CellSums:
         zero = self.lanes.constant(0.0)
         chosen = code.new(f"select {self.lanes.truth} <{mask}>, {V} {source}, {V} {zero}")
         code.line(f"store {V} {chosen}, ptr %to, align {self.lanes.bytes}")
-        return code.text().replace("define void", "define internal void")
+        return code.text(internal=True)
 
     def _types(self) -> tuple[str, int]:
         return self.lanes.vector, self.lanes.count

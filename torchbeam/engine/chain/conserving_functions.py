@@ -21,7 +21,7 @@ ENERGIES = ("kinetic", "rise")
 
 @dataclass(frozen=True)
 class ConservingFunctions(LocalFunctions):
-    """Functions of nodes, of elements, of rows of the chain, of samples. kinetic: energy at the end
+    """Functions of nodes, of elements and of what acts between nodes. kinetic: energy at the end
     of the step; rise: of kinetic and strain energy, with what damping takes and less the work of
     the loads.
     """

@@ -10,8 +10,8 @@ another: a step, a share of the load, a point of a path. These differ in what th
 An iteration is one pass: the balance of what joints, tendons and pairs connect, and of the nodes
 and elements at them; then the elimination, which finds that of the others as it comes to them, so
 that no block of their matrix is kept. Back substitution, and the updates of unknowns that are not
-over yet. Everything that is computed is in the functions of `LocalFunctions`; here is only in which
-order, and where their fields lie.
+over yet. Everything that is computed is in local functions (of nodes and elements, of rows, of
+midside nodes, of samples); here is only in which order, and where their fields lie.
 """
 
 from __future__ import annotations

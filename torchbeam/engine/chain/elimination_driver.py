@@ -35,9 +35,9 @@ class Elimination(RowCode):
             return
         if "bordered" in self.kinds.runs:
             self._bordered_runs()
-        for row in self.interactions:
-            if not row.celled:
-                self.each_of(row, self.join)
+        for sort in self.interactions:
+            if not sort.celled:
+                self.each_of(sort, self.join)
         self._each_following(self._begin_following)
         self._groups("eliminate", self.args["first_groups"])
         self._each_following(self._following_run)
@@ -74,7 +74,7 @@ class Elimination(RowCode):
             row(is_first, node, code.choose(is_first, node, code.sub(node, step)))
 
     def _node_of_run(self, node: str) -> None:
-        """What a node gives, unless that is held since `_at_interface`."""
+        """What a node gives, unless that is held since `at_interface`."""
         place = self.node_place(node)
         if not self.has_interface:
             self.node(node, place)
@@ -86,9 +86,9 @@ class Elimination(RowCode):
         """Rows of the interface, with interactions that cells may have."""
         with self.entries("interface", shared=shared) as (p, entry):
             self._interface(p, entry)
-        for row in self.interactions:
-            if row.celled:
-                self.each_of(row, self.join, shared=shared)
+        for sort in self.interactions:
+            if sort.celled:
+                self.each_of(sort, self.join, shared=shared)
 
     def node(self, j: str, turn: str | int) -> None:
         """What node j gives its row, and the elements at it, where it is held."""
@@ -168,12 +168,12 @@ class Elimination(RowCode):
             more = f", ptr {self.at('signs')}, ptr {self.at('sums', 0, 'indefinite')}"
         self.code.line(f'call void @"{name}"({self.system}, ptr {table}, i64 {count}{more})')
 
-    def _before(self, fields: tuple[str, ...], is_first: str, node: str) -> dict[str, str]:
+    def _before(self, is_first: str, node: str) -> dict[str, str]:
         """Fields of the row before, zeros in front of the first."""
         nothing = self.at("nothing")
         return {
             name: self.code.choose(is_first, nothing, self.at("row", node, name), "ptr")
-            for name in fields
+            for name in ("ahead", "y")
         }
 
     def _runs(self, table: str) -> None:
@@ -182,7 +182,7 @@ class Elimination(RowCode):
         name, coupling, step = self._direction(table)
 
         def row(is_first: str, node: str, before: str) -> None:
-            fields = self._before(("ahead", "y"), is_first, before)
+            fields = self._before(is_first, before)
             self._row_of(name, node, ("row", node), fields)
 
         with self.entries(table) as (_, (first, count, p, *places)):
@@ -280,7 +280,7 @@ class Elimination(RowCode):
             self.copy(E, self.at("interface", p, "U"), w * w)
 
             def row(is_first: str, node: str, previous: str, before: list[str] = before) -> None:
-                fields = self._before(("ahead", "y"), is_first, previous)
+                fields = self._before(is_first, previous)
                 fields["side"] = code.choose(
                     is_first, self.at("edge", 0, "start"), self.at("row", previous, "side"), "ptr"
                 )

@@ -35,9 +35,7 @@ def mixtures(parts: int, weights: tuple[float, float]) -> list[tuple[float, ...]
 
 @dataclass(frozen=True)
 class ExtrapolatedFunctions(LocalFunctions):
-    """Functions of nodes, of elements, of rows of the chain, of samples; and those of the
-    adjoint.
-    """
+    """Functions of nodes, of elements and of what acts between nodes; those of the adjoint."""
 
     @property
     def state(self) -> tuple[str, ...]:

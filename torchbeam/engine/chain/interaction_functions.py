@@ -1,5 +1,5 @@
 """Local functions that all interactions have in common: what follows from their blocks, see
-`interaction`.
+`sorts`.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class JointFunctions:
     def joint(self, kind: JointKind, **fields: Tensor) -> Fields:
         """What a joint gives the nodes at its ends and its own row: its push (w) on their balances,
         by end; what its constraints are to change by (`right`, w); its blocks (w, w), see
-        `interaction`, its own being 1 for forces that it has not; the largest gap and turn.
+        `sorts`, its own being 1 for forces that it has not; the largest gap and turn.
         """
         problem, x = self.problem(fields, kind)
         return of_ends(problem, x, problem.model.joints, kind.sides, OWN)

@@ -75,7 +75,6 @@ def climb(
     x: Configuration,
     tolerance: float | None,
     judged: bool,
-    lanes: int | None = None,
     required: bool = True,
 ) -> Climbed | None:
     """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at
@@ -86,7 +85,7 @@ def climb(
         return None
 
     def make(around: Dependencies | None) -> Climbed:
-        return _climbed(model, t, inputs, x, tolerance, judged, lanes, around)
+        return _climbed(model, t, inputs, x, tolerance, judged, around)
 
     return natively("equilibria are found", model, refusal(model), make, required)
 
@@ -141,7 +140,6 @@ def _climbed(
     x: Configuration,
     tolerance: float | None,
     judged: bool,
-    lanes: int | None,
     around: Dependencies | None,
 ) -> Climbed:
     # where there are own unknowns that are no forces of constraints, it is looked at by torch
@@ -166,14 +164,14 @@ def _climbed(
     ]
     batch = broadcast_shapes(*(x.value.shape[: x.value.ndim - x.axes] for x in fields))
     check_batch(model, batch)
-    key = lanes, batch, *[(x.value.shape, x.value.stride(), x.value.dtype) for x in fields]
+    key = batch, *[(x.value.shape, x.value.stride(), x.value.dtype) for x in fields]
     call = structure.calls.get(key)
     shapes = {name: v.shape[-2:] for name, v in start.items()}
     shapes["reaction"] = model.constraints.fixed.shape
     if call is None:
         out = [Output(*place.get(name, ("kept", name)), shape) for name, shape in shapes.items()]
         out += [Output("sample", name, ()) for name in ("last_status", "indefinite")]
-        call = Call(instance, batch, 1, fields, out, lanes=lanes)
+        call = Call(instance, batch, 1, fields, out)
         keep(structure.calls, key, call, CALLS)
     found = [
         x.reshape((*batch, *x.shape[1:])) for x in call.run([x.value for x in fields], limit=LIMIT)

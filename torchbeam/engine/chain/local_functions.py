@@ -2,9 +2,7 @@
 do, by named fields.
 
 They are those of `local_problem`; an element condenses its stress. The balance of all and its
-blocks are the sums of both. The midside node of an element of three nodes is eliminated
-(`condense`) with what the node itself adds: to its row an element of any order is one between two
-nodes.
+blocks are the sums of both.
 
 Fields have no axes of the batch: of a node's `node.k`, `common.k` and `support.k` (the tensors of
 `NodeConstants`, `Common` and `SupportConstants`, in order), position, rotation, velocity, spin and

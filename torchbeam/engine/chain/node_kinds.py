@@ -1,6 +1,4 @@
-"""Kinds of nodes and of elements, by which code differs; and what the nodes of an element are
-called.
-"""
+"""Kinds of nodes, of elements and of what acts between nodes, by which code differs."""
 
 from __future__ import annotations
 

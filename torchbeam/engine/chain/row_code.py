@@ -8,7 +8,7 @@ are loads between an element's nodes that do nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from math import isqrt
 
@@ -195,11 +195,9 @@ class RowCode(RecordCode):
 
     def by_name(self, word: str, row: Row, then: Callable[[str], None]) -> None:
         """then(name) of the function of this word of a row, if its kind has one."""
-        known = None if row.kind is None else nullcontext([row.kind])
-        with known or self.each_kind(row.of, row.number) as kinds:
-            for k in kinds:
-                if (name := f"{word} {k}") in self.functions:
-                    then(name)
+        for k in self.each_kind(row.of, row.number) if row.kind is None else (row.kind,):
+            if (name := f"{word} {k}") in self.functions:
+                then(name)
 
     def outputs_of(self, word: str, row: Row) -> dict[str, Output]:
         """What such functions give, which those of nodes, or of elements, have in common; nothing
@@ -208,21 +206,16 @@ class RowCode(RecordCode):
         name = f"{word} {row.kind or 0}"
         return self.functions[name].outputs if name in self.functions else {}
 
-    @contextmanager
-    def each_kind(self, sort: Sort, number: str) -> Iterator[Iterator[int]]:
+    def each_kind(self, sort: Sort, number: str) -> Iterator[int]:
         """Kinds of a sort; what is written in a round runs for a row of that kind."""
         code, count = self.code, len(all_kinds(self.kinds, sort))
         kind = self.integer(sort.kinds, number)
-
-        def each() -> Iterator[int]:
-            for k in range(count):
-                if count == 1:
-                    yield k
-                    continue
-                with code.when(code.compare("eq", kind, k)):
-                    yield k
-
-        yield each()
+        for k in range(count):
+            if count == 1:
+                yield k
+                continue
+            with code.when(code.compare("eq", kind, k)):
+                yield k
 
     # Loops
 
@@ -239,11 +232,10 @@ class RowCode(RecordCode):
         code, entry = self.code, self.entry(sort.constants, number)
         nodes = {side: code.load(code.at(entry, k)) for k, side in enumerate(sort.sides)}
         kinds = all_kinds(self.kinds, sort)
-        with self.each_kind(sort, number) as numbers:
-            for k in numbers:
-                function = alike(kinds, k, sort.name)
-                unit = code.load(code.at(entry, sort.width - 1)) if kinds[k].multiplied else None
-                then(Row(sort, number, function, entry, nodes, kinds[k].sides, unit))
+        for k in self.each_kind(sort, number):
+            function = alike(kinds, k, sort.name)
+            unit = code.load(code.at(entry, sort.width - 1)) if kinds[k].multiplied else None
+            then(Row(sort, number, function, entry, nodes, kinds[k].sides, unit))
 
     def each_of(
         self, sort: Sort, then: Then, look: bool = False, shared: bool | None = None
@@ -262,14 +254,13 @@ class RowCode(RecordCode):
         """then(row) of the loads between the nodes of element e, where they do anything in one of
         the samples.
         """
-        with self.each_kind(ELEMENT, e) as kinds:
-            for k in kinds:
-                if f"far {LOAD.name} {k}" not in self.functions:
-                    continue
-                row = Row(LOAD, e, k)
-                self.call_of(f"far {LOAD.name}", row, "change")
-                with self.unless_all(self.at("change", 0, "far")):
-                    then(row)
+        for k in self.each_kind(ELEMENT, e):
+            if f"far {LOAD.name} {k}" not in self.functions:
+                continue
+            row = Row(LOAD, e, k)
+            self.call_of(f"far {LOAD.name}", row, "change")
+            with self.unless_all(self.at("change", 0, "far")):
+                then(row)
 
     def _each_near(self, sort: Sort, then: Then, look: bool) -> None:
         code, count = self.code, self.at("near_count")

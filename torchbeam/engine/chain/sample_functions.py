@@ -17,13 +17,9 @@ from .local_problem import Fields
 
 @dataclass(frozen=True)
 class SampleFunctions:
-    """Functions of a sample of a model; of one of its nodes, elements and multipliers `between` and
-    `part`.
-    """
+    """Functions of a sample of a model; of one of its nodes, elements and multipliers, `part`."""
 
     model: Model
-
-    # Functions of a sample
 
     def search(
         self,

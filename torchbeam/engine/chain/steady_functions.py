@@ -30,7 +30,7 @@ POSE = {"position": 3, "rotation": 4, "displacement": 3, "turn": 3}
 
 @dataclass(frozen=True)
 class SteadyFunctions(LocalFunctions):
-    """Functions of nodes, of elements, of rows of the chain, of samples."""
+    """Functions of nodes, of elements and of what acts between nodes."""
 
     SAMPLE = ("load_factor",)
     OVER_STEP = False

@@ -31,9 +31,8 @@ class Tensions:
 
     def of_kind(self, s: str, word: str, then: Callable[[int], None]) -> None:
         """then(number of its functions of this word) of stretch s."""
-        with self.driver.each_kind(TIE, s) as kinds:
-            for k in kinds:
-                then(alike(self.driver.kinds.stretches, k, word))
+        for k in self.driver.each_kind(TIE, s):
+            then(alike(self.driver.kinds.stretches, k, word))
 
     def find(self) -> None:
         """By the unknowns."""

@@ -103,7 +103,7 @@ class Transfers:
                 if name == "drain":
                     with code.loop(0, components) as c:
                         self._joined(code, ["0.0"] * W, here, c)
-        return code.text().replace("define void", "define internal void")
+        return code.text(internal=True)
 
     def _read(self, code: Code, places: list[str], here: str, components: str, alike: str) -> None:
         """Components of each lane from its own place, or of all lanes, where they are alike, from

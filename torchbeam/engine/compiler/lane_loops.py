@@ -55,11 +55,7 @@ class LaneLoops:
             }
             for text in lines:
                 code.line(text.format(**places))
-        return (
-            code.text()
-            .replace("define void", "define internal void")
-            .replace(") nounwind", ") alwaysinline nounwind")
-        )
+        return code.text(internal=True).replace(") nounwind", ") alwaysinline nounwind")
 
     def _chosen(self, name: str, compared: str) -> str:
         V = self.lanes.vector
@@ -95,4 +91,4 @@ class LaneLoops:
             is_set = each.new(f"fcmp une {scalar} {one_of}, 0.0")
             each.store(each.choose(is_set, each.load(left), 0), left)
         each.store(each.load(left), "%result")
-        return each.text().replace("define void", "define internal void")
+        return each.text(internal=True)

@@ -193,7 +193,10 @@ class Contact(ContactTerms):
                 "wanted"
             )
         which = "radius" if name == self.on else "other_radius"
-        if getattr(self, which) is not None and self.corners is None:
+        radius = getattr(self, which)
+        known = self.partner is None and torch.is_tensor(radius)  # as a copy of it has it
+        known = known and concrete(radius).tolist() == concrete(solid.radius).tolist()
+        if radius is not None and self.corners is None and not known:
             raise refusal(f"Contact with a {which} of {name!r}, which has a surface,", "None")
         if self.partner is not None:
             return self
