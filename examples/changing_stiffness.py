@@ -78,10 +78,8 @@ OFF = ((seen - truth).square().mean() / truth.square().mean()).sqrt().item()  # 
 
 
 def draw(path: Path) -> None:
-    import matplotlib.pyplot as plt
-
     t = DT * torch.arange(1, READINGS + 1)
-    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7, 5))
+    above, below = tb.plot.grid(2, 1, (7, 5))
     above.plot(t, [BEFORE if k < CHANGE else AFTER for k in range(READINGS)], "k--", label="truth")
     above.plot(t, mean, "C0", label="estimate")
     above.fill_between(t, low, high, color="C0", alpha=0.25, label="95 % interval")
@@ -92,8 +90,7 @@ def draw(path: Path) -> None:
     below.set_ylabel("tip, mm")
     below.set_xlabel("s")
     below.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120, bbox_inches="tight")
+    tb.plot.save(above, path, dpi=120)
 
 
 if __name__ == "__main__":

@@ -84,10 +84,8 @@ truth, seen = torch.tensor(tips).unbind(-1)
 
 
 def draw(path: Path) -> None:
-    import matplotlib.pyplot as plt
-
     t = DT * torch.arange(1, READINGS + 1)
-    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7, 5))
+    above, below = tb.plot.grid(2, 1, (7, 5))
     above.axhline(1e3 * MASS, color="k", linestyle="--", label="truth")
     above.plot(t, [1e3 * m for m in mean], "C0", label="estimate")
     ends = ([1e3 * m for m in side] for side in (low, high))
@@ -99,8 +97,7 @@ def draw(path: Path) -> None:
     below.set_ylabel("deflection of the tip, mm")
     below.set_xlabel("s")
     below.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120, bbox_inches="tight")
+    tb.plot.save(above, path, dpi=120)
 
 
 if __name__ == "__main__":

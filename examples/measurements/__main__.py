@@ -1,5 +1,5 @@
-"""All examples with measurements, on the user's own copies of the files, as a table and lines of
-JSON.
+"""The examples with measurements whose results are stored, on the user's own copies of the files,
+as a table and lines of JSON.
 
     python -m examples.measurements --data FOLDER --out docs/results/measurements
 """

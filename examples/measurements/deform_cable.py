@@ -31,7 +31,6 @@ its readings that 95 % bands hold; and mean_error_mm, that of a coordinate, as i
 """
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -43,7 +42,7 @@ from torch.distributions import LogNormal, Normal
 
 import torchbeam as tb
 
-from .report import line
+from .report import columns, line, rms
 
 ELEMENTS, STEP, G = 12, 0.01, 9.81
 SIGMA = 3e-3  # m: what the model misses, of a first fit
@@ -58,19 +57,16 @@ class Record:
     """
 
     def __init__(self, path: Path, mass: float) -> None:
-        with path.open() as file:
-            names = file.readline().strip().split(",")
-            rows = torch.tensor([[float(x) for x in row.split(",")] for row in file]).double()
-        self.name, self.mass = path.stem, mass
+        names, rows = columns(path)
+        self.mass = mass
         self.t = rows[:, names.index("t_s")] - rows[0, names.index("t_s")]
         count = sum(name.endswith("_x_m") for name in names)
-        columns = [names.index(f"marker{m + 1}_{c}_m") for m in range(count) for c in "xyz"]
-        self.markers = rows[:, columns].unflatten(-1, (count, 3))
+        seen = [names.index(f"marker{m + 1}_{c}_m") for m in range(count) for c in "xyz"]
+        self.markers = rows[:, seen].unflatten(-1, (count, 3))
         along = torch.nn.functional.normalize(self.markers.diff(dim=1), dim=-1)
         side = torch.eye(3).double()[along[0, 0].abs().argmin()]
         first = carried(framed(along[0, 0], side), along[0])  # along the cable, as it begins
         self.frames = carried(first[0], along[:, 0]), carried(first[-1], along[:, -1])
-        self.first = first
         cable = self.markers[:, 1:-1]
         # a chord is longest where the cable is straight, and where noise makes it so
         parts = cable.diff(dim=1).norm(dim=-1).quantile(0.9, dim=0)
@@ -190,10 +186,9 @@ def main(arguments: Sequence[str] | None = None) -> str:
     noise = (fitted.data - fitted.y).square().mean(0).sqrt()
     band, seen = fit.predict(other.model(some), sigma=noise), other.free(some)
     errors, inside = band.y - seen, (band.low <= seen) & (seen <= band.high)
-    rms = errors.square().sum(-1).mean(0).sqrt()
-    share = inside.double().mean().item()
-    end = json.loads(line(fit, PARAMETERS, rms, share, time.perf_counter() - begun))
-    return json.dumps(end | {"mean_error_mm": round(1e3 * errors.abs().mean().item(), 2)})
+    share, mean = inside.double().mean().item(), round(1e3 * errors.abs().mean().item(), 2)
+    seconds = time.perf_counter() - begun
+    return line(fit, PARAMETERS, rms(errors), share, seconds, mean_error_mm=mean)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,33 @@
-"""Line: what an example with measurements ends with, as one line of JSON."""
+"""What examples with measurements read and end with: a CSV of numbers, and one line of JSON."""
 
 import json
 from collections.abc import Iterable
+from pathlib import Path
 
+import torch
 from torch import Tensor
 
 import torchbeam as tb
 
 
-def line(fit: tb.Fit, names: Iterable[str], rms: Tensor, coverage: float, seconds: float) -> str:
+def columns(path: Path) -> tuple[list[str], Tensor]:
+    """Names and rows (rows, columns) of a file."""
+    with path.open() as file:
+        names = file.readline().strip().split(",")
+        rows = [[float(x) for x in row.split(",")] for row in file]
+    return names, torch.tensor(rows, dtype=torch.float64)
+
+
+def rms(off: Tensor) -> Tensor:
+    """(markers,) of the distances of off (times or poses, markers, 3)."""
+    return off.square().sum(-1).mean(0).sqrt()
+
+
+def line(
+    fit: tb.Fit, names: Iterable[str], rms: Tensor, coverage: float, seconds: float, **more: float
+) -> str:
     """JSON of the parameters `names` with their 95 % intervals, RMS (markers,) m of what was held
-    out, the share of its readings that the 95 % bands hold, and how long it took.
+    out, the share of its readings that the 95 % bands hold, how long it took, and more.
     """
     ends = fit.interval(0.95).tolist()
     parameters = {
@@ -24,5 +41,6 @@ def line(fit: tb.Fit, names: Iterable[str], rms: Tensor, coverage: float, second
             "rms_mm": [round(1e3 * x, 2) for x in rms.tolist()],
             "coverage": round(coverage, 3),
             "seconds": round(seconds, 1),
+            **more,
         }
     )

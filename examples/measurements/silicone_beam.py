@@ -46,7 +46,7 @@ from torch.distributions import LogNormal, Normal
 
 import torchbeam as tb
 
-from .report import line
+from .report import columns, line, rms
 
 SIDE, LENGTH, RHO, NU, G = 0.03, 0.1, 1070.0, 0.49, 9.81  # m, kg/m^3, m/s^2
 AXES = ((0, 0, 1), (0, -1, 0), (1, 0, 0))  # of the cameras: their Z along the beam, X upwards
@@ -59,7 +59,7 @@ SWING, FITTED, SETTLED, AHEAD = 0.4, 1.0, 0.6, 1.0  # s after the release
 LAST = 0.2  # s, of what was fitted, that tell how much is missed after it
 SIGMA = 3e-4  # m: what the model misses, of a first fit
 COMMON = ("E", "power", "creep", "tilt")
-BLOCK = tb.Beam.straight(LENGTH, ELEMENTS, tb.Section.rectangle(SIDE, SIDE, 2.6e5, NU, RHO))
+BLOCK = tb.Beam.straight(LENGTH, ELEMENTS, tb.Section.rectangle(SIDE, SIDE, NOMINAL, NU, RHO))
 
 
 class Record:
@@ -70,11 +70,9 @@ class Record:
 
     def __init__(self, path: Path, noise: str = "blocks", begin: float = SWING) -> None:
         self.noise, self.begin = noise, begin
-        with path.open() as file:
-            names = file.readline().strip().split(",")
-            rows = torch.tensor([[float(x) for x in row.split(",")] for row in file])
-        columns = [names.index(f"marker{m}_{c}_mm") for m in (1, 2, 3) for c in "XYZ"]
-        markers = 1e-3 * rows[:, columns].unflatten(-1, (3, 3))
+        names, rows = columns(path)
+        seen = [names.index(f"marker{m}_{c}_mm") for m in (1, 2, 3) for c in "XYZ"]
+        markers = 1e-3 * rows[:, seen].unflatten(-1, (3, 3))
         load = re.search(r"load(\d+)", path.stem)
         self.name, self.mass = path.stem, 1e-3 * int(load[1]) if load else 0.0
         moved = torch.linalg.vector_norm(markers - markers[:3].mean(0), dim=-1).amax(-1) > 2.5e-3
@@ -82,10 +80,7 @@ class Record:
         self.t, self.markers = rows[begin:, 0] - rows[begin, 0], markers[begin:]
         held = markers[:3].mean(0) @ torch.tensor(AXES, dtype=markers.dtype).mT
         self.points = held - torch.tensor(FACE)
-        swinging = tb.Beam.straight(
-            LENGTH, ELEMENTS, tb.Section.rectangle(SIDE, SIDE, NOMINAL, NU, RHO)
-        )
-        self.omega = tb.modes(tb.Scene(swinging, self.hung()), count=1).frequency[0].item()
+        self.omega = tb.modes(tb.Scene(BLOCK, self.hung()), count=1).frequency[0].item()
 
     def hung(self) -> list[tb.PointMass]:
         return [tb.PointMass(self.mass, offset=(0, 0, SIDE / 2))] if self.mass else []
@@ -228,11 +223,6 @@ def predicted(
         within.append((band.low <= seen[:, k]) & (seen[:, k] <= band.high))
     spread = record.markers.amax(0) - record.markers.amin(0)
     return torch.stack(errors, 1), torch.stack(within, 1), spread.norm(dim=-1).max().item()
-
-
-def rms(off: torch.Tensor) -> torch.Tensor:
-    """(markers,) of the distances of off (times, markers, 3)."""
-    return off.square().sum(-1).mean(0).sqrt()
 
 
 if __name__ == "__main__":

@@ -37,8 +37,7 @@ class BlackBox:
         self.model, self.measurements = record.model(FITTED), record.measurements(FITTED)
         self.parameters, self.calls = start(False), 0
         self.sizes = [max(p.start.numel(), 1) for p in self.parameters.values()]
-        seen = torch.stack([m.values for m in self.measurements])
-        self.offsets = seen[0].new_zeros(3, 3)
+        self.offsets = self.measurements[0].values.new_zeros(3, 3)
 
     def first(self) -> np.ndarray:
         values = [

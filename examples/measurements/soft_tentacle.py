@@ -36,7 +36,7 @@ from torch.distributions import LogNormal, Normal
 
 import torchbeam as tb
 
-from .report import line
+from .report import line, rms
 
 HELD = ("m12_u001002", "m12_u0020015", "m1_u02", "m1_u025", "m2_u015")
 ACTUATED, LENGTH = 0.305, 0.36  # m, of the tendons and of the rod
@@ -161,11 +161,6 @@ def main(arguments: Sequence[str] | None = None) -> str:
         inside.append((low <= seen[:, k]) & (seen[:, k] <= high))
     share = torch.stack(inside).double().mean().item()
     return line(fit, start(), rms(torch.stack(off, 1)), share, time.perf_counter() - begun)
-
-
-def rms(off: torch.Tensor) -> torch.Tensor:
-    """(markers,) of the distances of off (poses, markers, 3)."""
-    return off.square().sum(-1).mean(0).sqrt()
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ from torch.distributions import LogNormal, Normal
 
 import torchbeam as tb
 
-from .report import line
+from .report import columns, line
 
 ELEMENTS, MODES = 6, 3
 FITTED, SETTLED, AHEAD = 0.5, 0.1, 0.5  # s
@@ -98,9 +98,7 @@ class Strip:
 
 def read(path: Path) -> tuple[torch.Tensor, torch.Tensor]:
     """Times (times,) s from the first on, and accelerations (times, 2) m/s^2."""
-    with path.open() as file:
-        names = file.readline().strip().split(",")
-        rows = torch.tensor([[float(x) for x in row.split(",")] for row in file]).double()
+    names, rows = columns(path)
     t = rows[:, names.index("t_s")]
     return t - t[0], rows[:, [names.index("acc1_m_s2"), names.index("acc2_m_s2")]]
 

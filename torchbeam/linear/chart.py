@@ -14,12 +14,11 @@ from torch.nn.functional import pad
 
 from ..core.validation import concrete
 from ..math.dense import inverse_unchecked, solve_unchecked
-from ..math.shapes import broadcast_shapes
+from ..math.shapes import broadcast_shapes, stacked
 from ..nodal.assembly import Assembly
 from ..nodal.between_nodes import BetweenNodes
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.model import Model
-from ..nodal.multipliers import stacked
 from ..state.state import State
 from .minimal_moves import pivots
 
@@ -116,8 +115,7 @@ class Chart:
             strain.flatten(-2),
             *self._of_joints(position, rotation, joints),
         )
-        lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
-        return (self.solve @ torch.cat([x.expand(*lead, -1) for x in parts], -1)[..., None])[..., 0]
+        return (self.solve @ stacked(*parts, axis=-1)[..., None])[..., 0]
 
     def place(self, state: State) -> Place:
         """Of the configuration of a state in the space's coordinates."""
@@ -133,9 +131,7 @@ class Chart:
         q, by_moves = self.place(state) if place is None else place
         rate = (by_moves @ self.velocity(state).flatten(-2)[..., None])[..., 0]
         lags = () if self.own.internal is None else (state.internal - self.own.internal,)
-        parts = (q, rate, *lags)
-        lead = broadcast_shapes(*(x.shape[:-1] for x in parts))
-        return torch.cat([x.expand(*lead, -1) for x in parts], -1)
+        return stacked(q, rate, *lags, axis=-1)
 
     def moved(self, near: State, by: Tensor, place: Place | None = None) -> State:
         """The state whose coordinates are those of `near` and `by` (..., 2 w (N+1) + Z) more, all
@@ -184,8 +180,7 @@ class Chart:
             moved, turn = rows[..., k * w : k * w + p, :], rows[..., k * w + p : (k + 1) * w, :]
             parts += [moved, self._by_turn(rotation, base) @ turn]
         parts.append(rows[..., len(self.bases) * w :, :])
-        lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
-        return self.solve @ torch.cat([x.expand(*lead, -1, -1) for x in parts], -2)
+        return self.solve @ stacked(*parts)
 
     def independent_and_held(self, position: Tensor, rotation: Tensor, by_moves: Tensor) -> Tensor:
         """(..., n, w (N+1)): the independent coordinates, and behind them what joints hold, by
@@ -278,8 +273,7 @@ class Chart:
         parts = [eye[list(self.bases)].flatten(0, 1), rows]
         if self.joints.count:
             parts.append(self.joints.coordinate_rows(self.joints.pose(position, rotation)))
-        lead = broadcast_shapes(*(x.shape[:-2] for x in parts))
-        return torch.cat([x.expand(*lead, *x.shape[-2:]) for x in parts], -2)
+        return stacked(*parts)
 
     def _of_joints(
         self, position: Tensor, rotation: Tensor, joints: Tensor | None
@@ -335,8 +329,7 @@ class Chart:
         before = space.to_frame(reference.rotation, reference.spin)
         velocity = state.velocity - reference.velocity - self._carried(before, state.position)
         spin = space.to_frame(state.rotation, state.spin) - before
-        lead = broadcast_shapes(velocity.shape[:-1], spin.shape[:-1])
-        return torch.cat((velocity.expand(*lead, -1), spin.expand(*lead, -1)), -1)
+        return stacked(velocity, spin, axis=-1)
 
     def _carried(self, spin: Tensor, position: Tensor) -> Tensor:
         """What the model's own spin (frame a) makes of a displacement."""

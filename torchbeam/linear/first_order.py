@@ -160,7 +160,7 @@ def _condensed(X: Tensor, rest: Tensor, none: Tensor, lead: Tensor, back: Tensor
 
 
 def _coupled(rows: Tensor, light: Tensor, massive: Tensor) -> bool:
-    """Whether the columns `none` of some rows are more than rounding beside the columns `one`."""
+    """Whether the columns `light` of some rows are more than rounding beside the `massive` ones."""
     rows = rows.detach().abs()
     return rows.numel() > 0 and bool(
         (rows[..., light] > SINGULAR * rows[..., massive].amax((-1, -2), keepdim=True)).any()

@@ -145,7 +145,7 @@ def design(plan: Any) -> list[Axes]:
     left.legend(frameon=False, fontsize=8)
     names = [*plan.change]
     factors = torch.tensor([plan.change[name] for name in names])
-    factors = factors.clamp(max=10 * max(1.0, factors[factors.isfinite()].max().item()))
+    factors = factors.clamp(max=10 * max([1.0, *factors[factors.isfinite()].tolist()]))
     colors = ["C0" if name in plan.measurements else GREY for name in names]
     right.barh(range(len(names)), numbers(factors - 1), left=1.0, color=colors)
     right.set_yticks(range(len(names)), names, fontsize=8)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean, function, instance, listed
 from ...core.validation import as_tensor, positive, refusal, shown
-from ...math.shapes import broadcast_shapes
+from ...math.shapes import stacked
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
 from ...state.state import State
@@ -57,8 +57,7 @@ class Instruments:
     def now(self, scene: Scene, state: State, inputs: dict[str, Tensor]) -> Tensor:
         """(..., m): what the sensors read of a state, under inputs."""
         parts = [sensor.flat(state) for sensor in _sensors(self.sensors, scene, inputs)]
-        lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
-        return torch.cat([part.expand(*lead, -1) for part in parts], -1)
+        return stacked(*parts, axis=-1)
 
     def at_rest(self, scene: Scene, state: State) -> Tensor:
         """(..., m): what is read of a state that has long been so."""

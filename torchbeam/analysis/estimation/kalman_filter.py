@@ -18,7 +18,7 @@ from ...dynamics.stepper import Stepper
 from ...linear.chart import Place
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
-from ...math.shapes import broadcast_shapes
+from ...math.shapes import broadcast_shapes, stacked
 from ...math.square_root import Conditioned, Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
@@ -207,7 +207,7 @@ class KalmanFilter:
         if self.products is not None:
             mean, rows = self._second_order(before.factor)
             error, x = error - mean[..., : self.read], x + mean[..., self.read :]
-            more = more + mean[..., self.read :][..., : self.moves]
+            more = more + mean[..., self.read : self.read + self.moves]
         by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
         read = (~torch.isnan(error)).sum(-1).to(error)
         now = replace(
@@ -323,9 +323,8 @@ class KalmanFilter:
         by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
         roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
         noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
-        parts = (roots @ by_x, by_fresh, *more, pad(torch.diag_embed(noise), (0, self.size)))
-        lead = broadcast_shapes(*(part.shape[:-2] for part in parts))
-        whole = torch.cat([part.expand(*lead, -1, -1) for part in parts], -2)
+        read = pad(torch.diag_embed(noise), (0, self.size))
+        whole = stacked(roots @ by_x, by_fresh, *more, read)
         return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
 
     def _second_order(self, factor: Tensor) -> tuple[Tensor, Tensor]:

@@ -186,7 +186,7 @@ class MovingHorizon(KalmanFilter):
         newest = window.intervals[-1]
         for k in range(self.iterations):
             if k:
-                intervals, last = self._linear(self._begins(window, slice(None)), about)
+                intervals, last = self._linear(self._begins(window), about)
                 window = replace(window, intervals=intervals)
             if len(window.intervals) > self.window:
                 window = self._without_first(window)
@@ -214,26 +214,26 @@ class MovingHorizon(KalmanFilter):
         a window later (or to the last): one more than `found`.
         """
         last, known = found[-1].window, [start, *found]
-        begins = self._begins(last, slice(None))
+        begins = self._begins(last)
         intervals, motion = self._linear(begins, self._about(found[-1]))
         last = self._solved(replace(last, intervals=intervals), motion)
-        begins = self._begins(last, slice(None))
+        begins = self._begins(last)
         lately = min(len(begins), len(found))
         smooth = []
         for j, now in enumerate(known[: -lately - 1]):
             window = known[j + self.window].window
-            (first,) = self._begins(window, slice(1))
+            (first,) = self._begins(window, 1)
             smooth.append(replace(now, state=first.state, x=first.x, factor=window.end.factor(0)))
         for k in range(-lately, 0):
             at = dict(state=begins[k].state, x=begins[k].x, factor=last.end.factor(k - 1))
             smooth.append(replace(known[k - 1], **at))
         return [*smooth, found[-1]]
 
-    def _begins(self, window: Window, which: slice) -> list[Begin]:
-        """Of intervals of a window, as they are estimated now."""
-        old = [interval.begin for interval in window.intervals[which]]
-        places = window.places[which].unbind()
-        if window.first is not None and which == slice(1):
+    def _begins(self, window: Window, first: int | None = None) -> list[Begin]:
+        """Of the first intervals of a window, as they are estimated now; None = of all."""
+        old = [interval.begin for interval in window.intervals[:first]]
+        places = window.places[:first].unbind()
+        if window.first is not None and first == 1:
             return [old[0]._replace(state=window.first, x=places[0])]
         near = State.stack([begin.state.broadcast() for begin in old])
         change = torch.stack([x - begin.x for x, begin in zip(places, old, strict=True)])
@@ -247,9 +247,8 @@ class MovingHorizon(KalmanFilter):
         self, begins: Sequence[Begin], about: Tensor
     ) -> tuple[tuple[Linearised, ...], Motion]:
         """About these begins, side by side; and how the last ends."""
-        states, *numbers = zip(*begins, strict=True)
-        x, inputs, _ = (together(part) for part in numbers)
-        after, *parts = self._moved(State.stack(states), x, inputs, about)
+        states, x, inputs, _ = zip(*begins, strict=True)
+        after, *parts = self._moved(State.stack(states), together(x), together(inputs), about)
         (starts, ends), more = after.places, after.more[..., : self.moves]
         each = zip(begins, map(Place, *starts), *(part.unbind() for part in parts), strict=True)
         last = Motion(after.state[-1], Place(*(part[-1] for part in ends)), more[-1])
@@ -269,7 +268,7 @@ class MovingHorizon(KalmanFilter):
         again = int(len(old) == self.window)
         if moved[..., self.moves : self.moves + self.unknowns.of_model].any():
             again = len(old)
-        begins = self._begins(window, slice(again)) if again else []
+        begins = self._begins(window, again) if again else []
         new, last = self._linear([*begins, begin], about)
         intervals = (*new[:again], *old[again:], new[again])
         places, weight = (
@@ -296,7 +295,8 @@ class MovingHorizon(KalmanFilter):
         """
         m, size = self.read, self.size
         begins, starts, *parts = zip(*window.intervals, strict=True)
-        x, y = (together(part) for part in list(zip(*begins, strict=True))[1::2])
+        _, x, _, y = zip(*begins, strict=True)
+        x, y = together(x), together(y)
         expected, ends, columns = (together(part) for part in parts)
         by_x, by_fresh = columns.split((size, columns.shape[-2] - size), -2)
         sources = torch.cat((self.shaken @ by_x, by_fresh[..., self.fresh, :]), -2)

@@ -34,7 +34,7 @@ class Products:
         at = torch.stack((steps, -steps)) + unknowns.start[:p]
         at = at.reshape(2, p, *[1] * len(lead), p).expand(2, p, *lead, p)
         standing = interval.standing(unknowns, at, at.shape[:-1], None)
-        none = unknowns.white.new_zeros(len(unknowns.white))
+        none = torch.zeros_like(unknowns.white)
         moved = interval.move(rest.broadcast(at.shape[:-1]), unknowns, at, none, None, standing)
         rows = torch.cat((moved.motion_by.motion, moved.readings_by.motion), -2)
         slopes = (rows[0] - rows[1]) / (2 * STEP)

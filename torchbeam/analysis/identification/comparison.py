@@ -148,7 +148,7 @@ def compare(
     said = _said(names, less.sum(-1).tolist(), error.tolist(), by)
     # fmt: off
     return Comparison(tuple(names), by, tuple(sizes), value[order], less.sum(-1), error, rms[order],
-                      each[order], tuple(said))
+                      each[order], (said,))
     # fmt: on
 
 
@@ -173,13 +173,13 @@ def _checked(fits: Mapping[str, Fit]) -> tuple[list[str], list[Fit]]:
     return [*map(str, fits)], [*fits.values()]
 
 
-def _said(names: list[str], less: list[float], error: list[float], by: str) -> Iterator[str]:
+def _said(names: list[str], less: list[float], error: list[float], by: str) -> str:
     alike = [
         f"{name!r} ({d:.2g}{f' +- {e:.2g}' if by == 'prediction' else ''} less)"
         for name, d, e in zip(names[1:], less[1:], error[1:], strict=True)
         if d < (ERRORS * e if by == "prediction" else ODDS)
     ]
-    yield (
+    return (
         f"{names[0]!r} is the best, but {' and '.join(alike)} cannot be told from it"
         if alike
         else f"{names[0]!r} is the best"
@@ -264,17 +264,16 @@ def _left_out(
                 )
             inverses.append(torch.linalg.inv(rest))
             moved[k, free] = moved[k, free] + inverses[-1] @ (J[out].mT @ r[out])
-        limits = problem.parameters.bounds(moved)
-        moved = torch.minimum(torch.maximum(moved, limits[0]), limits[1])
+        moved = moved.clamp(*problem.parameters.bounds(moved))
         predicted = problem.residuals(moved, first.expand(len(moved)))
-        s, values, squares = fit.scale or 1.0, [], 0.0
+        s, values, squares, unit = fit.scale or 1.0, [], 0.0, _log_unit(problem)
         for (inside, _), C, e, at in zip(masks, inverses, predicted, moved, strict=True):
             J_in, linear = J[inside], r[inside] + J[inside] @ (at - x[0])[free]
             e = torch.where(torch.isfinite(e[inside]).all(), e[inside], linear) / s
             more = torch.eye(len(C)).to(C) + C @ (J_in.mT @ J_in)
             pull = J_in.mT @ e
             quadratic = e @ e - pull @ torch.linalg.solve(more, C @ pull)
-            log_unit = _log_unit(problem)[inside].sum() - len(e) * math.log(s)
+            log_unit = unit[inside].sum() - len(e) * math.log(s)
             values.append(log_unit - (quadratic + torch.linalg.slogdet(more)[1]) / 2)
             squares = squares + e @ e
         count_ = sum(int(inside.sum()) for inside, _ in masks)

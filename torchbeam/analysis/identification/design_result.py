@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,7 +88,7 @@ class Design:
         names = parameters.names[:m]
         open_ = [n for n, d in zip(names, deviation.tolist(), strict=True) if d == torch.inf]
         hints = [f"these sensors do not tell {', '.join(open_)}"] * bool(open_)
-        bound = min(torch.tensor(selection.bound(order)).exp().item(), value[-1].item())
+        bound = min(math.exp(selection.bound(order)), value[-1].item())
         all_items = items.sum(0) - items[list(present)].sum(0)
         # fmt: off
         return cls(sensors=tuple(every[k] for k in order),

@@ -93,8 +93,10 @@ def _likeliest(
             least, where = sums.cummin(-1)
             rise, last = (sums - least).max(-1)
             first = where.gather(-1, last[:, None])[:, 0]
-            ends = zip(whole.tolist(), rise.tolist(), first.tolist(), last.tolist(), strict=True)
-            pairs += [(*of, group[i], group[i + 1 + k]) for k, of in enumerate(ends)]
+            few = min(TRIED, len(whole))
+            for k in {k for part in (whole, rise) for k in part.topk(few).indices.tolist()}:
+                ends = (part[k].item() for part in (whole, rise, first, last))
+                pairs.append((*ends, group[i], group[i + 1 + k]))
         for by_what in (0, 1):
             for *_, first, last, a, b in sorted(pairs, key=lambda of: -of[by_what])[:TRIED]:
                 yield a, b, slice(first, last)

@@ -191,14 +191,10 @@ def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
         experiments, own = Noise.by_channel(experiments)
     absolute = boolean("absolute_sigma", o.absolute_sigma)
     problem = FitProblem.of(experiments, parameters, absolute, own)
-    problem = replace(problem, relative_step=STEP if o.relative_step is None else o.relative_step)
     x = problem.parameters.x
     region = problem.region(x)
     with torch.no_grad():
-        if derivatives in ("forward", "difference"):
-            problem = replace(problem, method=derivatives)
-        else:
-            problem = with_derivatives(problem, x, TRIES if o.relative_step is None else 1)
+        problem = with_derivatives(problem, x, derivatives, o.relative_step)
         most = count("follow", o.follow) if o.starts > 1 else None
         with _line(o.progress, len(x)) as report:
 
@@ -223,11 +219,17 @@ def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
         return Fit.of(problem, search_result, region, method, tolerance)
 
 
-def with_derivatives(problem: FitProblem, x: Tensor, tries: int) -> FitProblem:
-    """The problem by differences that do not depend on their step at the first start that has a
-    Jacobian: each parameter's of the first of so many, each a tenth of the one before; else by
-    forward mode.
+def with_derivatives(
+    problem: FitProblem, x: Tensor, derivatives: str, relative_step: float | None
+) -> FitProblem:
+    """The problem with the derivatives that are asked for; else by differences that do not depend
+    on their step at the first start that has a Jacobian: each parameter's of the first of TRIES,
+    each a tenth of the one before (of a step that is given, that alone); else by forward mode.
     """
+    problem = replace(problem, relative_step=STEP if relative_step is None else relative_step)
+    if derivatives in ("forward", "difference"):
+        return replace(problem, method=derivatives)
+    tries = TRIES if relative_step is None else 1
     for k in range(len(x)):
         here, which = x[k : k + 1], torch.tensor([k], device=x.device)
         try:

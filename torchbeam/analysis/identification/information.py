@@ -12,7 +12,7 @@ from torch import Tensor
 from ...core.arguments import function as check_function
 from ...core.validation import finite, refusal, shown
 from .experiment import Experiment, Model
-from .identify import STEP, TRIES, with_derivatives
+from .identify import with_derivatives
 from .measurement import Measurement
 from .parameters import Parameters
 from .problem import FitProblem
@@ -54,16 +54,10 @@ class Information:
         belongs = torch.tensor([k for k, group in enumerate(candidates) for _ in group])
         zeros = tuple(replace(m, values=torch.zeros_like(m.values)) for m in every)
         problem = FitProblem.of([Experiment(None, model, zeros, False)], parameters)
-        step = STEP if relative_step is None else relative_step
-        problem = replace(_remembering(problem, correlation), relative_step=step)
         x = problem.parameters.x
-        one = cls(problem, x, belongs, model, inputs)
-        if derivatives != "auto":
-            return replace(one, problem=replace(problem, method=derivatives))
-        tries = TRIES if relative_step is None else 1
-        chosen = with_derivatives(one._with_inputs(inputs if inputs is None else inputs[:1]),
-                                  x[:1], tries)  # fmt: skip
-        return replace(one, problem=chosen)
+        made = cls(_remembering(problem, correlation), x, belongs, model, inputs)
+        first = made._with_inputs(inputs if inputs is None else inputs[:1])
+        return replace(made, problem=with_derivatives(first, x[:1], derivatives, relative_step))
 
     def _with_inputs(self, u: Tensor | None) -> FitProblem:
         """The problem of the inputs (S, ...) of starts."""
@@ -183,5 +177,4 @@ def drawn(parameters: Parameters, draws: int, seed: int) -> Parameters:
         for e in parameters.priors:
             law = e.prior.expand(torch.Size(e.shape))
             start[:, e.place] = law.sample((draws,)).reshape(draws, e.size).to(start)
-    least, largest = parameters.limits
-    return replace(parameters, start=torch.maximum(torch.minimum(start, largest), least))
+    return replace(parameters, start=start.clamp(*parameters.limits))

@@ -190,8 +190,8 @@ def choose_both(
     """Sensors for runs (K,), and runs for sensors, in turn until neither changes; from all runs
     alike, and from each of them alone, the best of what is found.
     """
-    like = of_runs([]).cost
-    runs, K = float(of_runs([]).count), len(like)
+    none = of_runs([])
+    like, runs, K = none.cost, float(none.count), len(none.cost)
     starts = [torch.full_like(like, runs / K), *(runs * torch.eye(K).to(like) if K > 1 else ())]
     least, best = math.inf, None
     for weight in starts:

@@ -357,3 +357,20 @@ def test_a_vector_of_parameters_and_sensors_that_come_together():
     assert both.efficiency == pytest.approx(1)
     listed = tb.design(model, [one, two, three], (1.0, 2.0), sensors=2, criterion="A")
     assert set(listed.sensors) == {"0", "1"}
+
+
+def test_a_design_that_leaves_much_open_is_drawn(tmp_path):
+    """One reading of four unknowns, which no other one makes enough."""
+    pytest.importorskip("matplotlib")
+    x = torch.linspace(0, 1, 5)
+    names = "abcd"
+    powers = torch.stack([x**k for k in range(4)])
+
+    def model(p):
+        return sum(p[n][:, None] * powers[k] for k, n in enumerate(names)).unbind(-1)
+
+    places = {f"{s:.2f}": tb.Measurement(torch.nan, 0.1) for s in x.tolist()}
+    plan = tb.design(model, places, dict.fromkeys(names, 1.0), sensors=1)
+    assert plan.hints
+    tb.plot.save(tb.plot.design(plan)[0], tmp_path / "plan.png")
+    assert (tmp_path / "plan.png").stat().st_size > 1000
