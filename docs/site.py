@@ -1,7 +1,6 @@
-"""Pages of the site that are made of other files, for mkdocs (`make docs`): the home page of
-README.md, the guide of docs/README.md, a page of each example, the reference of all public names,
-the changelog. Links out of docs/ go to those pages; what the site does not show is named without a
-link.
+"""Pages of the site that are made of other files, for mkdocs (`make docs`): the guide of
+docs/README.md, a page of each example, the reference of all public names, the changelog. Links out
+of docs/ go to those pages; what the site does not show is named without a link.
 """
 
 import ast
@@ -340,7 +339,6 @@ def sentence_of(taken: dict) -> str:
 def generated() -> dict[str, str]:
     return {
         "tasks.md": environment_cards(),
-        "index.md": "---\nhide: [navigation]\n---\n\n" + (ROOT / "README.md").read_text(),
         "guide.md": (ROOT / "docs" / "README.md").read_text(),
         "changelog.md": (ROOT / "CHANGELOG.md").read_text(),
         **examples(),
@@ -348,7 +346,7 @@ def generated() -> dict[str, str]:
     }
 
 
-HOMES = {"index.md": "README.md", "guide.md": "docs/README.md", "changelog.md": "CHANGELOG.md"}
+HOMES = {"guide.md": "docs/README.md", "changelog.md": "CHANGELOG.md"}
 
 
 def linked(text: str, page: str) -> str:
@@ -393,7 +391,9 @@ def on_startup(command, dirty):
 
 
 def on_config(config):
-    """mkdocs: the navigation, with the pages that are made."""
+    """mkdocs: the version in the bar at the top; the navigation, with the pages that are made."""
+    version = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    config.site_name = f"torchbeam {version}"
     pages = generated()
     for title in ("Examples", "Reference"):
         entry = next(entry for entry in config.nav if title in entry)

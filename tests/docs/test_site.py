@@ -79,17 +79,17 @@ def test_every_example_has_its_card(site):
 
 
 def test_links_lead_to_the_site_s_pages(site):
-    """Of README.md, of docs/, of examples/: to pages, or out of the site by name alone; code stays
-    as it is.
+    """Of CHANGELOG.md, of docs/, of examples/: to pages, or out of the site by name alone; code
+    stays as it is.
     """
     linked = site.linked
-    assert linked("[a](docs/statics.md#roll)", "index.md") == "[a](statics.md#roll)"
+    assert linked("[a](docs/statics.md#roll)", "changelog.md") == "[a](statics.md#roll)"
     assert linked("[a](../examples/lqr.py)", "linear.md") == "[a](examples/lqr.md)"
     assert linked("[a](README.md)", "statics.md") == "[a](guide.md)"
     assert linked("[`f`](../tests/conftest.py)", "gradients.md") == "`f`"
-    assert linked("![p](docs/figures/x.png)", "index.md") == "![p](figures/x.png)"
+    assert linked("![p](docs/figures/x.png)", "changelog.md") == "![p](figures/x.png)"
     code = "```\n[a](docs/statics.md)\n```\n[b](https://x.org/y)"
-    assert linked(code, "index.md") == code
+    assert linked(code, "changelog.md") == code
 
 
 def test_every_task_has_a_card(site):
