@@ -12,6 +12,7 @@ from ..core.entry_point import entry_points
 from .animation import animate
 from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path, tried
+from .diagrams import diagram
 from .identification import correlation, design, fit, profile
 from .obstacles import obstacles
 from .shapes import mode_shapes, shape
@@ -20,7 +21,8 @@ from .uncertainty import bands, convergence, histogram, tornado
 
 # fmt: off
 __all__ = [
-    "animate", "axes", "bands", "campbell", "convergence", "correlation", "design", "energies",
+    "animate", "axes", "bands", "campbell", "convergence", "correlation", "design", "diagram",
+    "energies",
     "fit", "grid", "histogram", "history", "load_path", "mode_shapes", "obstacles", "profile",
     "save", "shape", "tendons", "tornado", "tried",
 ]

@@ -19,7 +19,7 @@ from ..state.solution import Solution
 from ..state.state import State
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import Axes, matplotlib_wanted, numbers
-from .shapes import TRIAD, _prepared, framed
+from .shapes import TRIAD, framed, prepared
 from .solid_picture import SolidPicture
 
 CLOCK: dict[str, Any] = dict(fontsize=9, loc="left", family="monospace")
@@ -149,7 +149,7 @@ class _Film:
         """Film of states, axes with room for the whole motion. Raises ValueError as `shape`."""
         position, turn = nodes_of(states)
         times = states.position.shape[0]
-        ax, seen = _prepared(ax, plane, position)
+        ax, seen = prepared(ax, plane, position)
         solid = None if scene is None else SolidPicture.of(scene, states, ax, seen, None)
         curves = axis_curves(rows_of(states), position, turn[..., 0])[..., seen]
         curves = curves.reshape(times, len(position) // times, *curves.shape[-2:])

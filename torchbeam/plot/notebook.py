@@ -17,7 +17,7 @@ from ..state.state import State, rest
 from .axis import PLANES, nodes_of
 from .canvas import Axes
 from .obstacles import obstacles
-from .shapes import _prepared, shape
+from .shapes import prepared, shape
 from .tendons import tendons
 
 SHAPES = 8  # at most so many in a picture
@@ -70,7 +70,7 @@ def _of_scene(scene: Scene, state: State) -> Axes:
     """As drawn, with tendons and, in a plane, obstacles."""
     eyelets = [rope.at(state.position, state.rotation) for rope in scene.tendons]
     points = [x.flatten(0, -2) for x in (nodes_of(state)[0], *eyelets)]
-    ax, seen = _prepared(None, None, torch.cat(points)[None])
+    ax, seen = prepared(None, None, torch.cat(points)[None])
     plane = next((name for name, pair in PLANES.items() if list(pair) == seen), None)
     shape(state, ax, plane=plane)
     if scene.tendons:

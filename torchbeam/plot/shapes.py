@@ -60,7 +60,7 @@ def shape(
     check_label(label)
     if scene is not None:
         instance("scene", scene, Scene)
-    ax, seen = _prepared(ax, plane, position)
+    ax, seen = prepared(ax, plane, position)
     solid = None if scene is None else SolidPicture.of(scene, state, ax, seen, color)
     if solid is not None:
         framed(ax, seen, solid.reach(state)[:, seen])
@@ -80,7 +80,7 @@ def shape(
         _mark(ax, state, points, drawn.get_color())
     if frames:
         _triads(ax, position, turn, seen)
-    return _even(ax, seen)
+    return even(ax, seen)
 
 
 def mode_shapes(
@@ -123,7 +123,7 @@ def mode_shapes(
     # a mode is linear in its size
     tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))
     chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
-    ax, seen = _prepared(ax, plane, torch.cat((position, moved)))
+    ax, seen = prepared(ax, plane, torch.cat((position, moved)))
     rows = rows_of(state)
     ax.plot(
         *numbers(axis_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--"
@@ -137,7 +137,7 @@ def mode_shapes(
         label = f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}"
         ax.plot(*line.T, color=f"C{i}", lw=1.8, label=label)
     ax.legend(frameon=False, fontsize=8)
-    return _even(ax, seen)
+    return even(ax, seen)
 
 
 def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
@@ -150,7 +150,7 @@ def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
         ax.plot(*ends.T, "o", ms=6, mfc="none", mec="k", mew=0.8, color=GREY, ls="-", lw=0.8)
 
 
-def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
+def prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
     """Axes, and which coordinates they show of positions (samples, N+1, 3); raises as `shape`."""
     choice("plane", plane, (*PLANES, None))
     if ax is not None and is_3d(check_axes(ax)):
@@ -171,7 +171,7 @@ def _prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axe
     return ax, seen
 
 
-def _even(ax: Axes, seen: list[int]) -> Axes:
+def even(ax: Axes, seen: list[int]) -> Axes:
     """The axes with equal scales, names, and room around what was drawn."""
     names = (ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else []))
     for set_label, i in zip(names, seen, strict=True):
@@ -205,7 +205,7 @@ def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
         if not getattr(ax, f"get_autoscale{name}_on")()
     }
     (everywhere,) = ax.plot(*numbers(points).T, alpha=0)
-    _even(ax, seen)
+    even(ax, seen)
     everywhere.remove()
     ax.set(**axes_of)
     if is_3d(ax):

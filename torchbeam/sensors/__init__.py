@@ -29,6 +29,7 @@ from .joint import JointCoordinate, JointLoad, JointRate
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
 from .position import Position
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
+from .section_forces import SectionForces
 from .sensor import Component, Sensor, Stack
 from .tendon import TendonLength, TendonTension
 
@@ -38,8 +39,8 @@ __all__ = [
     "ContactPressure",
     "ContactSlip", "Curvature", "Gauge", "JointCoordinate", "JointLoad", "JointRate",
     "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity", "Position",
-    "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "Sensor", "Spin",
-    "Stack", "Strain", "Stress", "TendonLength", "TendonTension",
+    "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "SectionForces",
+    "Sensor", "Spin", "Stack", "Strain", "Stress", "TendonLength", "TendonTension",
     "TipPosition", "TipVelocity",
 ]
 # fmt: on

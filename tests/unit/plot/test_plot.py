@@ -117,6 +117,36 @@ def test_history_of_a_batch(tmp_path):
         tb.plot.energies(batch)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_diagram_of_a_bending_moment(order, tmp_path):
+    """Of a cantilever under an even load, on the side that it stretches; the values at its ends."""
+    beam = tb.Beam.straight(1.0, 4, SECTION, order=order)
+    scene = tb.Scene(beam, [tb.LineLoad(force=(0, 0, -0.01))], small=True)
+    ax = tb.plot.diagram(tb.equilibrium(scene), "M2", scene=scene, plane="xz", height=0.25)
+    drawn(ax, tmp_path / "moment.png")
+    axis, curve = data(ax)[:2]
+    curve = curve[1:-1]
+    assert len(axis) == len(curve)
+    assert_close(curve[:, 1] - axis[:, 1], 0.25 * (1 - axis[:, 0]) ** 2, rtol=0, atol=1e-4)
+    assert [text.get_text() for text in ax.texts] == ["0.005"] and ax.get_title() == "M2 / N m"
+
+
+def test_diagram_of_a_frame(tmp_path):
+    """Along each of its beams; a force across the plane that is seen is turned into it."""
+    beams = {"post": tb.Beam.straight(1.0, 2, SECTION, direction=(0, 1, 0), up=(1.0, 0, 0))}
+    beams["arm"] = tb.Beam.straight(0.5, 2, SECTION, root=(0, 1.0, 0))
+    joints, weight = [tb.Weld(("post", -1), ("arm", 0))], tb.PointLoad(("arm", -1), (0, -1e-5, 0))
+    scene = tb.Scene(beams, [weight], joints=joints, supports=[tb.Support(("post", 0))])
+    state = tb.equilibrium(scene)
+    ax = tb.plot.diagram(state, "F1", scene=scene, plane="xy")
+    drawn(ax, tmp_path / "frame.png")
+    assert {text.get_text() for text in ax.texts} == {"-1e-05"}
+    reach = max((line[:, 0].max() - line[:, 0].min()).item() for line in data(ax)[:2])
+    assert reach > 0.1
+    ax = tb.plot.diagram(state, "M3", scene=scene, plane="xy", values=False)
+    assert not ax.texts
+
+
 def test_load_path(tmp_path):
     """Equilibria under a growing load: solid, dashed from where they are called unstable, up to the
     last valid one, a dot at the limit point; the pieces join.
@@ -355,6 +385,10 @@ CASES = {
     "flat axes": (lambda s: tb.plot.shape(tb.rest(ROUND), tb.plot.axes()), "flat axes were given"),
     "many samples": (lambda s: tb.plot.mode_shapes(s.state, tb.modes(tb.Scene(BEAM), count=1)),
                      "one sample is wanted"),
+    "samples for a diagram": (lambda s: tb.plot.diagram(s.state, "M2", scene=SCENE),
+                              "9 samples were given to a diagram; one sample is wanted"),
+    "another resultant": (lambda s: tb.plot.diagram(s.state[0], "M", scene=SCENE),
+                          "resultant = 'M' was given"),
     "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)),
                          r"\(n,\) and \(n, count\)"),
     "another file": (lambda s: tb.plot.animate(s, "motion.avi"), "one that ends in .gif or .mp4"),

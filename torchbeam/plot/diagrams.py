@@ -1,0 +1,111 @@
+"""Diagrams of section forces: normal and shear forces, torque and bending moments along beams."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import boolean, choice, instance, tolerance
+from ..scene.scene import Scene
+from ..sensors.section_forces import SectionForces
+from .axis import POINTS, axis_curve, nodes_of, rows_of
+from .canvas import GREY, Axes, numbers
+from .shapes import even, prepared
+
+# Of a resultant: the section axis along which it is drawn, y or z, and to which side. Bending
+# moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
+SIDES = {"F1": (2, 1), "F2": (1, 1), "F3": (2, 1), "M1": (2, 1), "M2": (2, 1), "M3": (1, -1)}
+FEW = 0.02  # of the largest value: what is less, or as near to another, is not written
+EDGE_ON = 0.1  # of a section axis: it is hardly seen, and the other one is taken
+
+
+def diagram(
+    state: Any,
+    resultant: str,
+    ax: Axes | None = None,
+    *,
+    scene: Scene,
+    inputs: dict[str, Any] | None = None,
+    plane: str | None = None,
+    height: float = 0.15,
+    values: bool = True,
+) -> Axes:
+    """Diagram of a stress resultant along all beams of one state, drawn from their axes: F1 normal
+    force, F2 and F3 shear forces (N), M1 torque, M2 and M3 bending moments (N m), section axes.
+    Bending moments stand on the side that they stretch, the others to the side of z, F2 of y.
+
+    Args:
+        state: one sample, of the nodal form
+        scene: whose state it is; the loads along its beams count between nodes (`SectionForces`)
+        inputs: values of its inputs, by their names
+        plane: "xy", "xz" or "yz", as in `shape`
+        height: of the largest value, as a share of the size of what is drawn
+        values: write the values at ends of beams and at extremes
+
+    Raises:
+        ValueError: for a batch, a resultant of another name, and as `shape`.
+
+    Examples:
+        >>> ax = tb.plot.diagram(tb.equilibrium(scene), "M2", scene=scene)
+    """
+    choice("resultant", resultant, tuple(SIDES))
+    instance("scene", scene, Scene)
+    height, values = tolerance("height", height), boolean("values", values)
+    position, axes = nodes_of(state)
+    told = SectionForces(scene, inputs=inputs)(state)[..., list(SIDES).index(resultant)].detach()
+    samples = max(len(position), told.shape[:-2].numel())
+    if samples != 1 or told.numel() == 0:
+        raise ValueError(f"{samples} samples were given to a diagram; one sample is wanted")
+    told = _along(told.reshape(-1, 3), scene.beam.order)
+    ax, seen = prepared(ax, plane, position)
+    column, side = SIDES[resultant]
+    if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
+        column = 3 - column
+    most = told.abs().max().clamp(min=1e-300)
+    size = torch.linalg.vector_norm(position[0].amax(0) - position[0].amin(0))
+    scale, first = side * height * size / most, 0
+    for row in rows_of(state):
+        x, R = position[0, row], axes[0, row]
+        curve = axis_curve(x[None], R[None, :, :, 0])[0]
+        out = axis_curve(R[None, ..., column], torch.zeros_like(x)[None])[0]
+        count = len(x) - 1
+        value = told[first : first + count]
+        first += count
+        ends = torch.cat((curve[:-1].unflatten(0, (count, POINTS)), curve[POINTS::POINTS, None]), 1)
+        ways = torch.cat((out[:-1].unflatten(0, (count, POINTS)), out[POINTS::POINTS, None]), 1)
+        _draw(ax, ends[..., seen], (scale * value[..., None] * ways)[..., seen])
+        if values:
+            _write(ax, (ends + scale * value[..., None] * ways)[..., seen], value, FEW * most)
+    ax.set_title(f"{resultant} / {'N' if resultant[0] == 'F' else 'N m'}")
+    return even(ax, seen)
+
+
+def _along(told: Tensor, order: int) -> Tensor:
+    """Values (N, 3) at the start, the middle and the end of elements -> at the points of curves
+    (intervals between nodes, POINTS + 1), along parabolas.
+    """
+    x = torch.linspace(-1, 1, order * POINTS + 1, dtype=told.dtype)
+    shapes = torch.stack((x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2))
+    return (told @ shapes).unfold(-1, POINTS + 1, POINTS).flatten(0, 1)
+
+
+def _draw(ax: Axes, base: Tensor, ordinates: Tensor) -> None:
+    """The beam's axis, the curve (intervals, points, 2 or 3), and lines from one to the other."""
+    top = base + ordinates
+    ax.plot(*numbers(base.flatten(0, 1)).T, color=GREY, lw=1.5)
+    closed = torch.cat((base[:1, 0], top.flatten(0, 1), base[-1:, -1]))
+    ax.plot(*numbers(closed).T, color="C0", lw=1.5)
+    for foot, end in zip(base[:, ::2].flatten(0, 1), top[:, ::2].flatten(0, 1), strict=True):
+        ax.plot(*numbers(torch.stack((foot, end))).T, color="C0", lw=0.5, alpha=0.5)
+
+
+def _write(ax: Axes, top: Tensor, value: Tensor, least: Tensor) -> None:
+    """Values at the ends of a beam and at its extremes, each once, that are not next to nothing."""
+    top, value, written = top.flatten(0, 1), value.flatten(), [0.0]
+    for k in (0, len(value) - 1, int(value.argmax()), int(value.argmin())):
+        number = value[k].item()
+        if all(abs(number - other) > least for other in written):
+            written.append(number)
+            ax.text(*top[k].tolist(), f"{number:.4g}", fontsize=8)

@@ -1,0 +1,105 @@
+"""Section forces: stress resultants along each element, in balance with the loads along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.functions_of_time import shared
+from ..math import quaternions as quat
+from ..nodal.conditions import conditions
+from ..nodal.discretise import discretise
+from ..nodal.element_loads import element_loads
+from ..nodal.loads import Nodes, external
+from ..state.state_check import of_mesh
+from .of_scene import OfScene, nodes_of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SectionForces(OfScene):
+    """Stress resultants (..., N, 3, 6) [F1 F2 F3 M1 M2 M3] N and N m at the start, the middle and
+    the end of each element, in section axes: what diagrams of section forces show.
+
+    Between its nodes an element is in balance with the loads along it, so that forces are linear
+    and moments quadratic there (F' + f = 0, M' + x' x F + m = 0; Reissner, "On one-dimensional
+    large-displacement finite-strain beam theory", 1973). `Stress` gives the element's mean. Inertia
+    counts at nodes alone.
+
+    Args:
+        scene: whose loads along beams count
+        inputs: values of its inputs, by their names
+
+    Raises:
+        ValueError: for a state of another form or mesh, and without the value of an input.
+
+    Examples:
+        >>> snow = tb.Scene(beam, [tb.LineLoad(force=(0, 0, -0.1))])  # N/m
+        >>> forces = tb.sensors.SectionForces(snow)(tb.equilibrium(snow))
+        >>> forces[0, 0, 4]  # N m, at the clamp: f L^2/2
+        tensor(0.0500)
+    """
+
+    inputs: dict[str, Any] | None = None
+
+    name, unit = "section forces", "N, N m"
+    labels = ("F1", "F2", "F3", "M1", "M2", "M3")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "model", discretise(replace(self.scene, plane=None)))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.scene.beam.element_count, 3, 6
+
+    def read(self, state: Any) -> Tensor:
+        state = of_mesh(state, self.scene, "SectionForces: a state")
+        model, beam = self.model, self.scene.beam
+        nodes = nodes_of(model.space, model.space.to_reduced(state))
+        stress = state.stress[..., : beam.station_count, :]
+        kinematics = model.kinematics(nodes.position, nodes.rotation)
+        given = model.space.forces(kinematics, stress, model.length)
+        first, *_, last = model.space.interpolation.loads(given, 3)  # (..., N, 6), frame a
+        at_start, *_, at_end = self._loads(nodes, state.t)
+        start, end = at_start - first, last - at_end
+        x, q = (beam.nodes, beam.frames) if self.scene.small else (state.position, state.rotation)
+        x, q = beam.topology.gather(x), beam.topology.gather(q)
+        if beam.order == 1:
+            x = (x[0], (x[0] + x[1]) / 2, x[1])
+            q = (q[0], quat.half_way(*q), q[1])
+        along = (start, _between(start, end, x), end)
+        turned = [_turned(quat.conjugate(p), f) for p, f in zip(q, along, strict=True)]
+        return torch.stack(torch.broadcast_tensors(*turned), -2)
+
+    def _loads(self, nodes: Nodes, t: Tensor) -> tuple[Tensor | float, ...]:
+        """Loads along beams, as shares (..., N, 6) of elements at each of their nodes."""
+        model, order = self.model, self.scene.beam.order
+        now = conditions(model, shared(t), self.scene.tensors(self.inputs))
+        total = external(model, nodes, now, tuple(act for act in now.loads if act.along))
+        between = element_loads(model, nodes, now) if now.between else (0.0,) * (order + 1)
+        if isinstance(total, float):
+            return between
+        length = model.length.unflatten(-2, (-1, order)).sum(-2)
+        beside = model.topology.scatter((length,) * (order + 1))  # m, of the elements at a node
+        per_length = model.topology.gather(total / beside)
+        return tuple(length * f + more for f, more in zip(per_length, between, strict=True))
+
+
+def _between(start: Tensor, end: Tensor, x: tuple[Tensor, ...]) -> Tensor:
+    """In the middle of elements (..., N, 6), frame a: forces lie on a line, moments are in balance
+    with them from either end. x: the places (..., N, 3) m of the start, the middle and the end.
+    """
+    middle = (start + end) / 2
+    F = middle[..., :3]
+    back = quat.cross(x[1] - x[0], (start[..., :3] + F) / 2)
+    on = quat.cross(x[2] - x[1], (F + end[..., :3]) / 2)
+    return middle + pad((on - back) / 2, (3, 0))
+
+
+def _turned(q: Tensor, resultants: Tensor) -> Tensor:
+    """R(q) of forces and of moments (..., 6)."""
+    return torch.cat([quat.rotate(q, x) for x in resultants.split(3, -1)], -1)
