@@ -45,21 +45,21 @@ WAYS = (*FORWARD, "forward mode, eager", *ADJOINT, "differences, compiled", *EXP
 # the first that there is
 REFERENCES = ("adjoint, eager", "adjoint, eager, checkpointed", "adjoint, compiled")
 ABOUT = (
-    "A planar cantilever of 8 elements under a sudden force on its tip, damped, in steps of 1 ms; "
-    "the loss is the mean squared distance of the tip from a point at 10 instants. p parameters "
-    "are mixed, by a fixed matrix, into the 8 bending stiffnesses and the force, so that p "
-    "changes the gradient and not the beam. Forward mode: p directions as one batch. Differences: "
-    "central, steps of 1e-4, a batch of 2 p + 1. The section is soft along and across (EA = GA = "
-    "300 N), or explicit steps would be a hundred times as many."
+    "A planar cantilever of 8 elements under a sudden force on its tip, damped, in steps of 1 ms. "
+    "The loss is the mean squared distance of the tip from a point at 10 instants. A fixed matrix "
+    "mixes p parameters into the 8 bending stiffnesses and the force: the beam is the same for "
+    "any p. Forward mode: p directions as one batch. Differences: central, steps of 1e-4, a batch "
+    "of 2 p + 1. The section is soft along and across (EA = GA = 300 N), or explicit steps would "
+    "be a hundred times as many."
 )
 LEGEND = (
-    "CPU seconds on one thread, best of up to 3 after a short run to warm up; over: that by those "
-    "of the compiled forward run; memory: most above what the process had when warm. Error: "
-    "largest entry of the difference from the gradient of the discrete equations (eager adjoint, "
-    "or the compiled one where that took too long), over the largest entry; of odeint_adjoint, "
-    "from the gradient through the same explicit steps (dopri5, 1e-7), of which it is not the "
-    "derivative. Each row in a process of its own, stopped after {budget:g} s; larger problems of "
-    "that way are then left out."
+    "CPU: seconds on one thread, best of up to 3 after a short run to warm up. Over: ratio to the "
+    "compiled forward run. Memory: the peak above the warm process. Error: largest entry of the "
+    "difference from the gradient of the discrete equations, over the largest entry. This gradient "
+    "is the eager adjoint's, or the compiled one's where that took too long. For odeint_adjoint "
+    "it is the gradient through the same explicit steps (dopri5, 1e-7), of which odeint_adjoint "
+    "is not the derivative. Each row has a process of its own, stopped after {budget:g} s; larger "
+    "problems of that way are then left out."
 )
 
 
