@@ -12,10 +12,12 @@ from ..compiler.derivative import vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import interactions, midsides, rows, stretches
+from . import interactions, midsides, rows, tendon_driver
 from .adjoint_driver import AdjointDriver
 from .conserving_functions import ENERGIES
+from .interaction_sorts import BALANCES, INTERACTIONS
 from .interactions import kinds_of
+from .kinds import Kinds, without_side
 from .layout import (
     ELEMENTS,
     MOVES,
@@ -30,9 +32,8 @@ from .layout import (
 )
 from .local_functions import LocalFunctions
 from .native import NativeProgram
-from .node_kinds import Kinds, without_side
 from .row_functions import RowFunctions
-from .sorts import BALANCES, ELEMENT, INTERACTIONS, LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, NODE, Sort
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
@@ -95,8 +96,7 @@ class AdjointProgram(NativeProgram):
             functions[f"far {LOAD.name} {k}"] = far.only(["far"])
         for sort in INTERACTIONS:
             functions |= interactions.transposed(traced, sort, kinds, self.held)
-        ties = kinds.stretches
-        functions |= stretches.adjoint_of_stretches(traced, ties, self._derivative)
+        functions |= tendon_driver.adjoint_of_stretches(traced, kinds, self._derivative)
         return {name: function.only(function.outputs) for name, function in functions.items()}
 
     def _ends(self, traced: Tracing) -> dict[str, Function]:
@@ -233,8 +233,7 @@ class AdjointProgram(NativeProgram):
             interactions.record_adjoint(layout, self.functions, one, self.kinds)
         if self.kinds.multiplied:
             interactions.record_adjoint_of_multipliers(layout, self.functions, w)
-        if self.kinds.stretches:
-            stretches.record_adjoint(layout)
+        tendon_driver.record_adjoint(layout, self.kinds)
         return layout
 
 

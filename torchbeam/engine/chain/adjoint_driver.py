@@ -18,10 +18,11 @@ from ..compiler.derivative import bar
 from ..compiler.shared_ends import END
 from .conserving_functions import ENERGIES
 from .elimination_driver import Elimination
+from .interaction_sorts import BALANCES, ENDS
 from .record_code import ALL, Place, Places
-from .sorts import BALANCES, ELEMENT, ENDS, LOAD, NODE, SIDES, TIE, Row
-from .tendon_adjoint import TensionBars
-from .tendon_driver import Tensions
+from .sorts import ELEMENT, LOAD, NODE, SIDES, Row
+from .tendon_driver import TensionBars, Tensions
+from .tendon_functions import TIE
 
 
 class AdjointDriver(Elimination):

@@ -18,7 +18,7 @@ from ...state.state import State
 from .chain_constants import Common
 from .local_functions import LocalFunctions
 from .local_problem import NODE, Fields
-from .node_kinds import ElementKind, NodeKind
+from .row_kinds import ElementKind, NodeKind
 
 STRAINING = "straining"
 

@@ -31,10 +31,10 @@ from .extrapolated_functions import OTHER, ExtrapolatedFunctions
 from .frame_orientations import of_samples, orientations
 from .internal_states import InternalStates
 from .kept_programs import NOTHING, adjoint_of
+from .kinds import Kinds, kinds_of
 from .layout import FORCES
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import Kinds, kinds_of
 from .program import StepProgram
 from .step_structure import (
     FORMS,

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from .local_functions import LocalFunctions
 from .local_problem import Fields
-from .node_kinds import NodeKind
+from .row_kinds import NodeKind
 
 OTHER = "other_"  # before the name of a node's field
 

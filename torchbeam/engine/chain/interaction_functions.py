@@ -1,20 +1,58 @@
 """Local functions that all interactions have in common: what follows from their blocks, see
-`sorts`.
+`sorts`; and what each says of itself.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ...nodal.acting import ActingLoad
 from ...nodal.between_nodes import BetweenNodes
-from .local_problem import Fields
+from ...nodal.model import Model
+from ...scene.effects import Inputs
+from .local_problem import Fields, LocalProblems
+from .row_kinds import EndKind
 from .sorts import LAST, OWN
 
 GAPS = "gap_position", "gap_rotation"
+FORCES = "force", "last_force", "after_force", "force_bar"  # of constraints
+Several = dict[int, ActingLoad]  # loads that act on several nodes, by their numbers
+Later = Callable[[], Tensor]
+
+
+@dataclass(frozen=True)
+class InteractionFunctions:
+    """Local functions of one of `Rows.interactions`, row by row, see `LocalFunctions.of`; and what
+    a model has of it: `edges` and `kinds`, by row.
+    """
+
+    problems: LocalProblems
+
+    @staticmethod
+    def possible(model: Model, held: list[EndKind]) -> tuple[Any, ...]:
+        """All kinds that there may be, where rows come and go; held: what holds the nodes."""
+        return ()
+
+    @staticmethod
+    def values(model: Model, t: Tensor, inputs: Inputs, end: Later) -> Fields:
+        """By name what changes, of what `constants` are made: at t (...), or at a step's end."""
+        return {}
+
+    @staticmethod
+    def constants(model: Model, values: Fields) -> Any:
+        """A tree of its rows; None = it has none."""
+        return None
+
+    @staticmethod
+    def fields(model: Model) -> dict[str, tuple[int, ...]]:
+        """Shapes of what its functions read, beside constants and ends."""
+        return {}
 
 
 def is_block(name: str) -> bool:

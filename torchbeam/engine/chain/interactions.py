@@ -10,9 +10,10 @@ from typing import Any
 
 from ..compiler.function import Function
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
+from .interaction_sorts import INTERACTIONS
+from .kinds import Kinds, distinct
 from .layout import FLAGS, MULTIPLIERS, ONE, Layout, cotangents, largest
-from .node_kinds import Kinds, distinct
-from .sorts import ELEMENT, INTERACTIONS, LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, NODE, Sort
 from .tracing import Shapes, Tracing
 
 SUMS = (*GAPS, *FLAGS)  # what of an interaction a sample is judged by

@@ -24,23 +24,13 @@ from ...equations.step_problem import StepProblem
 from ...nodal import element_loads, loads
 from ...nodal.balance import dstress, most_beyond, pushed_by, restrained_forces
 from ...state.state import State
-from .coupling_functions import CouplingFunctions
 from .interaction_functions import transposed
-from .joint_functions import JointFunctions
+from .interaction_sorts import INTERACTIONS
 from .local_problem import INTERNAL, Fields, LocalProblems, acting_loads, far_fields, told_to
-from .node_kinds import ElementKind, NodeKind
 from .own_batch import unbatched
-from .pair_functions import PairFunctions
+from .row_kinds import ElementKind, NodeKind
 from .sample_functions import SampleFunctions
-from .sorts import COUPLING, JOINT, LOAD, NODE, PAIR, TIE, Sort
-from .tendon_functions import TendonFunctions
-
-INTERACTING = {
-    JOINT: JointFunctions,
-    TIE: TendonFunctions,
-    PAIR: PairFunctions,
-    COUPLING: CouplingFunctions,
-}
+from .sorts import LOAD, NODE, Sort
 
 
 @dataclass(frozen=True)
@@ -51,7 +41,7 @@ class LocalFunctions(LocalProblems):
         """What has the functions of a sort of rows: of its balance, called as its `method`; of its
         end, "finish_" in front of that; and "far_", whether it does nothing, where it asks so.
         """
-        return INTERACTING[sort](self) if sort in INTERACTING else self
+        return self if sort.functions is None else sort.functions(self)
 
     def balance(self, sort: Sort) -> Callable[..., Fields]:
         """The function of the balance of a sort of rows."""
@@ -63,13 +53,11 @@ class LocalFunctions(LocalProblems):
 
     def points_told(self, sort: Sort, kind: Any) -> int:
         """At how many points of a row an iteration tells the next one something."""
-        if sort is PAIR:
-            return int(kind.has_friction)
         if sort is NODE:
             acting = acting_loads(kind, self.trees.node.now.loads, self.trees.common.now.loads)
             return sum(load.rubbing_points for load in acting)
         if sort is not LOAD:
-            return 0
+            return getattr(kind, "told", 0)
         acting = (self.trees.common.now.loads[k] for k in kind.loads)
         return sum(load.points for load in acting if load.rubs)
 
@@ -86,7 +74,8 @@ class LocalFunctions(LocalProblems):
     @property
     def searches(self) -> bool:
         """Whether steps of Newton's method may be shortened."""
-        return self.trees.pair is not None or any(load.touches for load in self.model.scene.loads)
+        far = [self.trees.between[x.constants] is not None for x in INTERACTIONS if x.far]
+        return any(far) or any(load.touches for load in self.model.scene.loads)
 
     # Functions of a node
 

@@ -35,21 +35,11 @@ from .chain_constants import (
     filled,
     flattened,
 )
-from .node_kinds import (
-    CouplingKind,
-    ElementKind,
-    EndKind,
-    JointKind,
-    NodeKind,
-    PairKind,
-    StretchKind,
-    SupportKind,
-)
 from .own_batch import of_one_sample
+from .row_kinds import BetweenKind, ElementKind, EndKind, NodeKind, SupportKind
 from .sorts import SIDES
 
 Fields = dict[str, Tensor]
-BetweenKind = JointKind | StretchKind | PairKind | CouplingKind
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
 
@@ -66,7 +56,7 @@ class Ends(NamedTuple):
 @dataclass(frozen=True)
 class LocalProblems:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not
-    matter. supports: None where nothing moves them; joints, stretches, pairs: where there are none.
+    matter.
 
     A node's internal states are those of all loads that have some, one after the other, whichever
     act there.

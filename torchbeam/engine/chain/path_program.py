@@ -17,11 +17,12 @@ from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
 from ..compiler.function import Function
 from .driver import SUMS
+from .kinds import without_side
 from .layout import ELEMENTS, NODES, ONE, Layout
 from .load_driver import PIVOT, PathSlots
 from .load_program import RestProgram
 from .local_problem import BetweenKind, Ends, Fields
-from .node_kinds import ElementKind, NodeKind, without_side
+from .row_kinds import ElementKind, NodeKind
 from .rows import given_by_rows
 from .sample_functions import SampleFunctions
 from .sorts import ELEMENT, LOAD, Sort

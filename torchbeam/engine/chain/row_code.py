@@ -15,14 +15,15 @@ from math import isqrt
 from ..compiler.function import Output
 from ..compiler.shared_ends import END
 from .interactions import all_kinds, kinds_of, present
+from .kinds import alike
 from .layout import MIDDLE
-from .node_kinds import alike
 from .record_code import ROWS, Place, Places, RecordCode
-from .sorts import ELEMENT, LOAD, NODE, OWN, SIDES, TIE, Row, Sort
+from .sorts import ELEMENT, LOAD, NODE, OWN, SIDES, Row, Sort
+from .tendon_functions import TIE
 
 NUMBER = "i32"  # as large as a number of the smallest dtype
 MULTIPLIED = "multiplier", "multiplier_state"  # records of forces of constraints
-TENDON = 4  # in a row of a stretch's table
+WHOLE = 4  # in a row of a stretch's table: which of all it is of
 
 Then = Callable[[Row], None]
 
@@ -91,7 +92,7 @@ class RowCode(RecordCode):
         if side == "beyond":
             return "beyond", s, name
         if field == "start":
-            return "tendon_state", self.integers("stretch", s)[TENDON], "tendons"
+            return TIE.whole, self.integers("stretch", s)[WHOLE], TIE.of
         return self.first_of((*TIE.reads, TIE.constants, "tie blocks"), field, s)
 
     def of_pull(self, name: str, s: str) -> Place:
@@ -222,7 +223,7 @@ class RowCode(RecordCode):
     def each_row(self, sort: Sort, then: Then, shared: bool | None = None) -> None:
         """then(row) of each row of a sort; shared: see `entries`."""
         with self.code.loop(*self.range_of(ROWS[sort.rows], shared)) as number:
-            if sort.edges is None:
+            if sort.functions is None:
                 then(sort.at(number))
             else:
                 self._edge(sort, number, then)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from .conserving_functions import ENERGIES
 from .driver import Slots
-from .sorts import ENDS, NODE, Row
+from .interaction_sorts import ENDS
+from .sorts import NODE, Row
 
 
 class StepSlots(Slots):

@@ -3,10 +3,11 @@
 import torchbeam as tb
 from tests.cases import parity_scenes
 from torchbeam.engine.chain.cells import cells_of
+from torchbeam.engine.chain.interaction_sorts import INTERACTIONS
+from torchbeam.engine.chain.kinds import kinds_of
 from torchbeam.engine.chain.layout import JOINTS
-from torchbeam.engine.chain.node_kinds import kinds_of
 from torchbeam.engine.chain.order import Connectivity, connectivity_of, order_of
-from torchbeam.engine.chain.sorts import INTERACTIONS, Edge
+from torchbeam.engine.chain.sorts import Edge
 from torchbeam.nodal.discretise import discretise
 from torchbeam.topology.framework import Framework
 
