@@ -13,7 +13,7 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.leaves import with_values
 from ..core.status import SUCCESS
 from ..core.validation import concrete
-from ..engine.chain.extrapolated_functions import mixtures
+from ..engine.chain.method_functions import mixtures
 from ..engine.chain.steps import Steps
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model

@@ -25,7 +25,7 @@ from ..nodal.inertia import InertiaForces
 from ..nodal.loads import MotionJacobian, Nodes
 from ..nodal.rows import Rows
 from ..topology.protocols import Matrix
-from .balanced_element import BalancedElement, ElementBalance
+from .step_element import BalancedElement, ElementBalance
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
 from .step_element import DIGITS
-from .support_motion import SupportMotions, support_motions
+from .step_kinematics import SupportMotions, support_motions
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,12 @@ from .constraints import Constraints
 from .coordinates.planar import PLANES
 from .coordinates.selection import check_space, coordinates, in_space, only_numbers
 from .coordinates.spatial import Spatial
-from .inertia import Inertia, inertia_of, warn_of_uneven
+from .inertia import Inertia, impossible_strains, inertia_of, warn_of_uneven
 from .interactions import couplings_of
 from .joint_constraints import joints_of
 from .model import Model
 from .plane_check import check_plane
 from .redundant import refuse_redundant
-from .rigid_elements import impossible_strains
 from .tendons import tendons_of
 from .touching_parts import touching_of
 

@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.element_shapes import SHAPES
-from ..math.quadratic import X, gauss_points
+from ..math.element_shapes import SHAPES, X, gauss_points
 from ..math.shapes import stacked
 from ..scene.effects import Contact, LoadPoint
 from ..scene.effects.load_point import POSITION, SPIN, VELOCITY

@@ -17,8 +17,7 @@ from ..scene.ball import Ball
 from ..scene.joint import Joint
 from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
-from .ball_laws import BallLaws
-from .balls import Balls
+from .balls import BallLaws, Balls
 from .between_nodes import BetweenNodes
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ..core.validation import concrete, positive, refusal, rotations
 from ..math import quaternions as quat
-from ..math.quadratic import at_points, threes
+from ..math.element_shapes import at_points, threes
 from .curve import transported
 
 # cosine between a beam and frame a's z, from which on its z axis is looked for elsewhere

@@ -31,9 +31,8 @@ from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
 from .beam_recipe import remembered, with_recipe_of
 from .beam_rows import BeamRows
 from .curve import curve, places, screws
-from .element_stations import STATIONS
 from .section import Section, notes
-from .stations import of_elements
+from .stations import STATIONS, of_elements
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,8 @@ from ..core.validation import (
 )
 from ..core.warning import warn
 from .axes import axes_along
-from .element_stations import STATIONS
 from .section import Section
-from .stations import Stations
+from .stations import STATIONS, Stations
 
 # the last: a function of s, see `Beam.straight`
 Sections = Section | Sequence[Section] | Callable[[Tensor], Section]

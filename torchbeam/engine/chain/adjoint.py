@@ -14,7 +14,6 @@ from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from . import interactions, midsides, rows, tendon_driver
 from .adjoint_driver import AdjointDriver
-from .conserving_functions import ENERGIES
 from .interaction_sorts import BALANCES, INTERACTIONS
 from .interactions import kinds_of
 from .kinds import Kinds, without_side
@@ -31,6 +30,7 @@ from .layout import (
     most,
 )
 from .local_functions import LocalFunctions
+from .method_functions import ENERGIES
 from .native import NativeProgram
 from .row_functions import RowFunctions
 from .sorts import ELEMENT, LOAD, NODE, Sort

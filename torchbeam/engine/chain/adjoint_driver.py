@@ -16,9 +16,9 @@ from typing import Any
 
 from ..compiler.derivative import bar
 from ..compiler.shared_ends import END
-from .conserving_functions import ENERGIES
 from .elimination_driver import Elimination
 from .interaction_sorts import BALANCES, ENDS
+from .method_functions import ENERGIES
 from .record_code import ALL, Place, Places
 from .sorts import ELEMENT, LOAD, NODE, SIDES, Row
 from .tendon_driver import TensionBars, Tensions

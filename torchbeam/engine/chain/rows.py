@@ -8,8 +8,7 @@ from ..compiler.function import Function
 from ..compiler.packing import Packing
 from . import midsides
 from .layout import ENTRIES, INNER, INTERFACE, NODES, ONE, Layout, sizes
-from .midside_functions import MidsideFunctions
-from .row_functions import RowFunctions
+from .row_functions import MidsideFunctions, RowFunctions
 from .tracing import Shapes, Tracing
 
 ROW, RUN = ("D", "L", "U", "right"), ("ahead", "y", "side")  # of the interface, of a run

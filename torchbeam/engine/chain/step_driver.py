@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .conserving_functions import ENERGIES
 from .driver import Slots
 from .interaction_sorts import ENDS
+from .method_functions import ENERGIES
 from .sorts import NODE, Row
 
 

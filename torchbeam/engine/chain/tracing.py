@@ -11,9 +11,9 @@ from torch import Tensor
 from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
-from .extrapolated_functions import OTHER
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
+from .method_functions import OTHER
 from .sorts import Sort
 
 Shapes = dict[str, tuple[int, ...]]
