@@ -63,13 +63,13 @@ class CouplingFunctions(InteractionFunctions):
         forces = dict.fromkeys(FORCES, (model.space.unknowns,))
         return forces | {"memory": (model.scene.memory[1],)}
 
-    def coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
+    def balance(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its push (w) on the balances of its nodes, and its blocks (w, w), see `of_ends`."""
         problem, x = self.problem(fields, kind)
         unit = OWN if kind.multiplied else ""
         return of_ends(problem, x, problem.model.couplings, kind.sides, unit)
 
-    def finish_coupling(self, kind: CouplingKind, **fields: Tensor) -> Fields:
+    def finish(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """Its work over the step, its forces, and what it remembers."""
         problem, x = self.problem(fields, kind)
         kinematics = problem.node_balance(problem.apply_supports(x))[0]
@@ -82,7 +82,7 @@ class CouplingFunctions(InteractionFunctions):
         memory = x.stress.new_zeros(1, 0) if memory is None else memory
         return outputs | {"memory": pad(memory[0], (0, kind.kept - memory.shape[-1]))}
 
-    def coupling_solution(self, kind: CouplingKind, **fields: Tensor) -> Fields:
+    def solution(self, kind: CouplingKind, **fields: Tensor) -> Fields:
         """The unknown forces of a step (w), from those that have acted in it."""
         return {"force": fields["after_force"]}
 

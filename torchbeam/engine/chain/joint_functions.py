@@ -128,7 +128,7 @@ class JointFunctions(InteractionFunctions):
     def fields(model: Model) -> dict[str, tuple[int, ...]]:
         return {"joints": (READINGS,)} | dict.fromkeys(FORCES, (model.space.unknowns,))
 
-    def joint(self, kind: JointKind, **fields: Tensor) -> Fields:
+    def balance(self, kind: JointKind, **fields: Tensor) -> Fields:
         """What a joint gives the nodes at its ends and its own row: its push (w) on their balances,
         by end; what its constraints are to change by (`right`, w); its blocks (w, w), see
         `sorts`, its own being 1 for forces that it has not; the largest gap and turn.
@@ -136,7 +136,7 @@ class JointFunctions(InteractionFunctions):
         problem, x = self.problem(fields, kind)
         return of_ends(problem, x, problem.model.joints, kind.sides, OWN)
 
-    def finish_joint(self, kind: JointKind, **fields: Tensor) -> Fields:
+    def finish(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The joint at the end of the step: its forces (w), what is read of it, the work done by
         what acts in it.
         """
@@ -145,7 +145,7 @@ class JointFunctions(InteractionFunctions):
         after = problem.finish(x, reaction)
         return {"force": after.stress[0], "joints": after.joints[0], "work": after.work}
 
-    def joint_solution(self, kind: JointKind, **fields: Tensor) -> Fields:
+    def solution(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The unknown forces of a step (w), from those that have acted in it (`after_force`)."""
         force = fields.pop("after_force")
         if not any(kind.prescribed or ()):

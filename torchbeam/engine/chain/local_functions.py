@@ -30,7 +30,7 @@ from .local_problem import INTERNAL, Fields, LocalProblems, acting_loads, far_fi
 from .own_batch import unbatched
 from .row_kinds import ElementKind, NodeKind
 from .sample_functions import SampleFunctions
-from .sorts import LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, NODE, Sort
 
 
 @dataclass(frozen=True)
@@ -38,18 +38,24 @@ class LocalFunctions(LocalProblems):
     """Functions of nodes, of elements and of what acts between nodes; and those of the adjoint."""
 
     def of(self, sort: Sort) -> Any:
-        """What has the functions of a sort of rows: of its balance, called as its `method`; of its
-        end, "finish_" in front of that; and "far_", whether it does nothing, where it asks so.
+        """The functions of something between nodes: its `balance`, `finish`, what becomes of it at
+        the end, and `far`, whether it does nothing, where it asks so.
         """
-        return self if sort.functions is None else sort.functions(self)
+        return sort.functions(self)
 
     def balance(self, sort: Sort) -> Callable[..., Fields]:
         """The function of the balance of a sort of rows."""
-        return getattr(self.of(sort), sort.method)
+        own = {NODE: self.node, ELEMENT: self.element, LOAD: self.element_load}
+        return own[sort] if sort in own else self.of(sort).balance
+
+    def far(self, sort: Sort) -> Callable[..., Fields]:
+        """The function that says whether a row does nothing."""
+        return self.far_element_load if sort is LOAD else self.of(sort).far
 
     def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
         """A row at the end of the step."""
-        return getattr(self.of(sort), f"finish_{sort.method}")(kind, **fields)
+        own = {NODE: self.finish_node, ELEMENT: self.finish_element, LOAD: self.finish_element_load}
+        return (own[sort] if sort in own else self.of(sort).finish)(kind, **fields)
 
     def points_told(self, sort: Sort, kind: Any) -> int:
         """At how many points of a row an iteration tells the next one something."""
@@ -216,6 +222,10 @@ class LocalFunctions(LocalProblems):
             "left_strain": most_beyond(element.constitutive_residual, problem.element.rounding),
             "strain": effective_strain.amax(),
         }
+
+    def finish_element(self, kind: ElementKind, **fields: Tensor) -> Fields:
+        """The element at the end of the step: nothing is asked for."""
+        return {}
 
     # Functions of the loads between an element's nodes
 

@@ -78,7 +78,7 @@ class PairFunctions(InteractionFunctions):
     def constants(model: Model, values: Fields) -> Any:
         return getattr(model.touching, "pairs", None)
 
-    def far_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
+    def far(self, kind: PairKind, **fields: Tensor) -> Fields:
         """1 where it is too far to touch over the step; `near`: where it is not."""
         problem, kinematics = self.problem(fields, kind)
         (near,) = problem.model.touching.near(None)
@@ -86,7 +86,7 @@ class PairFunctions(InteractionFunctions):
         motion = of_nodes(near.nodes, way)
         return far_fields(near.pairs.far(motion)[0].to(problem.t))
 
-    def pair(self, kind: PairKind, **fields: Tensor) -> Fields:
+    def balance(self, kind: PairKind, **fields: Tensor) -> Fields:
         """What a pair gives its nodes: its push (q) on their balances, and blocks (q, q), those of
         each by the moves of each, of the first q of w, see `coupled`; `passed`, see
         `StepProblem.passed`.
@@ -112,7 +112,7 @@ class PairFunctions(InteractionFunctions):
         space = self.problems.model.space
         return space.unknowns if kind.has_friction or kind.surface else space.dims.position
 
-    def finish_pair(self, kind: PairKind, **fields: Tensor) -> Fields:
+    def finish(self, kind: PairKind, **fields: Tensor) -> Fields:
         """Its work over the step."""
         problem, kinematics = self.problem(fields, kind)
         return {"work": problem.model.touching.work(problem.node_motion(kinematics))}

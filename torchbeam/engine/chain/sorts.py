@@ -80,11 +80,6 @@ class Sort(NamedTuple):
         return f"{self.of}_state"
 
     @property
-    def method(self) -> str:
-        """What gives its balance is called, see `LocalFunctions`."""
-        return self.name.replace(" ", "_")
-
-    @property
     def kinds(self) -> str:
         """The list of the numbers of its rows' kinds."""
         return f"{self.constants}_kinds"

@@ -207,8 +207,8 @@ class TendonFunctions(InteractionFunctions):
             "turned": along_stretch(turn, ends[0], fields["last.length"][None]),
         } | ({} if told is None or grip.told is None else {"told": grip.told[0]})
 
-    def tie(self, kind: StretchKind, **fields: Tensor) -> Fields:
-        """What a stretch gives its nodes, see `JointFunctions.joint`: its push (w) by end, blocks
+    def balance(self, kind: StretchKind, **fields: Tensor) -> Fields:
+        """What a stretch gives its nodes, see `JointFunctions.balance`: its push (w) by end, blocks
         (w, w); where other stretches matter (`coupled`) those of its own unknowns, too, and with
         those of the one before.
         """
@@ -269,7 +269,7 @@ class TendonFunctions(InteractionFunctions):
             by_side[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
         return by_side
 
-    def finish_tie(self, kind: StretchKind, **fields: Tensor) -> Fields:
+    def finish(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""
         start = None if self.problems.OVER_STEP else fields["start"]
         return {"work": -mean_tension(fields["tension"], start) * fields["change"]}

@@ -19,7 +19,7 @@ from .sorts import Sort
 Shapes = dict[str, tuple[int, ...]]
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 # functions that ask loads, and so what users wrote
-OF_LOADS = ("node", "coupling", "transposed_interaction", "finished")
+OF_LOADS = ("node", "balance", "transposed_interaction", "finished")
 
 
 class Tracing:
