@@ -27,8 +27,7 @@ from .inertia import Inertia, impossible_strains, inertia_of, warn_of_uneven
 from .interactions import couplings_of
 from .joint_constraints import joints_of
 from .model import Model
-from .plane_check import check_plane
-from .redundant import refuse_redundant
+from .model_check import check_plane, refuse_redundant
 from .tendons import tendons_of
 from .touching_parts import touching_of
 

@@ -38,9 +38,16 @@ from ..scene.effects import PointMass
 from ..topology.protocols import Matrix
 from .assembly import Assembly
 from .coordinates.spatial import Spatial
-from .mass import LumpedMass, NoRotaryInertia, RotaryInertia, SharedMass
+from .mass import (
+    LumpedMass,
+    NoRotaryInertia,
+    RotaryInertia,
+    SharedMass,
+    gregory,
+    too_uneven,
+    trapezoidal,
+)
 from .mass_offset import MassOffset, NoMassOffset
-from .quadrature import gregory, too_uneven, trapezoidal
 
 TWIST = 3  # of strains, in space
 

@@ -20,7 +20,7 @@ from ..core.validation import (
     shown,
 )
 from ..core.warning import warn
-from .axes import axes_along
+from .curve import axes_along
 from .section import Section
 from .stations import STATIONS, Stations
 

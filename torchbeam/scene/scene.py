@@ -40,8 +40,7 @@ from .effects.effect import of_library
 from .effects.interaction import Interaction
 from .effects.tendon import Tendon
 from .inputs import input_tensors
-from .joined import joints_of
-from .joint import Joint
+from .joint import Joint, joints_of
 from .stations import Table
 from .structure import Structure
 from .supports import Frame, RootMotion, Support, supports_of

@@ -12,7 +12,7 @@ from ..compiler.derivative import vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import interactions, midsides, rows, tendon_driver
+from . import interactions, rows, tendon_driver
 from .adjoint_driver import AdjointDriver
 from .interaction_sorts import BALANCES, INTERACTIONS
 from .interactions import kinds_of
@@ -144,7 +144,7 @@ class AdjointProgram(NativeProgram):
         packing = Packing(OWN, nodes, ["D"])
         blocks = [
             *(f"{side}.D" for side in self.sides),
-            *(name for name in midsides.BLOCKS if name in outputs),
+            *(name for name in rows.BLOCKS if name in outputs),
         ]
         shapes = {name: outputs[name].shape for name in blocks}
         loads = [load.with_zeros(shapes) for load in loads]
@@ -218,7 +218,7 @@ class AdjointProgram(NativeProgram):
         )
         layout.record("at_node", NODE_PLACES, self.outputs("node blocks 0", OWN))
         layout.record("at_end", NODE_PLACES, self.largest("node blocks", END))
-        midsides.record(layout, self.functions, "element blocks 0")
+        rows.record_midsides(layout, self.functions, "element blocks 0")
         rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         layout.record("change", ONE, most(self.functions).items())

@@ -10,10 +10,9 @@ from typing import Any, ClassVar, NamedTuple
 from torch import Tensor
 
 from ...nodal.centreline import piece_nodes
-from ...nodal.fixed_touching import KnownPairs
 from ...nodal.model import Model
 from ...nodal.surface_pairs import SurfacePairs
-from ...nodal.touching_forces import OnePair, of_nodes
+from ...nodal.touching_forces import KnownPairs, OnePair, of_nodes
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction_functions import InteractionFunctions, Several, pushed

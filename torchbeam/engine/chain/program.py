@@ -9,7 +9,7 @@ from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import split
-from . import interactions, midsides, rows, tendon_driver
+from . import interactions, rows, tendon_driver
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver, Slots
 from .interaction_sorts import INTERACTIONS
@@ -92,7 +92,7 @@ class NewtonProgram(NativeProgram):
         packing = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
         elements = [*self._of_rows(traced, ELEMENT).values()]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
-        names = midsides.to_nodes(shapes)
+        names = rows.to_nodes(shapes)
         loads = self._of_loads_between(functions, traced, {n: shapes[n] for n in names})
         between = Packing(self.given_by_elements, [*elements, *loads.values()], names)
         made = between.made()
@@ -211,7 +211,7 @@ class NewtonProgram(NativeProgram):
             layout.record(name, sort, self.largest(name))
         layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
         layout.record("at_end", NODE_PLACES, self.largest("node", END))
-        midsides.record(layout, self.functions, "element 0")
+        rows.record_midsides(layout, self.functions, "element 0")
         for k, _ in interactions.kinds_of(self.kinds, LOAD):
             for word in (f"far {LOAD.name}", LOAD.name):
                 layout.record("sums", ONE, outputs(f"{word} {k}", *FLAGS))
