@@ -151,8 +151,8 @@ class Failure(NamedTuple):
                         "some steps"
                     )
             last = problem.motion.kinematics(iterates[-1].u, iterates[-1].m)
-            passed = problem.passed(last)
-            if passed is not None and (passed & self.failed).any():
+            through = problem.passed_through(last)
+            if through is not None and (through & self.failed).any():
                 return (
                     "the step leads through what is to be touched; a smaller one may help, or "
                     "contact with a larger force, which holds more energy"

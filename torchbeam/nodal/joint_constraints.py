@@ -102,7 +102,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     if not scene.joints:
         return BetweenNodes()
     bare = tuple(map(_without_laws, scene.joints))
-    fields = remembered(_as_drawn, bare, unstressed(scene.beam), space, topology)
+    fields = remembered(_reference_joints, bare, unstressed(scene.beam), space, topology)
     behind = sum(bool(interaction.unknowns) for interaction in scene.interactions)
     fields = fields | dict(space=space, framework=topology, balls=_balls(scene), behind=behind)
     if not any(joint.acts for joint in scene.joints):
@@ -124,7 +124,7 @@ def _without_laws(joint: Joint) -> Joint:
     return with_values(joint, **dict.fromkeys(joint.acts))
 
 
-def _as_drawn(
+def _reference_joints(
     joints: tuple[Joint, ...], beam: Structure, space: Spatial, topology: Any
 ) -> dict[str, Any]:
     """Fields of `Joints` that follow from how parts are drawn."""

@@ -46,7 +46,8 @@ def check_plane(model: Model) -> None:
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
             if load.offset is not None:
-                to = to - (model.drawn_axes[..., load.node, :, :] @ load.offset[..., None])[..., 0]
+                R = model.reference_axes[..., load.node, :, :]
+                to = to - (R @ load.offset[..., None])[..., 0]
             _refuse_vector(space, f"a {load.called} to a point", to)
     for effect in scene.eigenstrains:
         if constant(effect):
@@ -89,7 +90,7 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
     beam, still = model.scene.beam, torch.zeros_like(model.scene.beam.nodes)
     t = still.new_zeros(())
     whole = with_values(model, space=in_space(beam))
-    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
+    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.reference_axes)
     now = conditions(model, t, {}, loads=loads)
     for acting, point in load_points(whole, nodes, now, now.loads):
         yield acting.load.called, wrench(whole.space, acting.load, point, t, {})

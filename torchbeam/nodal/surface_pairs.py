@@ -183,7 +183,7 @@ class SurfacePairs(TouchingPairs):
         d, slope = self.thickness[..., None], self.slope[..., None]
         return (self.measure[..., None] * potential(d - self.gap(y), d, slope)).sum((-1, -2))
 
-    def passed(self, motion: PairMotion) -> Tensor:
+    def passed_through(self, motion: PairMotion) -> Tensor:
         def directions(y: Tensor) -> Tensor:
             return self._surface.gradient(y[..., None, :])[..., 0, :]
 

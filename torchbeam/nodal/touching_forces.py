@@ -182,8 +182,8 @@ class ContactPairs(BetweenNodes):
     def near_enough(self, motion: NodeMotion) -> Tensor | None:
         return self._any(motion, lambda pairs, moves: (~pairs.far(moves)).any(-1))
 
-    def passed(self, motion: NodeMotion) -> Tensor | None:
-        return self._any(motion, lambda pairs, own: pairs.passed(own))
+    def passed_through(self, motion: NodeMotion) -> Tensor | None:
+        return self._any(motion, lambda pairs, own: pairs.passed_through(own))
 
     def _any(
         self, motion: NodeMotion, what: Callable[[TouchingPairs, PairMotion], Tensor]

@@ -105,7 +105,7 @@ class Beam(BeamRows):
         The displacement across an element is quadratic, linked to the rotations of its nodes
         (linked interpolation, Tessler and Dong 1981): the shear compliance of an element of length
         h gets its residual bending flexibility h^2/(12 EI) (MacNeal 1978). Mass and loads along the
-        beam are integrated by Gregory's end-corrected rule, see `nodal.quadrature`; mass is lumped.
+        beam are integrated by Gregory's end-corrected rule, see `nodal.mass`; mass is lumped.
         From four elements on it pays; stretching and twist stay of second order. Rigid elements are
         exact bars, as without. Not for the mixed forms.
 

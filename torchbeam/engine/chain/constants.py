@@ -72,7 +72,7 @@ class Constants:
         self.given, self.asked = (
             tuple([dead[k] for k in some]) for some in (roles.given, roles.asked)
         )
-        self.valued = self.loads if all(roles.alike) else valued_at_rest(model, self.acts)
+        self.valued = self.loads if all(roles.plain) else valued_at_rest(model, self.acts)
         self.nodes, self.elements = model.nodes, model.elements
         self.asks, self.before = roles.asks, instant == 1 and roles.by_time
         self.sources = self._sources()
@@ -190,7 +190,7 @@ class Constants:
     def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
         """Loads that no motion and no time changes, wherever the beam is."""
         model, beam = self.model, self.model.scene.beam
-        still = Nodes(beam.nodes, beam.frames, axes=model.drawn_axes)
+        still = Nodes(beam.nodes, beam.frames, axes=model.reference_axes)
         return external(model, still, conditions(model, t, inputs, loads=self.given))
 
     def _values(self, k: int, act: ActingLoad, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:

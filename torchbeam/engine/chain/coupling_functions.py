@@ -18,7 +18,6 @@ from ...nodal.model import Model
 from ...topology.framework import Framework
 from .chain_constants import CommonConditions
 from .interaction_functions import FORCES, InteractionFunctions, Several, of_ends
-from .layout import COUPLINGS
 from .local_problem import Ends, Fields
 from .row_kinds import EndKind
 from .sorts import OWN, PAIR_SIDES, Edge, Edges, Sort
@@ -102,12 +101,12 @@ class CouplingFunctions(InteractionFunctions):
             problem = replace(problem, before=before)
         return problem, x
 
-    def _coupled(self, ends: Ends, alike: CommonConditions, kind: CouplingKind) -> Conditions:
+    def _coupled(self, ends: Ends, shared: CommonConditions, kind: CouplingKind) -> Conditions:
         """Conditions with the interaction."""
-        load, nodes = alike.loads[kind.load], tuple(range(len(kind.sides)))
+        load, nodes = shared.loads[kind.load], tuple(range(len(kind.sides)))
         acting = ActingLoad(load, nodes, ends.rows.depends_on(load), None)
         return replace(ends.now, interactions=(acting,))
 
 
-COUPLING = Sort("coupling", "coupling", COUPLINGS, ("coupling_state",), sides=PAIR_SIDES,
+COUPLING = Sort("coupling", "coupling", "couplings", ("coupling_state",), sides=PAIR_SIDES,
                 functions=CouplingFunctions, unknowns=True, kept="memory")  # fmt: skip

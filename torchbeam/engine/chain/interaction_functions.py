@@ -73,7 +73,7 @@ def of_ends(
     problem: Any, x: Any, one: BetweenNodes, sides: tuple[str, ...], own: str = ""
 ) -> Fields:
     """`pushed` of the one that acts in a problem at unknowns x; with unknowns of its own also what
-    its constraints are to change by (`right`, w), and the largest gap and turn.
+    its constraints are to change by (`rhs`, w), and the largest gap and turn.
     """
     x, w, rows = problem.apply_supports(x), problem.model.space.unknowns, len(sides) + len(own)
     kinematics, inertia, _ = problem.node_balance(x)
@@ -86,7 +86,7 @@ def of_ends(
     if not own:
         return outputs
     sizes = zip(GAPS, gap[0].abs().split(problem.model.space.dims[:2]), strict=True)
-    return outputs | {"right": -gap[0]} | {name: size.amax() for name, size in sizes}
+    return outputs | {"rhs": -gap[0]} | {name: size.amax() for name, size in sizes}
 
 
 def free_blocks(**fields: Tensor) -> Fields:
@@ -114,12 +114,12 @@ def end_reaction(side: str, end_free: Tensor, **fields: Tensor) -> Fields:
 def transposed(outputs: Fields, reactions: Fields) -> Fields:
     """Blocks in the transposed matrix; with what cotangents of reactions (w) are to the balances of
     the ends, by side, what is asked of the moves of the ends (`asked`), and of unknowns of its own
-    (`right`).
+    (`rhs`).
     """
     blocks = {name: block for name, block in outputs.items() if is_block(name)}
     asked: Fields = {}
     for (row, column), block in blocks.items():
         if row in reactions and column != LAST:
-            name = "right" if column == OWN else f"{column}.asked"
+            name = "rhs" if column == OWN else f"{column}.asked"
             asked[name] = asked.get(name, 0.0) + reactions[row][: len(block)] @ block
     return {name[::-1]: block.mT for name, block in blocks.items()} | asked

@@ -26,7 +26,6 @@ from ...state.instant import READINGS
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction_functions import FORCES, InteractionFunctions, Later, Several, of_ends
-from .layout import JOINTS
 from .local_problem import Fields
 from .row_kinds import EndKind, sides_of, tuples_of
 from .sorts import OWN, SIDES, Edge, Edges, Sort
@@ -224,6 +223,6 @@ def _shifts(shift: Tensor) -> list[tuple[float | None, ...]]:
     ]
 
 
-JOINT = Sort("joint", "joint", JOINTS, ("joint_state",), "own_edges", sides=SIDES[1],
+JOINT = Sort("joint", "joint", "joints", ("joint_state",), "own_edges", sides=SIDES[1],
              functions=JointFunctions, unknowns=True, celled=True, early=True,
              kept="joints")  # fmt: skip

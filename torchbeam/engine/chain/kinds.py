@@ -15,7 +15,7 @@ from .sorts import PAIR_SIDES, SIDES
 NO_ELEMENT = ElementKind((EndKind(), EndKind()))
 
 
-def alike(kinds: tuple[Any, ...], k: int, word: str) -> int:
+def same_code(kinds: tuple[Any, ...], k: int, word: str) -> int:
     """The first of the kinds that has the same functions of this word as kind k."""
     words = [kind.by_word()[word] if hasattr(kind, "by_word") else kind for kind in kinds]
     return words.index(words[k])
@@ -23,7 +23,7 @@ def alike(kinds: tuple[Any, ...], k: int, word: str) -> int:
 
 def distinct(kinds: tuple[Any, ...], word: str) -> list[tuple[int, Any]]:
     """Those whose functions of this word are not those of an earlier one, with their numbers."""
-    return [(k, kind) for k, kind in enumerate(kinds) if alike(kinds, k, word) == k]
+    return [(k, kind) for k, kind in enumerate(kinds) if same_code(kinds, k, word) == k]
 
 
 def without_side(field: str) -> str:

@@ -62,10 +62,10 @@ class LocalFunctions(LocalProblems):
         if sort is NODE:
             acting = acting_loads(kind, self.trees.node.now.loads, self.trees.common.now.loads)
             return sum(load.rubbing_points for load in acting)
-        if sort is not LOAD:
-            return getattr(kind, "told", 0)
-        acting = (self.trees.common.now.loads[k] for k in kind.loads)
-        return sum(load.points for load in acting if load.rubs)
+        if sort is LOAD:
+            acting = (self.trees.common.now.loads[k] for k in kind.loads)
+            return sum(load.points for load in acting if load.rubs)
+        return 0 if sort is ELEMENT else kind.told
 
     @property
     def samples(self) -> SampleFunctions:
@@ -108,9 +108,9 @@ class LocalFunctions(LocalProblems):
         if isinstance(problem, StepProblem):
             terms["rounding"] = problem.rounding[0]
             if self.model.bodies_touch:
-                passed = problem.body_passed(kinematics)
+                through = problem.body_passed_through(kinematics)
                 near = problem.body_near(kinematics)
-                for name, flag in (("passed", passed), ("near", near)):
+                for name, flag in (("passed_through", through), ("near", near)):
                     terms[name] = balance.new_zeros(()) if flag is None else flag.to(balance)
         if "told" in fields:
             now = problem.conditions
@@ -236,7 +236,7 @@ class LocalFunctions(LocalProblems):
 
     def element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What they add to what `element` gives its nodes; the largest force and moment; in a step
-        `passed`, see `StepProblem.passed`.
+        `passed_through`, see `StepProblem.passed_through`.
         """
         problem, kinematics = self._between(fields, kind)
         problem = told_to(problem, "elements", fields)
@@ -250,7 +250,7 @@ class LocalFunctions(LocalProblems):
             for k, side in enumerate(self.sides)
         }
         found |= {"far_U": far[0][0], "far_L": far[1][0]} if far else {}
-        passed = problem.passed(kinematics)
+        through = problem.passed_through(kinematics)
         if "told" in fields:
             now = problem.conditions
             nodes = problem.nodes(kinematics)
@@ -260,7 +260,7 @@ class LocalFunctions(LocalProblems):
             "L": L if far else L[0],
             "force": wrench[..., :p].abs().amax(),
             "moment": wrench[..., p:].abs().amax(),
-            **({} if passed is None else {"passed": passed.to(wrench)}),
+            **({} if through is None else {"passed_through": through.to(wrench)}),
         }
 
     def finish_element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
@@ -325,12 +325,12 @@ class LocalFunctions(LocalProblems):
         own with what cotangents ask of these: `force_bar`.
         """
         reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        right = fields.pop("force_bar", None)
+        rhs = fields.pop("force_bar", None)
         outputs = transposed(self.balance(sort)(kind, **fields), reactions)
         if not kind.multiplied:
             return outputs
-        right = right * right.new_tensor(kind.held)
-        return outputs | {"right": right + outputs.get("right", 0.0)}
+        rhs = rhs * rhs.new_tensor(kind.held)
+        return outputs | {"rhs": rhs + outputs.get("rhs", 0.0)}
 
     def multiplier_update(self, force: Tensor, move: Tensor) -> Fields:
         """Forces of constraints (w) after they have changed."""

@@ -173,7 +173,7 @@ class NativeProgram:
             return ["balance"]
         if sort in (ELEMENT, LOAD):
             return [*(f"{side}.balance" for side in self.sides), *["gap"] * (sort is ELEMENT)]
-        return [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
+        return [*(f"{side}.push" for side in kind.sides), *["rhs"] * kind.multiplied]
 
     @property
     def given_by_elements(self) -> str:

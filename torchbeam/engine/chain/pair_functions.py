@@ -87,8 +87,8 @@ class PairFunctions(InteractionFunctions):
 
     def balance(self, kind: PairKind, **fields: Tensor) -> Fields:
         """What a pair gives its nodes: its push (q) on their balances, and blocks (q, q), those of
-        each by the moves of each, of the first q of w, see `coupled`; `passed`, see
-        `StepProblem.passed`.
+        each by the moves of each, of the first q of w, see `coupled`; `passed_through`, see
+        `StepProblem.passed_through`.
         """
         problem, kinematics = self.problem(fields, kind)
         problem = told_to(problem, "pairs", fields)
@@ -98,11 +98,11 @@ class PairFunctions(InteractionFunctions):
         (near,) = touching.near(None)
         push = touching.loaded(problem.t.new_zeros(len(PAIR_SIDES), w), motion)
         blocks = touching.by_moves(near, motion, touching.moves_of(motion))[0]
-        passed, q = touching.passed(motion), self.coupled(kind)
+        through, q = touching.passed_through(motion), self.coupled(kind)
         outputs = pushed(push[:, :q], PAIR_SIDES, blocks[..., :q, :q])
         if "told" in fields:
             outputs["told"] = touching.telling(motion)["pairs"]
-        return {"passed": passed.to(push)} | outputs
+        return {"passed_through": through.to(push)} | outputs
 
     def coupled(self, kind: PairKind) -> int:
         """So many of a node's unknowns a pair pushes, and is moved by: without friction places

@@ -282,7 +282,7 @@ class StepProgram(NewtonProgram):
             or any(sort.far for sort in interactions.present(self.kinds))
             or traced.local.model.bodies_touch
         )
-        without = () if passes else ("passed",)
+        without = () if passes else ("passed_through",)
         functions["outcome"] = self._of_numbers(traced, traced.local.samples.outcome, without)
         return functions
 

@@ -58,11 +58,11 @@ class RowFunctions:
 
     def interface(self, held: bool, **fields: Tensor) -> Fields:
         """The row of a node that joints hold, which push it (w): D, L and U (w, w), what is asked
-        of it (`right`, w); sizes, and for a reaction its whole row and balance, as in `row`.
+        of it (`rhs`, w); sizes, and for a reaction its whole row and balance, as in `row`.
         """
         row = self._whole_row(held, fields)
         sizes = self.sizes(fields, _of_row(fields, "inertia"), row.left)
-        return {"D": row.D, "L": row.L, "U": row.U, "right": -row.asked} | row.blocks | sizes
+        return {"D": row.D, "L": row.L, "U": row.U, "rhs": -row.asked} | row.blocks | sizes
 
     def _whole_row(self, held: bool, fields: Fields) -> WholeRow:
         balance, D = _of_row(fields, "balance"), _of_row(fields, "D")
@@ -125,24 +125,24 @@ class RowFunctions:
         }
 
     def transposed_row(
-        self, held: bool, right: Tensor, backward: bool = False, **fields: Tensor
+        self, held: bool, rhs: Tensor, backward: bool = False, **fields: Tensor
     ) -> Fields:
         """A row of the elimination of the transposed matrix, see `row`, for what moves are asked
         for (w); where supports are near, also for what their balances are (`push_` before, here,
         after).
         """
-        D, below, above, right = self._transposed_whole_row(held, right, fields)
+        D, below, above, rhs = self._transposed_whole_row(held, rhs, fields)
         if backward:
             below, above = above, below
-        return _eliminated(D.mT, above, right, below, fields)
+        return _eliminated(D.mT, above, rhs, below, fields)
 
-    def transposed_interface(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+    def transposed_interface(self, held: bool, rhs: Tensor, **fields: Tensor) -> Fields:
         """As `interface`, of the transposed matrix."""
-        D, below, above, right = self._transposed_whole_row(held, right, fields)
-        return {"D": D.mT, "L": below, "U": above, "right": right}
+        D, below, above, rhs = self._transposed_whole_row(held, rhs, fields)
+        return {"D": D.mT, "L": below, "U": above, "rhs": rhs}
 
     def _transposed_whole_row(
-        self, held: bool, right: Tensor, fields: Fields
+        self, held: bool, rhs: Tensor, fields: Fields
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """D as it is, what couples the transposed row to the one before and to the next, and what
         is asked of it (w).
@@ -151,13 +151,13 @@ class RowFunctions:
         below, above = fields["left.U"].mT, fields["right.L"].mT
         if held:
             pushes = (fields[f"push_{name}"] for name in ("before", "here", "after"))
-            right = right + sum(
+            rhs = rhs + sum(
                 (block @ push[:, None])[:, 0]
                 for block, push in zip((below, D.mT, above), pushes, strict=True)
             )
-            right = right * fields["free_here"]
+            rhs = rhs * fields["free_here"]
             D, below, above = _masked_row(D, below, above, fields)
-        return D, below, above, right
+        return D, below, above, rhs
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
         """What the cotangent of a reaction is to the balance of its node (w)."""
@@ -168,13 +168,13 @@ class RowFunctions:
         return {"balance_bar": push - free * move}
 
 
-def _eliminated(D: Tensor, U: Tensor, right: Tensor, L: Tensor, fields: Fields) -> Fields:
-    """What is left of a row (D, U, L), of which `right` (w) is asked, see `eliminated`."""
-    right, y = right[:, None], fields["y"][:, None]
+def _eliminated(D: Tensor, U: Tensor, rhs: Tensor, L: Tensor, fields: Fields) -> Fields:
+    """What is left of a row (D, U, L), of which `rhs` (w) is asked, see `eliminated`."""
+    rhs, y = rhs[:, None], fields["y"][:, None]
     if "side" in fields:
-        right = torch.cat((right, torch.zeros_like(D)), -1)
+        rhs = torch.cat((rhs, torch.zeros_like(D)), -1)
         y = torch.cat((y, fields["side"]), -1)
-    ahead, y = eliminated(D, U, right, L, fields["ahead"], y)
+    ahead, y = eliminated(D, U, rhs, L, fields["ahead"], y)
     side = {"side": y[:, 1:]} if "side" in fields else {}
     return {"ahead": ahead, "y": y[:, 0]} | side
 
@@ -262,7 +262,7 @@ class MidsideFunctions:
         """The move (w) of a midside node from those of its element's ends."""
         return {"move": following(own, by_i, by_j, before, after)}
 
-    def transposed_condense(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+    def transposed_condense(self, held: bool, rhs: Tensor, **fields: Tensor) -> Fields:
         """As `condense`, of the transposed matrix, for what moves are asked for of the midside node
         (w): the blocks of the ends as they are, not transposed, and what is added to what is asked
         of them; where a support holds it, also for what its balance is (`push`).
@@ -271,19 +271,19 @@ class MidsideFunctions:
         sides = torch.zeros_like(D[:2, 0])
         if held:
             free, push = _between_free(fields["free"]), fields["push"][:, None]
-            right = (right + (D[1].mT @ push)[:, 0]) * free[1]
+            rhs = (rhs + (D[1].mT @ push)[:, 0]) * free[1]
             sides = torch.stack(((L[0].mT @ push)[:, 0], (U[1].mT @ push)[:, 0]))
             D, U, L, *far = masked(self._element, free, D, U, L, *far)
         D, L, U, middle = condensed(self._element, D.mT, L.mT, U.mT, *(x.mT for x in reversed(far)))
         ends, own = middle.condense(
-            torch.stack((torch.zeros_like(right), right, torch.zeros_like(right)))
+            torch.stack((torch.zeros_like(rhs), rhs, torch.zeros_like(rhs)))
         )
         outputs = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
         for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
             outputs |= {
                 f"{side}.D": D[k].mT,
                 f"by_{side}": by[0],
-                f"right_{side}": ends[k] + sides[k],
+                f"rhs_{side}": ends[k] + sides[k],
             }
         return outputs
 

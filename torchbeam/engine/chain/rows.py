@@ -26,7 +26,7 @@ from .row_functions import MidsideFunctions, RowFunctions
 from .sorts import SIDES
 from .tracing import Shapes, Tracing
 
-ROW, RUN = ("D", "L", "U", "right"), ("ahead", "y", "side")  # of the interface, of a run
+ROW, RUN = ("D", "L", "U", "rhs"), ("ahead", "y", "side")  # of the interface, of a run
 BLOCKS = ("U", "L", "far_U", "far_L")  # of an element, beside those of its nodes
 # what a midside node's move is made from, beside the moves of its element's ends
 FOLLOWING = ("own", "by_i", "by_j")
@@ -87,7 +87,7 @@ def of_rows(
     of = {name: getattr(of_rows, f"{way}{name}") for name in ("row", INTERFACE)}
     of |= {name: getattr(midside, f"{way}{name}") for name in ("condense", "restore")}
     given = {f"own.{name}": shapes[f"own.{name}"] for name in own.fields}
-    given |= {"right": (w,)} if transposed else {}
+    given |= {"rhs": (w,)} if transposed else {}
     words = ("free", "push") if transposed else ("free",)
     if between.name == INNER:
         inner = given | {f"element.{name}": shapes[name] for name in between.fields}

@@ -11,8 +11,8 @@ from functools import partial
 
 from ..compiler.function import Function
 from .interactions import Derivative, all_kinds
-from .kinds import Kinds, alike, distinct
-from .layout import ONE, STRETCHES, TENDONS, Layout, cotangents
+from .kinds import Kinds, distinct, same_code
+from .layout import ONE, STRETCHES, Layout, cotangents
 from .record_code import Place, Places
 from .row_code import WHOLE, RowCode
 from .tendon_functions import SUMMED, TIE
@@ -32,11 +32,15 @@ def of_tensions(
     """Functions by which tensions are known, by kind; varying: shapes of what changes with the
     iterations beside the unknowns.
     """
-    shapes, functions = traced.of(TIE) | (varying or {}), {}
-    for name in ("stretch", "tension_first", "tension_next"):
-        for k, kind in distinct(all_kinds(kinds, TIE), name.partition("_")[0]):
-            function = partial(getattr(traced.local.of(TIE), name), kind)
-            functions[f"{name.replace('_', ' ')} {k}"] = traced(function, shapes)
+    shapes, functions, of = traced.of(TIE) | (varying or {}), {}, traced.local.of(TIE)
+    named = {
+        "stretch": of.stretch,
+        "tension first": of.tension_first,
+        "tension next": of.tension_next,
+    }
+    for name, function in named.items():
+        for k, kind in distinct(all_kinds(kinds, TIE), name.partition(" ")[0]):
+            functions[f"{name} {k}"] = traced(partial(function, kind), shapes)
     return functions
 
 
@@ -64,7 +68,7 @@ def record(layout: Layout, kinds: Kinds) -> None:
     layout.record("at_stretch", STRETCHES, AT_STRETCH.items())
     layout.record("beyond", STRETCHES, dict.fromkeys(SUMMED, 1).items())
     layout.record("pull", STRETCHES, PULL.items())
-    layout.record(TIE.whole, TENDONS, [("tendons", READINGS)])
+    layout.record(TIE.whole, TIE.of, [(TIE.of, READINGS)])
 
 
 def record_adjoint(layout: Layout, kinds: Kinds) -> None:
@@ -72,7 +76,7 @@ def record_adjoint(layout: Layout, kinds: Kinds) -> None:
     if not all_kinds(kinds, TIE):
         return
     record(layout, kinds)
-    cotangents(layout, TIE.whole, TENDONS, [("tendons", READINGS)])
+    cotangents(layout, TIE.whole, TIE.of, [(TIE.of, READINGS)])
     layout.record("at_stretch_bar", STRETCHES, AT_STRETCH.items())
     layout.record("beyond_bar", STRETCHES, dict.fromkeys(SUMMED, 1).items())
     layout.record("pull_bar", STRETCHES, [("tension", 1)])
@@ -94,7 +98,7 @@ class Tensions:
     def of_kind(self, s: str, word: str, then: Callable[[int], None]) -> None:
         """then(number of its functions of this word) of stretch s."""
         for k in self.driver.each_kind(TIE, s):
-            then(alike(all_kinds(self.driver.kinds, TIE), k, word))
+            then(same_code(all_kinds(self.driver.kinds, TIE), k, word))
 
     def find(self) -> None:
         """By the unknowns."""

@@ -33,7 +33,7 @@ from ...scene.effects import Inputs
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction_functions import InteractionFunctions, Later, Several, pushed
-from .layout import STRETCHES, TENDONS
+from .layout import STRETCHES
 from .local_problem import Fields
 from .row_kinds import EndKind, sides_of
 from .sorts import SIDES, Edge, Edges, Sort
@@ -314,4 +314,5 @@ class TendonFunctions(InteractionFunctions):
 
 
 TIE = Sort("tie", "stretch", STRETCHES, ("pull", "told stretches", "at_stretch"), sides=SIDES[1],
-           functions=TendonFunctions, unknowns=True, chained=True, more=3, of=TENDONS)  # fmt: skip
+           functions=TendonFunctions, unknowns=True, chained=True, more=3,
+           of="tendons")  # fmt: skip

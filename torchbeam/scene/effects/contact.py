@@ -297,7 +297,7 @@ class Contact(ContactTerms):
         room = (self.gap(x) - each(self.thickness))[..., 0]
         return (room > 0) & (room * room >= reach)
 
-    def passed(self, x: Tensor, half: Tensor, dt: Tensor) -> Tensor:
+    def passed_through(self, x: Tensor, half: Tensor, dt: Tensor) -> Tensor:
         """(..., n) bool: whether the way of points, by `half` (..., n, 3) m on either side of x, in
         dt (...) s, leads through the obstacle.
         """
