@@ -26,14 +26,12 @@ from ..core.validation import (
 from ..math import quaternions as quat
 from ..math.element_shapes import SHAPES
 from ..topology.framework import Framework
-from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed, warn_of_batch
 from .beam_recipe import remembered, with_recipe_of
 from .beam_rows import BeamRows
-from .curve import curve, places, screws
-from .element_stations import STATIONS
+from .curve import axes_of_nodes, carried_along, curve, orthonormal, parabolas, places, screws
 from .section import Section, notes
-from .stations import of_elements
+from .stations import STATIONS, of_elements
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ class Beam(BeamRows):
         The displacement across an element is quadratic, linked to the rotations of its nodes
         (linked interpolation, Tessler and Dong 1981): the shear compliance of an element of length
         h gets its residual bending flexibility h^2/(12 EI) (MacNeal 1978). Mass and loads along the
-        beam are integrated by Gregory's end-corrected rule, see `nodal.quadrature`; mass is lumped.
+        beam are integrated by Gregory's end-corrected rule, see `nodal.mass`; mass is lumped.
         From four elements on it pays; stretching and twist stay of second order. Rigid elements are
         exact bars, as without. Not for the mixed forms.
 
