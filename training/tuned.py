@@ -52,6 +52,10 @@ class Task:
         """The task with other arguments of the environment."""
         return replace(self, arguments={**self.arguments, **arguments})
 
+    def seen(self, frames: int) -> Task:
+        """The task as a learner sees it that looks at so many frames at once; 0: as it is."""
+        return self.varied(frames=frames) if frames else self
+
 
 def task_named(name: str) -> Task:
     """One of `TASKS`, or MODULE:NAME, a `Task` of one's own, also in this folder.
