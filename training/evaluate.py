@@ -152,7 +152,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_num_threads(1)
     try:
         loaded = [
-            (path, policy := load(path), options.task or _task(path, policy.about))
+            (path, policy := load(path), _task(path, policy.about, options.task))
             for path in options.policy
         ]
         for path, _, task in loaded if options.outside else ():
@@ -169,10 +169,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _task(path: str, about: Any) -> Task:
+def _task(path: str, about: Any, named: Task | None) -> Task:
     """What a policy was trained for, as its file has it, in an environment of `torchbeam_envs`:
-    nothing that a file names is imported.
+    nothing that a file names is imported. Where a task is named, that one, with the frames that the
+    policy sees.
     """
+    if named is not None:
+        frames = about.get("frames", 0) if isinstance(about, dict) else 0
+        return named.seen(frames if type(frames) is int else 0)
     try:
         task = Task(about["task"], *(about[field.name] for field in fields(Task)[1:]))
         known = gymnasium.registry[task.env].namespace == "torchbeam"

@@ -31,15 +31,27 @@ class Imitation:
         env: the learner's, reset
         teacher: a controller in `torchbeam_envs.baselines`, LQR or, with settings of its own,
             LQR(effort=0.1); it may read the env's whole state, which the policy does not see
-        lessons: how many there are
+        lessons: in which the controller plays
+        updates: of the policy in a lesson
+        lasting: whether lessons go on after these, played by the policy alone
 
     Raises:
         ValueError: where there is no such controller, or it is for another task.
     """
 
-    def __init__(self, env: VectorEnv, policy: Policy, teacher: str, lessons: int) -> None:
+    def __init__(
+        self,
+        env: VectorEnv,
+        policy: Policy,
+        teacher: str,
+        lessons: int,
+        updates: int | None = None,
+        lasting: bool = False,
+    ) -> None:
         kind, settings = controller_named(teacher)
         self.env, self.policy, self.lessons, self.done = env, policy, lessons, 0
+        self.lasting = lasting
+        self.updates = updates or (EPISODE_UPDATES if policy.memory else UPDATES)
         try:
             self.controller = kind(env, **settings)
         except TypeError as error:
@@ -48,17 +60,14 @@ class Imitation:
             ) from None
         self.controller.begin(env)
         self.optimizer = torch.optim.Adam(policy.parameters(), RATE, fused=True)
-        self.forget()
-
-    def forget(self) -> None:
-        """All that was seen and said, and where episodes began, interval by interval."""
+        # what was seen and said, and where episodes began, interval by interval
         self.seen: list[Tensor] = []
         self.said: list[Tensor] = []
         self.first: list[Tensor] = []
 
     @property
     def over(self) -> bool:
-        return self.done >= self.lessons
+        return self.done >= self.lessons and not self.lasting
 
     def act(self, observation: Tensor, action: Tensor) -> Tensor:
         """(n, a): what acts where the policy would do `action`."""
@@ -75,8 +84,8 @@ class Imitation:
         self.seen, self.said, self.first = (
             [torch.cat(rows)] for rows in (self.seen, self.said, self.first)
         )
-        for _ in range(EPISODE_UPDATES if self.policy.memory else UPDATES):
-            draw = self._episodes if self.policy.memory else self._intervals
+        draw = self._episodes if self.policy.memory else self._intervals
+        for _ in range(self.updates):
             error = draw(generator)
             self.optimizer.zero_grad()
             error.backward()
@@ -85,8 +94,13 @@ class Imitation:
             self.optimizer.step()
         self.done += 1
         if self.over:
-            self.forget()
+            self.seen, self.said, self.first = [], [], []
         return error.item()
+
+    def rate(self, rate: float) -> None:
+        """Of Adam, from now on."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
 
     def _intervals(self, generator: torch.Generator) -> Tensor:
         """Mean squared error of a minibatch."""

@@ -32,7 +32,7 @@ import torch
 
 from torchbeam.extend.commands import measured_on, process_pool, results_folder, write
 
-from . import ppo, sac, shac, tuned
+from . import ppo, sac, shac, student, tuned
 from .baselines import BASELINES, MOST_EPISODES, applies
 from .common import train
 from .evaluate import EPISODES, scores
@@ -45,6 +45,9 @@ LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments, tuned.PPO),
     "sac": (sac.SAC, sac.Arguments, tuned.SAC),
     "shac": (shac.SHAC, shac.Arguments, tuned.SHAC),
+    "student": (student.Student, student.Arguments, tuned.STUDENT),
+    "ppo-gru": (ppo.PPO, ppo.Arguments, tuned.PPO_GRU),
+    "shac-gru": (shac.SHAC, shac.Arguments, tuned.SHAC_GRU),
 }
 LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
 ALGORITHMS = (*BASELINES, *LEARNERS, *LIBRARIES)
@@ -61,6 +64,7 @@ PLAN = (
     (LIBRARIES, COMPARED, 3),
     (("mpc",), (*tuned.DEFAULT, *SPACE), 1),
     (("mpc-informed",), ("payload", *UNCERTAIN), 1),  # elsewhere it knows no more
+    (tuned.REMEMBERING, UNCERTAIN, 10),
 )
 SEEDS = max(seeds for *_, seeds in PLAN)
 QUICK: dict[str, Any] = {
@@ -91,7 +95,8 @@ class Run(NamedTuple):
             _, arguments, own = LEARNERS[self.algorithm]
             return vars(arguments(**own.get(self.task, {}), seed=self.seed))
         library, _, algorithm = self.algorithm.partition("-")
-        return {**(tuned.SB3[algorithm] if library == "sb3" else tuned.SKRL), "seed": self.seed}
+        own = tuned.SB3[algorithm] if library == "sb3" else tuned.SKRL
+        return {**own, "frames": tuned.frames(self.task), "seed": self.seed}
 
     @property
     def environment(self) -> dict[str, Any]:

@@ -29,12 +29,15 @@ LABELS = {
     "ppo": "PPO",
     "sac": "SAC",
     "shac": "SHAC",
+    "student": "student of MPC (GRU)",
+    "ppo-gru": "PPO (GRU)",
+    "shac-gru": "SHAC (GRU)",
     "sb3-ppo": "PPO (stable-baselines3)",
     "sb3-sac": "SAC (stable-baselines3)",
     "skrl-ppo": "PPO (skrl)",
 }
 LINEAR = ("pd", "lqr", "lqg")
-OWN = ("ppo", "sac", "shac")
+OWN = ("ppo", "sac", "shac", "student", "ppo-gru", "shac-gru")
 LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
 LEARNERS = (*OWN, *LIBRARIES)
 CURVE = "validation_return"  # of a learner's log
