@@ -17,7 +17,7 @@ from .policies import Policy
 
 RATE, MINIBATCH, UPDATES = 2e-3, 256, 100  # Adam's; observations in one; in a lesson
 # of a policy that remembers: episodes, or what there is of them, in a minibatch; in a lesson
-EPISODES, EPISODE_UPDATES = 32, 20
+EPISODES, EPISODE_UPDATES = 32, 40
 NORM = 1.0  # to which its gradient is scaled down
 
 

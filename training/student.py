@@ -1,5 +1,5 @@
-"""A student: a policy that sees what learners see is taught by a controller that sees more, first in
-episodes that the controller plays, then in its own (DAgger; Ross, Gordon and Bagnell 2011).
+"""A student: a policy that sees what learners see is taught by a controller that sees more, first
+in episodes that the controller plays, then in its own (DAgger; Ross, Gordon and Bagnell 2011).
 
     python -m training.student --task payload-uncertain
 """

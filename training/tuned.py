@@ -206,7 +206,9 @@ BUDGETS = {
     "ppo": 500_000,
     "sac": 30_000,
     "shac": 300_000,
-    "student": 60_000,
+    "student": 100_000,
+    "ppo-gru": 500_000,
+    "shac-gru": 300_000,
     "sb3-ppo": 200_000,
     "sb3-sac": 20_000,
     "skrl-ppo": 300_000,
@@ -334,7 +336,14 @@ REMEMBERING = ("student", "ppo-gru", "shac-gru")
 MEMORY: dict[str, Any] = dict(memory=64, frames=0)
 STUDENT: dict[str, dict[str, Any]] = {}
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
-SHAC_GRU = {_task: {**SHAC[_task], **MEMORY} for _task in HIDDEN}
+SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
+    _task: dict(
+        **dict(teacher="MPC(informed=True)", lessons=25, linear=True, num_envs=64, horizon=25),
+        **dict(rate=1e-3, deviation=0.05),
+        **MEMORY,
+    )
+    for _task in HIDDEN
+}
 # of libraries, over their own, on all tasks
 SB3: dict[str, dict[str, Any]] = {
     "ppo": dict(
