@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import time
 import traceback
 from collections.abc import Iterator, Sequence
@@ -107,6 +108,7 @@ class Run(NamedTuple):
 def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any]:
     """One run, in its own files; returns what goes into its JSON."""
     torch.set_num_threads(1)
+    code = commit()  # as it is read, whatever is written meanwhile
     (folder / f"{run.name}.json").unlink(missing_ok=True)  # its log is written anew
     task, start = tuned.TASKS[run.task], time.process_time()
     options: dict[str, Any] = dict(name=run.name, progress=False, final=episodes)
@@ -139,10 +141,28 @@ def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any
         "settings": settings,
         "environment": run.environment,
         "measured": measured_on(dtype=None, threads=1),
+        "commit": code,
     }
     write(folder / f"{run.name}.json", json.dumps(result, indent=2) + "\n")
     (folder / f"{run.name}{FAILED}").unlink(missing_ok=True)
     return result
+
+
+def commit() -> str | None:
+    """Of the tree that this file stands in, with a "+" where its code has been changed since; None
+    where there is none.
+    """
+    tree = Path(__file__).parents[1]
+
+    def git(*words: str) -> str:
+        call = ("git", "-C", str(tree), *words)
+        return subprocess.run(call, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--", "training", "envs", "torchbeam")
+        return git("rev-parse", "HEAD") + "+" * bool(changed)
+    except (OSError, subprocess.CalledProcessError):
+        return None
 
 
 def attempt(run: Run, folder: Path, *arguments: Any) -> str:
