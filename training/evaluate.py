@@ -175,8 +175,7 @@ def _task(path: str, about: Any, named: Task | None) -> Task:
     policy sees.
     """
     if named is not None:
-        frames = about.get("frames", 0) if isinstance(about, dict) else 0
-        return named.seen(frames if type(frames) is int else 0)
+        return named.seen(_frames(about))
     try:
         task = Task(about["task"], *(about[field.name] for field in fields(Task)[1:]))
         known = gymnasium.registry[task.env].namespace == "torchbeam"
@@ -193,6 +192,17 @@ def _task(path: str, about: Any, named: Task | None) -> Task:
             "MODULE:NAME is wanted too"
         )
     return task
+
+
+def _frames(about: Any) -> int:
+    """Observations side by side that a policy sees, 0: as the task has them. Files of before have
+    them among the arguments of the environment alone.
+    """
+    about = about if isinstance(about, dict) else {}
+    arguments = about.get("arguments")
+    old = arguments.get("frames", 0) if isinstance(arguments, dict) else 0
+    frames = about.get("frames", old)
+    return frames if type(frames) is int and frames > 0 else 0
 
 
 if __name__ == "__main__":

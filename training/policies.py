@@ -179,6 +179,11 @@ class Policy(nn.Module):
     @torch.no_grad()
     def forward(self, observation: Any) -> Any:
         seen = torch.as_tensor(observation)
+        if seen.shape[-1:] != (self.observed,):
+            raise ValueError(
+                f"observations of shape {tuple(seen.shape)} were given; (..., {self.observed}) are "
+                "wanted: those of the env, with the frames, that the policy was trained on"
+            )
         rows = seen.reshape(-1, seen.shape[-1])
         if self.remembered is None or not self.memory:
             self.remembered = self.blank(len(rows))

@@ -182,6 +182,25 @@ def test_of_other_envs_the_user_says_which_lanes_begin():
     assert policy(x[0, 0].numpy()).shape == (1,)
 
 
+def test_an_observation_of_other_numbers_is_refused():
+    for policy in (policy_with_memory(), Policy((11, 16, 1), squash=True)):
+        for x in (torch.zeros(2, 44), torch.tensor(1.0)):
+            with pytest.raises(ValueError, match=r"\(..., 11\) are wanted: those of the env"):
+                policy(x)
+
+
+def test_a_file_of_before_says_its_frames(tmp_path, capsys, monkeypatch):
+    """Among the arguments of its environment: it is scored as it says, and of a task that is named
+    with as many.
+    """
+    monkeypatch.setitem(TASKS, "tiny", TINY)
+    about = {"task" if key == "name" else key: x for key, x in vars(TINY.seen(2)).items()}
+    save(Policy((22, 8, 1), squash=True), tmp_path / "old.pt", **about)
+    for more in ([], ["--task", "tiny"]):
+        assert evaluation([str(tmp_path / "old.pt"), "--episodes", "2", *more]) == 0
+        assert json.loads(capsys.readouterr().out)["episodes"] == 2
+
+
 def test_a_file_gives_the_same_actions(tmp_path):
     policy = policy_with_memory()
     save(policy, tmp_path / "policy.pt", task="reach")
