@@ -41,6 +41,7 @@ from .evaluate import EPISODES, scores
 from .evaluate import make as validation_env
 from .options import above_zero
 from .report import report
+from .table import as_now
 from .watch import SHARES, VALIDATIONS, Bar, Budget, validation
 
 LEARNERS = {
@@ -219,7 +220,7 @@ def is_made(run: Run, folder: Path, budget: Budget, episodes: int) -> bool:
     path = folder / f"{run.name}.json"
     if not path.exists():
         return False
-    there, wanted = json.loads(path.read_text()), {"episodes": episodes}
+    there, wanted = as_now(json.loads(path.read_text())), {"episodes": episodes}
     wanted |= {"environment": run.environment, "budget": vars(budget)}
     if run.algorithm not in BASELINES:  # which find their settings themselves
         wanted["settings"] = run.settings

@@ -46,6 +46,23 @@ SHARES = ("within", "within_half")
 AXES = ("steps", "seconds")
 
 
+def as_now(run: Run) -> Run:
+    """A run as it would be written now. Those of before have frames among the arguments of the
+    environment, not among the learner's settings, no memory, and SHAC's rates fell over the budget.
+    """
+    settings = run.get("settings", {})
+    if "frames" in settings or "environment" not in run:
+        return run
+    arguments = dict(run["environment"]["arguments"])
+    ours = {"frames": arguments.pop("frames", 0)}
+    if run["algorithm"] in ("ppo", "shac"):
+        ours["memory"] = 0
+    if run["algorithm"] == "shac":
+        ours["falling"] = run["budget"]["steps"]
+    environment = {**run["environment"], "arguments": arguments}
+    return {**run, "settings": {**settings, **ours}, "environment": environment}
+
+
 def level(task: str) -> str:
     """One of `LEVELS`, or "published"."""
     if task in PUBLISHED:

@@ -3,7 +3,8 @@ sequences, lessons; and frames, which are the learner's.
 """
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -413,6 +414,23 @@ def test_frames_are_the_learners(tmp_path, capsys, monkeypatch):
     assert results.Run("reach", "sb3-ppo", 0).settings["frames"] == 0
 
 
+def test_runs_of_before_are_not_made_again():
+    """Of the study that is stored: frames among the arguments of their environment, rates that fell
+    over the budget. PPO of flutter saw twelve frames, and four are wanted.
+    """
+    folder = Path(results.__file__).parents[1] / "docs/results/learning/runs"
+
+    def there(task, algorithm, seed=9, share=1.0):
+        run = results.Run(task, algorithm, seed)
+        steps = None if seed is None else round(share * tuned.budget(algorithm, task))
+        return results.is_made(run, folder, common.Budget(steps), 256)
+
+    for task in ("reach", "track-uncertain", "flutter-uncertain"):
+        assert there(task, "shac") and not there(task, "shac", share=2.0)
+        assert there(task, "lqg", None)
+    assert there("track-uncertain", "ppo") and not there("flutter-uncertain", "ppo")
+
+
 def test_who_remembers_is_in_the_study_where_the_plant_is_hidden(tmp_path):
     options = results.parse(["--tasks", "reach", "payload", "--seeds", "1", "--out", str(tmp_path)])
     made = {run.name for run in results.plan(options)}
@@ -421,4 +439,3 @@ def test_who_remembers_is_in_the_study_where_the_plant_is_hidden(tmp_path):
     for name in tuned.REMEMBERING:
         settings = results.Run("flutter-uncertain", name, 0).settings
         assert settings["memory"] == 64 and settings["frames"] == 0
-    assert replace(TASKS["payload"]) == TASKS["payload"]
