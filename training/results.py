@@ -27,6 +27,7 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -110,7 +111,7 @@ class Run(NamedTuple):
 def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any]:
     """One run, in its own files; returns what goes into its JSON."""
     torch.set_num_threads(1)
-    code = commit()  # as it is read, whatever is written meanwhile
+    commit()  # of the code that runs, whatever is written meanwhile
     (folder / f"{run.name}.json").unlink(missing_ok=True)  # its log is written anew
     task, start = tuned.TASKS[run.task], time.process_time()
     options: dict[str, Any] = dict(name=run.name, progress=False, final=episodes)
@@ -143,16 +144,17 @@ def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any
         "settings": settings,
         "environment": run.environment,
         "measured": measured_on(dtype=None, threads=1),
-        "commit": code,
+        "commit": commit(),
     }
     write(folder / f"{run.name}.json", json.dumps(result, indent=2) + "\n")
     (folder / f"{run.name}{FAILED}").unlink(missing_ok=True)
     return result
 
 
+@cache
 def commit() -> str | None:
-    """Of the tree that this file stands in, with a "+" where its code has been changed since; None
-    where there is none.
+    """Of the tree that this file stands in, with a "+" where its code has been changed since, when
+    this process began with its runs; None where there is none.
     """
     tree = Path(__file__).parents[1]
 
