@@ -206,7 +206,7 @@ BUDGETS = {
     "ppo": 500_000,
     "sac": 30_000,
     "shac": 300_000,
-    "student": 100_000,
+    "student": 40_000,
     "ppo-gru": 500_000,
     "shac-gru": 300_000,
     "sb3-ppo": 200_000,
@@ -339,7 +339,7 @@ PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
     _task: dict(
         **dict(teacher="MPC(informed=True)", lessons=25, linear=True, num_envs=64, horizon=25),
-        **dict(rate=1e-3, deviation=0.05),
+        **dict(rate=2e-3, deviation=0.05),
         **MEMORY,
     )
     for _task in HIDDEN
