@@ -4,7 +4,7 @@ episodes, and on held-out plants outside of the training range.
     python -m training.results --out out/results       # the study, `PLAN`
     python -m training.results --out out/quick --quick # two tasks, three seeds, seconds each
 
-The whole study is 572 runs and takes about eleven CPU hours (SHAC, PPO and SAC 10 seeds on five
+The whole study is 572 runs and takes about nine CPU hours (SHAC, PPO and SAC 10 seeds on five
 tasks at two levels; a student, SHAC and PPO with a memory 10 seeds on five uncertain tasks; SHAC
 and PPO 5 seeds on two in space; stable-baselines3 and skrl 3 seeds on four; baselines once each;
 published tasks are made by `training.published`). Budgets are environment steps, by
