@@ -120,11 +120,11 @@ class Imitation:
         span = min(len(seen), self.env.max_episode_steps or len(seen))
         at = begin + torch.arange(span)[:, None]  # (span, EPISODES)
         rows = at.clamp(max=len(seen) - 1), lane
-        lasts = (at < len(seen)) & (first[rows].cumsum(0) == 1)  # until the next one begins
+        within = (at < len(seen)) & (first[rows].cumsum(0) == 1)  # until the next one begins
         blank = self.policy.blank(EPISODES)
-        features = self.policy.see_all(seen[rows], blank, torch.zeros_like(lasts))
+        features = self.policy.see_all(seen[rows], blank, torch.zeros_like(within))
         errors = (self.policy.act(features).to(said) - said[rows]).square().mean(-1)
-        return (errors * lasts).sum() / lasts.sum()
+        return (errors * within).sum() / within.sum()
 
     def state_dict(self) -> dict[str, Any]:
         return {
