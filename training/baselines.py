@@ -23,7 +23,7 @@ from torchbeam_envs.baselines import (
 )
 
 from .evaluate import evaluate, make
-from .tuned import PUBLISHED, RESOLVED, TRAINING, Task
+from .tuned import HIDDEN, PUBLISHED, REMEMBERING, RESOLVED, TRAINING, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
@@ -153,7 +153,11 @@ LEADING = ("zero", "resolved-rate")  # of `PUBLISHED` tasks, whose actions hold 
 
 
 def applies(algorithm: str, task: str) -> bool:
-    """Whether there is such a baseline for the task; any learner is."""
+    """Whether there is such a baseline for the task; a learner that remembers is where the plant is
+    hidden, any other everywhere.
+    """
+    if algorithm in REMEMBERING:
+        return task in HIDDEN
     if task in PUBLISHED:
         return algorithm in LEADING or algorithm not in BASELINES
     return algorithm != "resolved-rate"

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from .policies import load
+from .table import LABELS
 
 KEPT = Path(__file__).parent / "policies"
 
@@ -52,6 +53,8 @@ def cards(folder: Path) -> str:
         policy = load(path)
         about, scores = policy.about, policy.about["scores"]
         hidden = " x ".join(map(str, policy.shape["sizes"][1:-1]))
+        hidden += f" and a GRU of {policy.memory}" if policy.memory else ""
+        algorithm = path.stem.removeprefix(f"{about['task']}-")
         arguments = ", ".join(
             "uncertain plants" if name == "randomize" else f"{name}={value}"
             for name, value in about["arguments"].items()
@@ -60,7 +63,7 @@ def cards(folder: Path) -> str:
         beyond = f"{outside['return']:.3g}, {100 * outside['success']:.0f} %" if outside else ""
         lines.append(
             f"| `{path.name}` | `{about['env']}`{': ' if arguments else ''}{arguments} | "
-            f"{path.stem.rpartition('-')[2].upper()}, {hidden} | {scores['chosen_steps']:,} of "
+            f"{LABELS[algorithm]}, {hidden} | {scores['chosen_steps']:,} of "
             f"{scores['steps']:,} steps in {scores['seconds']:.0f} CPU s | "
             f"{scores['return']:.3g} ± {scores['return_deviation']:.2g} | "
             f"{100 * scores['success']:.0f} % | {1e3 * scores['final_error']:.1f} mm | {beyond} |"

@@ -80,7 +80,7 @@ def train(
     another release, does not fit the learner, or holds more than tensors and plain data: nothing in
     it is ever run.
     """
-    folder = writable_folder(folder, parents=True)
+    folder, task = writable_folder(folder, parents=True), task.seen(learner.arguments.frames)
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
     iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
     settings = {**vars(learner.arguments), "budget": vars(budget), "task": repr(task)}
@@ -146,6 +146,7 @@ def train(
     about = {"task" if key == "name" else key: value for key, value in vars(task).items()}
     if not is_plain(task.arguments):  # with which the file could not be read
         about["arguments"] = repr(task.arguments)
+    about["frames"] = learner.arguments.frames
     save(learner.policy, folder / f"{name}.pt", **about, scores=result)
     checkpoint.unlink(missing_ok=True)
     return result

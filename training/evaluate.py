@@ -152,7 +152,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     torch.set_num_threads(1)
     try:
         loaded = [
-            (path, policy := load(path), options.task or _task(path, policy.about))
+            (path, policy := load(path), _task(path, policy.about, options.task))
             for path in options.policy
         ]
         for path, _, task in loaded if options.outside else ():
@@ -169,10 +169,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _task(path: str, about: Any) -> Task:
+def _task(path: str, about: Any, named: Task | None) -> Task:
     """What a policy was trained for, as its file has it, in an environment of `torchbeam_envs`:
-    nothing that a file names is imported.
+    nothing that a file names is imported. Where a task is named, that one, with the frames that the
+    policy sees.
     """
+    if named is not None:
+        return named.seen(_frames(about))
     try:
         task = Task(about["task"], *(about[field.name] for field in fields(Task)[1:]))
         known = gymnasium.registry[task.env].namespace == "torchbeam"
@@ -189,6 +192,17 @@ def _task(path: str, about: Any) -> Task:
             "MODULE:NAME is wanted too"
         )
     return task
+
+
+def _frames(about: Any) -> int:
+    """Observations side by side that a policy sees, 0: as the task has them. Files of before have
+    them among the arguments of the environment alone.
+    """
+    about = about if isinstance(about, dict) else {}
+    arguments = about.get("arguments")
+    old = arguments.get("frames", 0) if isinstance(arguments, dict) else 0
+    frames = about.get("frames", old)
+    return frames if type(frames) is int and frames > 0 else 0
 
 
 if __name__ == "__main__":

@@ -60,8 +60,9 @@ class Statistics(nn.Module):
 
 
 class Policy(nn.Module):
-    """A normal distribution of actions: its mean from a network of the normalised observation, one
-    deviation an action.
+    """A normal distribution of actions: its mean from a network of the features, one deviation an
+    action. Features (..., o + m) are the normalised observation and, with a memory, what a
+    recurrent unit (GRU, Cho et al. 2014) makes of all observations of the episode.
 
     sizes       (o, hidden ..., a)
     squash      True: actions are tanh of the normal ones (smooth at the bounds: for gradients
@@ -70,9 +71,11 @@ class Policy(nn.Module):
     deviation   of the normal at the start
     linear      whether the network has a linear `Shortcut`: most of what linear controllers teach
     gain        of the hidden layers' orthogonal weights at the start
+    memory      m, units of the recurrent unit; 0 = none
 
     Calling it gives the most likely action, numpy for numpy and torch for torch, without noise,
-    within [-1, 1].
+    within [-1, 1]. With a memory, `begin(env)` is wanted after a reset, as of a controller, and
+    each call is the next interval.
     """
 
     def __init__(
@@ -84,37 +87,116 @@ class Policy(nn.Module):
         deviation: float = 0.5,
         linear: bool = False,
         gain: float = GAIN,
+        memory: int = 0,
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
         self.shape = dict(sizes=list(sizes), squash=squash, activation=activation, linear=linear)
-        self.squash = squash
+        self.shape |= {"memory": memory} if memory else {}
+        self.squash, self.observed, self.memory = squash, sizes[0], memory
         self.statistics = Statistics(sizes[0])
-        layers = network(sizes, activation, last=0.01, gain=gain)
+        layers = network((self.features, *sizes[1:]), activation, last=0.01, gain=gain)
         self.network = (Shortcut(layers) if linear else layers).to(dtype)
         self.log_deviation = nn.Parameter(
             torch.full((sizes[-1],), float(np.log(deviation)), dtype=dtype)
         )
+        self.recurrent = nn.GRU(sizes[0], memory, dtype=dtype) if memory else None
+        self.begin()
 
-    def mean(self, observation: Tensor) -> Tensor:
-        """(..., a), before squashing."""
-        return self.network(self.statistics(observation).to(self.log_deviation.dtype))
+    @property
+    def features(self) -> int:
+        return self.observed + self.memory
 
-    def distribution(self, observation: Tensor) -> torch.distributions.Normal:
+    def blank(self, count: int) -> Tensor:
+        """(n, m): the memory of n episodes that begin."""
+        return self.log_deviation.new_zeros(count, self.memory)
+
+    def see(self, observation: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+        """(features (n, o + m), memory (n, m)) once episodes with this memory (n, m) show an
+        observation (n, o); differentiable.
+        """
+        x = self.statistics(observation).to(self.log_deviation.dtype)
+        if self.recurrent is None:
+            return x, memory
+        _, after = self.recurrent(x[None], memory[None])
+        return torch.cat((x, after[0]), -1), after[0]
+
+    def see_all(self, observations: Tensor, memory: Tensor, over: Tensor) -> Tensor:
+        """Features (T, n, o + m) of T observations (T, n, o), one after the other, from a memory
+        (n, m) on; with an interval that is the last of its episode, by `over` (T, n), all is
+        forgotten.
+        """
+        x = self.statistics(observations).to(self.log_deviation.dtype)
+        if self.recurrent is None:
+            return x
+        ends = 1 + over[:-1].any(1).nonzero()[:, 0]
+        parts = []
+        for start, end in pairwise((0, *ends.tolist(), len(x))):
+            part, last = self.recurrent(x[start:end], memory[None])
+            parts.append(part)
+            memory = torch.where(over[end - 1][:, None], 0.0, last[0])
+        return torch.cat((x, torch.cat(parts)), -1)
+
+    def see_next(self, features: Tensor, observations: Tensor) -> Tensor:
+        """Features (..., o + m) once each of these observations (..., o) follows on what has these
+        features (..., o + m).
+        """
+        memory = features[..., self.observed :].flatten(0, -2)
+        after, _ = self.see(observations.flatten(0, -2), memory)
+        return after.unflatten(0, features.shape[:-1])
+
+    def held(self, features: Tensor) -> Tensor:
+        """The features, for a critic: no gradient goes through their memory, which could please the
+        critic and change nothing else.
+        """
+        x, memory = features.split((self.observed, self.memory), -1)
+        return torch.cat((x, memory.detach()), -1) if self.memory else features
+
+    def distribution(self, features: Tensor) -> torch.distributions.Normal:
         return torch.distributions.Normal(
-            self.mean(observation), self.log_deviation.exp(), validate_args=False
+            self.network(features), self.log_deviation.exp(), validate_args=False
         )
 
-    def act(self, observation: Tensor, noise: Tensor | None = None) -> Tensor:
-        """(..., a) in the observation's dtype, differentiable; noise (..., a) standard normal."""
-        x = self.mean(observation)
+    def act(self, features: Tensor, noise: Tensor | None = None) -> Tensor:
+        """(..., a) of features (..., o + m), differentiable; noise (..., a) standard normal."""
+        x = self.network(features)
         if noise is not None:
             x = x + self.log_deviation.exp() * noise
-        return (torch.tanh(x) if self.squash else x).to(observation.dtype)
+        return torch.tanh(x) if self.squash else x
+
+    def begin(self, env: Any = None) -> None:
+        """All episodes begin. Where the env is one of `torchbeam_envs`, those that it resets later
+        are begun anew by themselves; of another one, `restart` is wanted after each reset.
+        """
+        self.env = getattr(env, "unwrapped", env)
+        self.remembered: Tensor | None = None
+
+    def restart(self, fresh: Tensor) -> None:
+        """Episodes in the mask (n,) begin; the others go on."""
+        if self.remembered is not None:
+            self.remembered = torch.where(fresh[:, None], 0.0, self.remembered)
 
     @torch.no_grad()
     def forward(self, observation: Any) -> Any:
-        action = self.act(torch.as_tensor(observation)).clamp(-1, 1)
+        seen = torch.as_tensor(observation)
+        if seen.shape[-1:] != (self.observed,):
+            raise ValueError(
+                f"observations of shape {tuple(seen.shape)} were given; (..., {self.observed}) are "
+                "wanted: those of the env, with the frames, that the policy was trained on"
+            )
+        rows = seen.reshape(-1, seen.shape[-1])
+        if self.remembered is None or not self.memory:
+            self.remembered = self.blank(len(rows))
+        if len(self.remembered) != len(rows):
+            raise ValueError(
+                f"{len(rows)} observations were given to a policy that remembers "
+                f"{len(self.remembered)} episodes; as many, or begin(env) before, are wanted"
+            )
+        if self.memory and (episodes := getattr(self.env, "state", None)) is not None:
+            self.restart(episodes.steps == 0)
+        features, self.remembered = self.see(rows, self.remembered)
+        action = self.act(features).to(seen.dtype).clamp(-1, 1)
+        action = action.reshape(*seen.shape[:-1], action.shape[-1])
         return action if isinstance(observation, Tensor) else action.numpy()
 
 

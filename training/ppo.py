@@ -6,6 +6,7 @@ python -m training.ppo --task reach --budget 500000
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +54,10 @@ class Arguments:
     """gradients of the policy, and those of the value, are scaled down to this norm"""
     deviation: float = 0.5
     """standard deviation of the actions at the start"""
+    frames: int = 0
+    """observations side by side that are seen at once; 0: as the task has them"""
+    memory: int = 0
+    """units of a GRU, by which the policy remembers the episode; 0: none"""
     output: str = "numpy"
     """what the environment gives, "numpy" or "torch": the numbers are the same but for rounding to
     float32
@@ -80,7 +85,7 @@ class PPO:
 
     def __init__(self, task: Task, arguments: Arguments) -> None:
         self.arguments = a = arguments
-        self.env = task.make(a.num_envs, output=a.output)
+        self.env = task.seen(a.frames).make(a.num_envs, output=a.output)
         self.batch = a.num_envs * a.horizon
         inputs = self.env.single_observation_space.shape[0]
         actions = self.env.single_action_space.shape[0]
@@ -92,13 +97,15 @@ class PPO:
                 deviation=a.deviation,
                 linear=a.linear,
                 gain=a.gain,
+                memory=a.memory,
             )
-            self.value = Value((inputs, *a.hidden), gain=a.gain)
+            self.value = Value((self.policy.features, *a.hidden), gain=a.gain)
         groups = [{"params": network.parameters()} for network in (self.policy, self.value)]
         self.optimizer = torch.optim.Adam(groups, a.rate, eps=1e-5, fused=True)
         self.generator = torch.Generator().manual_seed(a.seed)
         self.returns = Statistics(1)  # of the value's targets
         self.observation = torch.as_tensor(self.env.reset(seed=training_seed(a.seed))[0])
+        self.memory = self.policy.blank(a.num_envs)  # of what was before the observation
         self.imitation = (
             Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
         )
@@ -111,7 +118,8 @@ class PPO:
         policy, rows = self.policy, []
         for _ in range(self.arguments.horizon):
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
-            distribution = policy.distribution(self.observation)
+            features, memory = policy.see(self.observation, self.memory)
+            distribution = policy.distribution(features)
             action = distribution.mean + distribution.stddev * noise
             if lesson is not None:
                 action = lesson.act(self.observation, action)
@@ -129,6 +137,7 @@ class PPO:
             rows.append(
                 dict(
                     observation=self.observation,
+                    memory=self.memory,
                     action=action,
                     reward=reward,
                     next=last,
@@ -137,16 +146,17 @@ class PPO:
                     likelihood=distribution.log_prob(action).sum(-1),
                 )
             )
-            self.observation = after
+            self.observation, self.memory = after, torch.where(over[:, None], 0.0, memory)
         return {name: torch.stack([row[name] for row in rows]) for name in rows[0]}
 
     @torch.no_grad()
     def advantages(self, data: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """(advantages, normalised targets of the value), (horizon, n)."""
-        a, see = self.arguments, self.policy.statistics
+        a, policy = self.arguments, self.policy
+        features = policy.see_all(data["observation"], data["memory"][0], data["over"])
         value, after = (
-            self.value(see(data[name])) * self.returns.variance.sqrt() + self.returns.mean
-            for name in ("observation", "next")
+            self.value(x) * self.returns.variance.sqrt() + self.returns.mean
+            for x in (features, policy.see_next(features, data["next"]))
         )
         surprise = data["reward"] + a.discount * torch.where(data["terminated"], 0.0, after) - value
         advantage, rows = torch.zeros_like(surprise[0]), []
@@ -168,25 +178,19 @@ class PPO:
         lesson = self.imitation
         if lesson is not None and not lesson.over:
             return self.imitate(lesson)
-        data = self.collect()
-        advantage, target = (x.flatten() for x in self.advantages(data))
-        data = {name: data[name].flatten(0, 1) for name in ("observation", "action", "likelihood")}
-        seen = self.policy.statistics(data["observation"]).float()
+        policy, data = self.policy, self.collect()
+        data |= dict(zip(("advantage", "target"), self.advantages(data), strict=True))
         gone, passes = 0.0, 0
         for _ in range(a.epochs):
-            for rows in torch.randperm(self.batch, generator=self.generator).chunk(a.minibatches):
-                mean = self.policy.network(seen[rows])
-                distribution = torch.distributions.Normal(
-                    mean, self.policy.log_deviation.exp(), validate_args=False
-                )
-                change = (
-                    distribution.log_prob(data["action"][rows]).sum(-1) - data["likelihood"][rows]
-                )
-                ratio, gain = change.exp(), advantage[rows]
+            for part in self.minibatches(data):
+                features = policy.see_all(part["observation"], part["memory"][0], part["over"])
+                distribution = policy.distribution(features)
+                change = distribution.log_prob(part["action"]).sum(-1) - part["likelihood"]
+                ratio, gain = change.exp(), part["advantage"]
                 better = torch.minimum(
                     ratio * gain, ratio.clamp(1 - a.clip, 1 + a.clip) * gain
                 ).mean()
-                error = (self.value(seen[rows]) - target[rows]).square().mean()
+                error = (self.value(features.detach()) - part["target"]).square().mean()
                 loss = (
                     -better
                     + a.value_weight * error
@@ -197,13 +201,22 @@ class PPO:
             passes += 1
             if gone > a.divergence:
                 break
-        self.policy.statistics.update(data["observation"])
+        policy.statistics.update(data["observation"])
         return {
             "value_error": error.item(),
             "divergence": gone,
             "passes": passes,
-            "deviation": self.policy.log_deviation.exp().mean().item(),
+            "deviation": policy.log_deviation.exp().mean().item(),
         }
+
+    def minibatches(self, data: dict[str, Tensor]) -> Iterator[dict[str, Tensor]]:
+        """Of a pass: intervals, each a sequence of one; of a policy that remembers, horizons."""
+        a = self.arguments
+        if not a.memory:
+            data = {name: x.flatten(0, 1)[None] for name, x in data.items()}
+        order = torch.randperm(data["over"].shape[1], generator=self.generator)
+        for rows in order.chunk(a.minibatches):
+            yield {name: x[:, rows] for name, x in data.items()}
 
     def descend(self, loss: Tensor) -> None:
         """A step of Adam. The value's gradient may be far the greater, and takes nothing from the
@@ -219,13 +232,14 @@ class PPO:
         """An iteration that is a lesson."""
         data = self.collect(lesson)
         gap = lesson.learn(self.generator)
-        target = self.advantages(data)[1].flatten()
-        seen = self.policy.statistics(data["observation"]).flatten(0, 1).float()
+        data["target"] = self.advantages(data)[1]
+        with torch.no_grad():
+            data["features"] = self.policy.see_all(
+                data["observation"], data["memory"][0], data["over"]
+            )
         for _ in range(self.arguments.epochs):
-            for rows in torch.randperm(self.batch, generator=self.generator).chunk(
-                self.arguments.minibatches
-            ):
-                error = (self.value(seen[rows]) - target[rows]).square().mean()
+            for part in self.minibatches(data):
+                error = (self.value(part["features"]) - part["target"]).square().mean()
                 self.descend(error)
         return {"imitation_error": gap, "value_error": error.item()}
 
@@ -236,6 +250,7 @@ class PPO:
             "optimizer": self.optimizer.state_dict(),
             "generator": self.generator.get_state(),
             "returns": self.returns.state_dict(),
+            "memory": self.memory,
             "environment": environment_state(self.env),
             "imitation": self.imitation and self.imitation.state_dict(),
         }
@@ -244,6 +259,7 @@ class PPO:
         for name in ("policy", "value", "optimizer", "returns"):
             getattr(self, name).load_state_dict(state[name])
         self.generator.set_state(state["generator"])
+        self.memory = state["memory"]
         self.observation = torch.as_tensor(restore_environment(self.env, state["environment"]))
         if self.imitation is not None:
             self.imitation.load_state_dict(state["imitation"])

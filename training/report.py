@@ -22,6 +22,7 @@ from .table import (
     Row,
     Run,
     aggregates,
+    as_now,
     comparisons,
     rows,
 )
@@ -197,7 +198,7 @@ def budgets(lines: Sequence[Row]) -> str:
 def mixed(runs: Sequence[Run]) -> list[str]:
     """A sentence where runs of a task and algorithm are not alike but for their seeds."""
     kinds: dict[str, set[str]] = {}
-    for run in runs:
+    for run in map(as_now, runs):
         alike = {name: run.get(name) for name in ("budget", "environment", "episodes")}
         if run["algorithm"] in LEARNERS:
             alike["settings"] = {**run.get("settings", {}), "seed": None}

@@ -4,10 +4,11 @@ episodes, and on held-out plants outside of the training range.
     python -m training.results --out out/results       # the study, `PLAN`
     python -m training.results --out out/quick --quick # two tasks, three seeds, seconds each
 
-The whole study is 422 runs and takes about four CPU hours (SHAC, PPO and SAC 10 seeds on five tasks
-at two levels; SHAC and PPO 5 seeds on two in space; stable-baselines3 and skrl 3 seeds on four;
-baselines once each; published tasks are made by `training.published`). Budgets are environment
-steps, by `tuned.BUDGETS`: results do not depend on how busy or fast the machine is.
+The whole study is 572 runs and takes about nine CPU hours (SHAC, PPO and SAC 10 seeds on five
+tasks at two levels; a student, SHAC and PPO with a memory 10 seeds on five uncertain tasks; SHAC
+and PPO 5 seeds on two in space; stable-baselines3 and skrl 3 seeds on four; baselines once each;
+published tasks are made by `training.published`). Budgets are environment steps, by
+`tuned.BUDGETS`: results do not depend on how busy or fast the machine is.
 
 Each run writes its own file when it is complete; called again, the command makes what is missing
 or was made on another task, with other settings, another budget or other episodes, goes on with
@@ -21,10 +22,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import time
 import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,19 +35,23 @@ import torch
 
 from torchbeam.extend.commands import measured_on, process_pool, results_folder, write
 
-from . import ppo, sac, shac, tuned
+from . import ppo, sac, shac, student, tuned
 from .baselines import BASELINES, MOST_EPISODES, applies
 from .common import train
 from .evaluate import EPISODES, scores
 from .evaluate import make as validation_env
 from .options import above_zero
 from .report import report
+from .table import as_now
 from .watch import SHARES, VALIDATIONS, Bar, Budget, validation
 
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments, tuned.PPO),
     "sac": (sac.SAC, sac.Arguments, tuned.SAC),
     "shac": (shac.SHAC, shac.Arguments, tuned.SHAC),
+    "student": (student.Student, student.Arguments, tuned.STUDENT),
+    "ppo-gru": (ppo.PPO, ppo.Arguments, tuned.PPO_GRU),
+    "shac-gru": (shac.SHAC, shac.Arguments, tuned.SHAC_GRU),
 }
 LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
 ALGORITHMS = (*BASELINES, *LEARNERS, *LIBRARIES)
@@ -61,6 +68,7 @@ PLAN = (
     (LIBRARIES, COMPARED, 3),
     (("mpc",), (*tuned.DEFAULT, *SPACE), 1),
     (("mpc-informed",), ("payload", *UNCERTAIN), 1),  # elsewhere it knows no more
+    (tuned.REMEMBERING, UNCERTAIN, 10),
 )
 SEEDS = max(seeds for *_, seeds in PLAN)
 QUICK: dict[str, Any] = {
@@ -91,7 +99,8 @@ class Run(NamedTuple):
             _, arguments, own = LEARNERS[self.algorithm]
             return vars(arguments(**own.get(self.task, {}), seed=self.seed))
         library, _, algorithm = self.algorithm.partition("-")
-        return {**(tuned.SB3[algorithm] if library == "sb3" else tuned.SKRL), "seed": self.seed}
+        own = tuned.SB3[algorithm] if library == "sb3" else tuned.SKRL
+        return {**own, "frames": tuned.frames(self.task), "seed": self.seed}
 
     @property
     def environment(self) -> dict[str, Any]:
@@ -102,6 +111,7 @@ class Run(NamedTuple):
 def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any]:
     """One run, in its own files; returns what goes into its JSON."""
     torch.set_num_threads(1)
+    commit()  # of the code that runs, whatever is written meanwhile
     (folder / f"{run.name}.json").unlink(missing_ok=True)  # its log is written anew
     task, start = tuned.TASKS[run.task], time.process_time()
     options: dict[str, Any] = dict(name=run.name, progress=False, final=episodes)
@@ -134,10 +144,29 @@ def make(run: Run, folder: Path, budget: Budget, episodes: int) -> dict[str, Any
         "settings": settings,
         "environment": run.environment,
         "measured": measured_on(dtype=None, threads=1),
+        "commit": commit(),
     }
     write(folder / f"{run.name}.json", json.dumps(result, indent=2) + "\n")
     (folder / f"{run.name}{FAILED}").unlink(missing_ok=True)
     return result
+
+
+@cache
+def commit() -> str | None:
+    """Of the tree that this file stands in, with a "+" where its code has been changed since, when
+    this process began with its runs; None where there is none.
+    """
+    tree = Path(__file__).parents[1]
+
+    def git(*words: str) -> str:
+        call = ("git", "-C", str(tree), *words)
+        return subprocess.run(call, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--", "training", "envs", "torchbeam")
+        return git("rev-parse", "HEAD") + "+" * bool(changed)
+    except (OSError, subprocess.CalledProcessError):
+        return None
 
 
 def attempt(run: Run, folder: Path, *arguments: Any) -> str:
@@ -193,7 +222,7 @@ def is_made(run: Run, folder: Path, budget: Budget, episodes: int) -> bool:
     path = folder / f"{run.name}.json"
     if not path.exists():
         return False
-    there, wanted = json.loads(path.read_text()), {"episodes": episodes}
+    there, wanted = as_now(json.loads(path.read_text())), {"episodes": episodes}
     wanted |= {"environment": run.environment, "budget": vars(budget)}
     if run.algorithm not in BASELINES:  # which find their settings themselves
         wanted["settings"] = run.settings

@@ -39,6 +39,8 @@ class Arguments:
     """of the return, a control interval"""
     target: float = 0.01
     """share of the critics that an update mixes into their targets"""
+    frames: int = 0
+    """observations side by side that are seen at once; 0: as the task has them"""
     updates: int = 64
     """in a round"""
     minibatch: int = 256
@@ -67,7 +69,7 @@ class SAC:
 
     def __init__(self, task: Task, arguments: Arguments) -> None:
         self.arguments = a = arguments
-        self.env = task.make(a.num_envs, output="torch")
+        self.env = task.seen(a.frames).make(a.num_envs, output="torch")
         self.batch = a.num_envs * a.horizon
         inputs = self.env.single_observation_space.shape[0]
         self.actions = self.env.single_action_space.shape[0]

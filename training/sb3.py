@@ -26,7 +26,7 @@ from .common import budget_given, told, training_seed
 from .evaluate import EPISODES
 from .options import add_budget, add_task
 from .tuned import SB3 as TUNED
-from .tuned import Task
+from .tuned import Task, frames
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch
 
 ALGORITHMS = {"ppo": PPO, "sac": SAC}
@@ -68,11 +68,13 @@ def train(
     episodes: int = VALIDATIONS,
     final: int = EPISODES,
     progress: bool = True,
+    frames: int = 0,
     **settings: Any,
 ) -> dict[str, Any]:
     """As `training.common.train`, but without checkpoints: writes NAME.csv and the model, NAME.zip
     and NAME.normal.
     """
+    task = task.seen(frames)
     model, normal = make(task, algorithm, seed, **settings)
     folder, controller = writable_folder(folder, parents=True), Greedy(model, normal)
 
@@ -130,6 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         budget_given(vars(options), f"sb3-{options.algorithm}", options.task),
         seed=options.seed,
         name=name,
+        frames=frames(options.task.name),
     )
     print(told(result))
     return 0

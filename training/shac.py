@@ -31,9 +31,11 @@ class Arguments:
     hidden: tuple[int, ...] = (64, 64)
     """units of the hidden layers, of the policy and of the critic"""
     rate: float = 1e-2
-    """of the policy's Adam at the start; falls to a tenth at the end of the budget"""
+    """of the policy's Adam at the start; falls to a tenth, and stays there"""
     critic_rate: float = 2e-3
     """of the critic's, likewise"""
+    falling: int = 300_000
+    """environment steps in which the rates fall, whatever the budget"""
     discount: float = 0.99
     """of the return, a control interval"""
     trace: float = 0.95
@@ -50,6 +52,10 @@ class Arguments:
     """rewards are multiplied by this, for the critic's sake"""
     deviation: float = 0.3
     """standard deviation of the actions (before tanh) at the start"""
+    frames: int = 0
+    """observations side by side that are seen at once; 0: as the task has them"""
+    memory: int = 0
+    """units of a GRU, by which the policy remembers the episode; 0: none"""
     linear: bool = False
     """whether the policy's network has a linear shortcut"""
     teacher: str = ""
@@ -78,7 +84,7 @@ class SHAC:
     def __init__(self, task: Task, arguments: Arguments) -> None:
         self.arguments = a = arguments
         smooth = dict(smooth=a.smooth) if a.smooth else {}
-        self.env = task.make(a.num_envs, output="torch", **smooth)
+        self.env = task.seen(a.frames).make(a.num_envs, output="torch", **smooth)
         self.batch = a.num_envs * a.horizon
         inputs = self.env.single_observation_space.shape[0]
         actions = self.env.single_action_space.shape[0]
@@ -90,16 +96,18 @@ class SHAC:
                 activation="elu",
                 deviation=a.deviation,
                 linear=a.linear,
+                memory=a.memory,
             )
-            self.critic = Value((inputs, *a.hidden), activation="elu")
+            self.critic = Value((self.policy.features, *a.hidden), activation="elu")
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.optimizer, self.critic_optimizer = (
             torch.optim.Adam(part.parameters(), rate, betas=(0.7, 0.95), fused=True)
             for part, rate in ((self.policy, a.rate), (self.critic, a.critic_rate))
         )
         self.generator = torch.Generator().manual_seed(a.seed)
-        self.left_out = 0
+        self.left_out, self.steps = 0, 0
         self.env.reset(seed=training_seed(a.seed))
+        self.memory = self.policy.blank(a.num_envs)  # of what was before the observation
         self.imitation = (
             Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
         )
@@ -108,14 +116,15 @@ class SHAC:
         """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy
         as it is, or as a lesson.
         """
-        a, see = self.arguments, self.policy.statistics
+        a, policy = self.arguments, self.policy
         observation = self.env.initialize_trajectory()
+        memory, rows = self.memory, []
         objective = observation.new_zeros(a.num_envs)
         weight = torch.ones_like(objective)
-        rows = []
         for k in range(a.horizon):
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
-            action = self.policy.act(observation, noise)
+            features, after_it = policy.see(observation, memory)
+            action = policy.act(features, noise).to(observation.dtype)
             if lesson is not None:
                 action = lesson.act(observation, action)
             after, reward, terminated, truncated, info = self.env.step(action)
@@ -125,30 +134,33 @@ class SHAC:
             objective = objective + weight * reward
             end = over if k < a.horizon - 1 else torch.ones_like(over)
             if end.any():
-                rest = torch.where(end & ~terminated, self.target(see(last)).to(reward.dtype), 0.0)
+                value = self.target(policy.held(policy.see(last, after_it)[0]))
+                rest = torch.where(end & ~terminated, value.to(reward.dtype), 0.0)
                 objective = objective + weight * a.discount * rest
             weight = torch.where(over, 1.0, a.discount * weight)
             rows.append(
                 dict(
                     observation=observation.detach(),
+                    memory=memory.detach(),
                     reward=reward.detach(),
                     next=last.detach(),
                     terminated=terminated,
                     over=over,
                 )
             )
-            observation = after
+            observation, memory = after, torch.where(over[:, None], 0.0, after_it)
+        self.memory = memory.detach()
         return objective / a.horizon, {
             name: torch.stack([row[name] for row in rows]) for name in rows[0]
         }
 
     @torch.no_grad()
-    def targets(self, data: dict[str, Tensor]) -> Tensor:
-        """(horizon, n): lambda returns from the target critic."""
-        a = self.arguments
-        after = torch.where(
-            data["terminated"], 0.0, self.target(self.policy.statistics(data["next"]))
-        )
+    def targets(self, data: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """(features (horizon, n, ...), lambda returns (horizon, n) from the target critic)."""
+        a, policy = self.arguments, self.policy
+        features = policy.see_all(data["observation"], data["memory"][0], data["over"])
+        value = self.target(policy.see_next(features, data["next"]))
+        after = torch.where(data["terminated"], 0.0, value)
         target, rows = after[-1], []
         for k in reversed(range(a.horizon)):
             target = torch.where(
@@ -156,13 +168,15 @@ class SHAC:
             )
             target = data["reward"][k].to(after.dtype) + a.discount * target
             rows.append(target)
-        return torch.stack(rows[::-1])
+        return features, torch.stack(rows[::-1])
 
     def iteration(self, done: float) -> dict[str, float]:
         a = self.arguments
+        fallen = min(self.steps / a.falling, 1.0)  # the budget is no matter: it may be long
         for optimizer, rate in ((self.optimizer, a.rate), (self.critic_optimizer, a.critic_rate)):
             for group in optimizer.param_groups:
-                group["lr"] = rate * (1 - 0.9 * done)
+                group["lr"] = rate * (1 - 0.9 * fallen)
+        self.steps += self.batch
         if self.imitation is not None and not self.imitation.over:
             return self.imitate(self.imitation)
         objective, data = self.window()
@@ -194,13 +208,12 @@ class SHAC:
         minibatch.
         """
         a = self.arguments
-        target = self.targets(data).flatten()
-        seen = self.policy.statistics(data["observation"]).flatten(0, 1).float()
+        features, target = (x.flatten(0, 1) for x in self.targets(data))
         for _ in range(a.critic_epochs):
             for rows in torch.randperm(self.batch, generator=self.generator).chunk(
                 a.critic_minibatches
             ):
-                error = (self.critic(seen[rows]) - target[rows]).square().mean()
+                error = (self.critic(features[rows]) - target[rows]).square().mean()
                 self.critic_optimizer.zero_grad()
                 error.backward()
                 nn.utils.clip_grad_norm_(self.critic.parameters(), a.gradient_norm)
@@ -214,6 +227,8 @@ class SHAC:
         return {
             **{name: getattr(self, name).state_dict() for name in self._PARTS},
             "left_out": self.left_out,
+            "steps": self.steps,
+            "memory": self.memory,
             "generator": self.generator.get_state(),
             "environment": environment_state(self.env),
             "imitation": self.imitation and self.imitation.state_dict(),
@@ -223,7 +238,8 @@ class SHAC:
         for name in self._PARTS:
             getattr(self, name).load_state_dict(state[name])
         self.generator.set_state(state["generator"])
-        self.left_out = state["left_out"]
+        self.left_out, self.steps = state["left_out"], state["steps"]
+        self.memory = state["memory"]
         restore_environment(self.env, state["environment"])
         if self.imitation is not None:
             self.imitation.load_state_dict(state["imitation"])

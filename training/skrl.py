@@ -29,7 +29,7 @@ from .common import budget_given, told, training_seed
 from .evaluate import EPISODES
 from .options import add_budget, add_task
 from .tuned import SKRL as TUNED
-from .tuned import Task
+from .tuned import Task, frames
 from .watch import VALIDATIONS, Bar, Budget, Log, Watch
 
 
@@ -151,11 +151,13 @@ def train(
     episodes: int = VALIDATIONS,
     final: int = EPISODES,
     progress: bool = True,
+    frames: int = 0,
     **settings: Any,
 ) -> dict[str, Any]:
     """As `training.common.train`, but without checkpoints: writes NAME.csv and the agent,
     NAME.skrl.
     """
+    task = task.seen(frames)
     folder = writable_folder(folder, parents=True)
     with tempfile.TemporaryDirectory() as scratch, Bar(name, progress) as bar:
         agent, env = make(task, seed, scratch, **settings)
@@ -191,7 +193,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder = results_folder(parser, options.out)
     name = f"{options.task.name}-skrl-ppo-{options.seed}"
     budget = budget_given(vars(options), "skrl-ppo", options.task)
-    print(told(train(options.task, folder, budget, seed=options.seed, name=name)))
+    seen = frames(options.task.name)
+    print(told(train(options.task, folder, budget, seed=options.seed, name=name, frames=seen)))
     return 0
 
 

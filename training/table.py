@@ -29,18 +29,38 @@ LABELS = {
     "ppo": "PPO",
     "sac": "SAC",
     "shac": "SHAC",
+    "student": "student of MPC (GRU)",
+    "ppo-gru": "PPO (GRU)",
+    "shac-gru": "SHAC (GRU)",
     "sb3-ppo": "PPO (stable-baselines3)",
     "sb3-sac": "SAC (stable-baselines3)",
     "skrl-ppo": "PPO (skrl)",
 }
 LINEAR = ("pd", "lqr", "lqg")
-OWN = ("ppo", "sac", "shac")
+OWN = ("ppo", "sac", "shac", "student", "ppo-gru", "shac-gru")
 LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
 LEARNERS = (*OWN, *LIBRARIES)
 CURVE = "validation_return"  # of a learner's log
 LEVELS = ("nominal", "uncertain", "nominal, 3D", "uncertain, 3D")
 SHARES = ("within", "within_half")
 AXES = ("steps", "seconds")
+
+
+def as_now(run: Run) -> Run:
+    """A run as it would be written now. Those of before have frames among the arguments of the
+    environment, not among the learner's settings, no memory, and SHAC's rates fell over the budget.
+    """
+    settings = run.get("settings", {})
+    if "frames" in settings or "environment" not in run:
+        return run
+    arguments = dict(run["environment"]["arguments"])
+    ours = {"frames": arguments.pop("frames", 0)}
+    if run["algorithm"] in ("ppo", "shac"):
+        ours["memory"] = 0
+    if run["algorithm"] == "shac":
+        ours["falling"] = run["budget"]["steps"]
+    environment = {**run["environment"], "arguments": arguments}
+    return {**run, "settings": {**settings, **ours}, "environment": environment}
 
 
 def level(task: str) -> str:

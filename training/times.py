@@ -210,7 +210,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         default=["reach", "reach-uncertain"],
         help="default: %(default)s",
     )
-    names = (*LEARNERS, *LIBRARIES)
+    names = (*(name for name in LEARNERS if name != "student"), *LIBRARIES)  # all of it lessons
     parser.add_argument(
         "--algorithms", nargs="+", choices=names, default=names, help="default: all of them"
     )

@@ -15,7 +15,8 @@ from torchbeam_envs import UNCERTAIN
 # first seeds of episodes, far apart: those learned on, those that choose among policies, and those
 # of final scores, which nothing sees before, the last on plants from `WIDER` ranges
 TRAINING, VALIDATION, HELD_OUT, OUTSIDE = 1_000_000, 1_500_000, 2_000_000, 3_000_000
-# observations side by side, of a plant that is not known, and of one that is not stable either
+# observations side by side that learners without a memory see of a plant that is not known, and
+# SHAC of one that is not stable either; PPO and SAC do worse there with as many
 FRAMES, FRAMES_UNSTABLE = 4, 12
 
 
@@ -51,6 +52,10 @@ class Task:
     def varied(self, **arguments: Any) -> Task:
         """The task with other arguments of the environment."""
         return replace(self, arguments={**self.arguments, **arguments})
+
+    def seen(self, frames: int) -> Task:
+        """The task as a learner sees it that looks at so many frames at once; 0: as it is."""
+        return self.varied(frames=frames) if frames else self
 
 
 def task_named(name: str) -> Task:
@@ -100,7 +105,7 @@ TASKS = {
         Task(
             "payload",
             "torchbeam/PayloadPlanar-v2",
-            dict(elements=4, substeps=1, frames=FRAMES),  # its mass is unknown at either level
+            dict(elements=4, substeps=1),  # its mass is unknown at either level
             tolerance=0.01,
             hold=25,
         ),
@@ -117,13 +122,21 @@ TASKS = {
 
 
 def _uncertain(task: Task) -> Task:
-    """The task at its uncertain level, with frames: they tell what the plant is."""
+    """The task at its uncertain level."""
     env = task.env.partition("/")[2].partition("-")[0].removesuffix("Planar")
-    frames = FRAMES_UNSTABLE if env == "FlutterHold" else FRAMES
-    return replace(task.varied(**UNCERTAIN[env], frames=frames), name=f"{task.name}-uncertain")
+    return replace(task.varied(**UNCERTAIN[env]), name=f"{task.name}-uncertain")
 
 
 TASKS |= {task.name: task for task in map(_uncertain, [*TASKS.values()])}
+# of which the plant is not known
+HIDDEN = ("payload", *(name for name in TASKS if name.endswith("-uncertain")))
+
+
+def frames(task: str) -> int:
+    """Observations side by side that a learner without a memory sees; 0: as the task has them."""
+    return FRAMES if task in HIDDEN else 0
+
+
 # ranges half as wide again as those of UNCERTAIN (damping: its factor), upwards where they begin
 # with none; all are drawn evenly
 WIDER = {
@@ -193,6 +206,9 @@ BUDGETS = {
     "ppo": 500_000,
     "sac": 30_000,
     "shac": 300_000,
+    "student": 40_000,
+    "ppo-gru": 500_000,
+    "shac-gru": 300_000,
     "sb3-ppo": 200_000,
     "sb3-sac": 20_000,
     "skrl-ppo": 300_000,
@@ -302,10 +318,32 @@ SHAC: dict[str, dict[str, Any]] = {
     "obstacles": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
     "obstacles-3d": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
 }
+SHAC["flutter-uncertain"]["frames"] = FRAMES_UNSTABLE
+SHAC["flutter-3d-uncertain"] = dict(frames=FRAMES_UNSTABLE)
 # in space as in the plane
 PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
 SAC["follow-3d"] = SAC["follow"]
 SHAC["reach-3d"] = SHAC["reach"]
+# in as many steps as budgets have, whatever the budget of a run is, rates of SHAC fall to a tenth
+for (_algorithm, _task), _steps in TASK_BUDGETS.items():
+    if _algorithm == "shac":
+        SHAC[_task] = {"falling": _steps, **SHAC.get(_task, {})}
+for _task in HIDDEN:
+    for _settings in (PPO, SAC, SHAC):
+        _settings[_task] = {"frames": FRAMES, **_settings.get(_task, {})}
+# with a memory, which sees one frame
+REMEMBERING = ("student", "ppo-gru", "shac-gru")
+MEMORY: dict[str, Any] = dict(memory=64, frames=0)
+STUDENT: dict[str, dict[str, Any]] = {}
+PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
+SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
+    _task: dict(
+        **dict(teacher="MPC(informed=True)", lessons=25, linear=True, num_envs=64, horizon=25),
+        **dict(rate=2e-3, deviation=0.05),
+        **MEMORY,
+    )
+    for _task in HIDDEN
+}
 # of libraries, over their own, on all tasks
 SB3: dict[str, dict[str, Any]] = {
     "ppo": dict(

@@ -49,10 +49,11 @@ def gradients(
         for _ in range(horizon):
             noise = torch.randn(env.action_space.shape, generator=noises)
             going = ~env.state.done
-            distribution = policy.distribution(seen.detach())
+            features, _ = policy.see(seen, policy.blank(episodes))
+            distribution = policy.distribution(features.detach())
             drawn = distribution.mean.detach() + distribution.stddev.detach() * noise
             ratios.append(torch.where(going, distribution.log_prob(drawn).sum(-1), 0.0))
-            seen, reward, *_ = env.step(policy.act(seen, noise))
+            seen, reward, *_ = env.step(policy.act(features, noise))
             rewards.append(reward)
         rewards, ratios = torch.stack(rewards), torch.stack(ratios)
         follow = rewards.detach().flip(0).cumsum(0).flip(0)

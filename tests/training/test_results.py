@@ -4,6 +4,8 @@ table says what the files say.
 
 import csv
 import json
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -175,6 +177,16 @@ def test_no_return_is_told_before_the_first_validation():
         row = pairs["shac", other]
         assert row["at_steps"] == at_steps and row["at_seconds"] is None
         assert row["probability"] == 0.5
+
+
+def test_a_run_says_of_which_commit_it_is():
+    tree = Path(results.__file__).parents[1]
+    if not (tree / ".git").exists():
+        assert results.commit() is None
+        return
+    head = ["git", "-C", str(tree), "rev-parse", "HEAD"]
+    told = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()
+    assert results.commit().removesuffix("+") == told
 
 
 def test_runs_that_are_not_alike_are_told_of():

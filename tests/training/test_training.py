@@ -13,7 +13,7 @@ import pytest
 import torch
 from torchbeam_envs.baselines import LQR, Zero
 
-from training import common, ppo, results, sac, shac
+from training import common, ppo, results, sac, shac, student
 from training.evaluate import evaluate, make
 from training.evaluate import main as evaluation
 from training.policies import Policy, Statistics, load, save
@@ -442,7 +442,7 @@ def test_commands_refuse_first(tmp_path, capsys):
 
 
 def test_arguments_are_documented():
-    for module in (ppo, sac, shac):
+    for module in (ppo, sac, shac, student):
         names = {field.name for field in common.fields(module.Arguments)}
         assert set(common.documented(module.Arguments)) == names
 
@@ -531,7 +531,19 @@ def test_a_task_with_an_object_among_its_arguments(tmp_path, capsys, monkeypatch
 
 @pytest.mark.parametrize(
     "name",
-    ["ppo", "sac", "shac", "sb3", "skrl", "results", "times", "variance", "evaluate", "cards"],
+    [
+        "ppo",
+        "sac",
+        "shac",
+        "student",
+        "sb3",
+        "skrl",
+        "results",
+        "times",
+        "variance",
+        "evaluate",
+        "cards",
+    ],
 )
 def test_help_helps(name, capsys):
     """Of every script."""
@@ -539,7 +551,7 @@ def test_help_helps(name, capsys):
         if name == of:
             pytest.importorskip(library)
     module = importlib.import_module(f"training.{name}")
-    learner = getattr(module, name.upper(), None)
+    learner = getattr(module, "Student" if name == "student" else name.upper(), None)
     own = (module.Arguments, learner, {}) if learner else ()
     with pytest.raises(SystemExit) as end:
         module.main(["--help"], *own)
