@@ -16,7 +16,7 @@ from ..nodal.discretise import discretise
 from ..nodal.element_loads import element_loads
 from ..nodal.loads import Nodes, external
 from ..state.state_check import of_mesh
-from .of_scene import OfScene, nodes_of
+from .sensor import OfScene, nodes_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
