@@ -49,9 +49,9 @@ def _second(joint: DrivenJoint) -> int:
 class DrivenJoint(Joint):
     """Base of joints with an axis and a coordinate q.
 
-    q is an angle in rad, counted over turns, or a travel in m; it is zero in the undeformed structure. Efforts of the
-    joint act on b, and their opposites on a. With two coordinates, laws are pairs (..., 2) and
-    limits (..., 2, 2), with 0 for an absent one.
+    q is an angle in rad, counted over turns, or a travel in m. It is zero in the undeformed
+    structure. Efforts of the joint act on b, and their opposites on a. With two coordinates, laws
+    are pairs (..., 2) and limits (..., 2, 2), with 0 for an absent one.
 
     Args:
         axis: (..., 3), frame a, undeformed; of any length
