@@ -46,9 +46,10 @@ class PairedModes:
 def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
     """Modal assurance criterion of two sets of shapes: how alike they are, 0 to 1.
 
-    It is |a^H b|^2 / (a^H a  b^H b) over all channels, of shapes a (..., n, channels) and b (...,
-    m, channels), real or complex; shape (..., n, m). 1 means equal up to a factor. 0 means
-    orthogonal, or that one shape is zero. (Allemang and Brown 1982, Proc. 1st IMAC, 110.)
+    It is |a^H b|^2 / (a^H a  b^H b) over all channels. Shapes a are (..., n, channels) and b (...,
+    m, channels), real or complex; the result is (..., n, m). It is 1 for shapes that are equal up
+    to a factor, and 0 for orthogonal ones, or if one is zero. (Allemang and Brown 1982, Proc. 1st
+    IMAC, 110.)
 
     Raises:
         ValueError: for another number of channels.

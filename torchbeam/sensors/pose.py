@@ -20,9 +20,11 @@ from ..math import quaternions as quat
 
 
 class Pose(NamedTuple):
-    """rotation (..., 3, 3) and position (..., 3) m of a body: its point p is at rotation p +
-    position; residual (..., points, 3) m, by which measured points lie beside it (NaN where none
-    was).
+    """Pose of a rigid body, by `pose_from_points`.
+
+    The body's point p is at rotation p + position, with rotation (..., 3, 3) and position (..., 3)
+    m. residual (..., points, 3) m is the distance of measured points from it (NaN for a missing
+    one).
 
     Examples:
         >>> corners = torch.tensor([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])

@@ -43,11 +43,12 @@ class Drag(LoadEffect):
         f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,
         v = velocity - flow
 
-    (Morison et al. 1950; across and along the axis after Taylor 1952.) v_t is along the section's x
-    axis, the normal of the deformed cross-section; v_n is across it. a_n is the acceleration across
-    it, so the flow must be uniform and steady if there is an added mass. The beam's axis deviates
-    from that normal by the shear strain. The angle is small unless the beam is soft in shear; by it
-    v_t and v_n mix.
+    (Morison et al. 1950; across and along the axis after Taylor 1952.)
+
+    The component v_t is along the section's x axis, the normal of the deformed cross-section; v_n
+    is across it. The acceleration a_n is across it too, so the flow must be uniform and steady if
+    there is an added mass. The beam's axis deviates from that normal by the shear strain. The angle
+    is small unless the beam is soft in shear; by it v_t and v_n mix.
 
     Args:
         density: (...) kg/m^3 of the fluid

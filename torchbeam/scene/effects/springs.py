@@ -183,9 +183,9 @@ def _six(name: str, value: Value) -> Value:
 class RootSpring(LoadEffect):
     """An elastic, damped clamp: six springs between node 0 and its support.
 
-    Their energy is 1/2 d^T k d + 1/2 phi^T k phi. d is the displacement and phi the rotation vector
-    (|phi| < pi) of node 0 from its support, in the support's axes, which are the section's at rest.
-    The support stays at the beam's node 0, or moves as the scene's root does.
+    Their energy is 1/2 d^T k d + 1/2 phi^T k phi, with the displacement d and the rotation vector
+    phi (|phi| < pi) of node 0 from its support. Both are in the support's axes, which are the
+    section's at rest. The support stays at the beam's node 0, or moves as the scene's root does.
 
     Args:
         stiffness: (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces,
