@@ -358,11 +358,11 @@ class GripperVectorEnv(BeamVectorEnv):
     friction.
 
     ## Arguments
-    The fields of `BeamEnvConfig` (see `envs/config.py`) without section, direction, up, beam, supports,
-    actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger), damping =
-    2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100,
-    randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5,
-    "iterations": 60}, and
+    The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction, up, beam,
+    supports, actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger),
+    damping = 2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100, randomize =
+    {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5, "iterations": 60},
+    and
 
     - `radius`, `young`, `density`: of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
     - `ball`, `mass`: m and kg, 0.025 (radius) and 0.05
@@ -380,9 +380,9 @@ class GripperVectorEnv(BeamVectorEnv):
     the ball lies: x, y (m); in the plane x.
 
     ## Version history
-    v1: substeps = 8. In space four an interval, steps of 5 ms, are long for three fingers: in up to
-        four of a hundred intervals rounding decides whether one ends in one go or in parts, and
-        rewards differ by 0.01; with eight in none of 768. An interval's reward is up to 2.4 %
+    v1: substeps = 8. In space four steps an interval, of 5 ms, are long for three fingers. In up to
+        four of a hundred intervals rounding decides whether a step ends in one go or in parts, and
+        rewards differ by 0.01. With eight it is none of 768. An interval's reward is up to 2.4 %
         (in the plane 0.5 %) from that of v0.
     v0: first version, substeps = 4: v1 with that argument. Its ids stay registered in the next
         release, and go with the one after.

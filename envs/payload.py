@@ -69,7 +69,7 @@ class PayloadVectorEnv(BeamVectorEnv):
     it. Only the motion tells it, because every episode begins in the same shape.
 
     ## Action space, observation space, reward, episode end, information
-    Those of TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
+    As in TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
 
     ## Starting state
     Still, in the shape in which the usual strip hangs with the usual mass. Another mass then sinks
@@ -91,8 +91,8 @@ class PayloadVectorEnv(BeamVectorEnv):
 
     ## Version history
     v2: failing costs what is left, see TipReach; in v1 it cost 100, less than doing nothing.
-    v1: all start in one shape. v0 started in equilibrium with the mass of the episode: how far the
-    target was from there gave it away, to 2 g of 29 g in the first observation.
+    v1: all start in one shape. v0 started in equilibrium with the mass of the episode. The distance
+        of the target then told the mass, to 2 g of 29 g in the first observation.
 
     Examples:
         >>> env = envs.PayloadVectorEnv(2, elements=2, planar=True)

@@ -233,9 +233,8 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
     `distance` (m) of the tip, `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    The arguments of FollowTarget without speed and turns, with change = 0.25, control_interval = 0.5,
-    substeps = 40, max_episode_steps = 50,
-    solver = {"halvings": 4, "iterations": 200}, and
+    The arguments of FollowTarget, without speed and turns, with change = 0.25, control_interval =
+    0.5, substeps = 40, max_episode_steps = 50, solver = {"halvings": 4, "iterations": 200}, and
 
     - `contact`: N/m, 1e6: see above
 

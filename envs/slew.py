@@ -163,8 +163,8 @@ class SlewVectorEnv(BeamVectorEnv):
     | then 3 delay | actions that are still to act, the next one first | 1 |
 
     ## Reward
-    Per control interval, with d the distance from the tip to where the straight arm at the target
-    angle has it:
+    Per control interval, with d the distance from the tip to that of the straight arm at the target
+    angle:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
 
     ## Starting state

@@ -201,8 +201,8 @@ class TipTrackVectorEnv(BeamVectorEnv):
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`, as in TipReach.
 
     ## Arguments
-    The fields of `BeamEnvConfig`, with its defaults (see `envs/config.py`) but max_episode_steps = 100,
-    and
+    The fields of `BeamEnvConfig` (see `envs/config.py`), with its defaults but max_episode_steps =
+    100, and
 
     - `path`: "circle", "lemniscate" or "random"; "any" (default): one of them, drawn with the
       episode

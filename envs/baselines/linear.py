@@ -109,8 +109,8 @@ class LQR(Controller):
     K solves the discrete Riccati equation. z is the whole state of the beam (displacements, turns
     and rates of all nodes), read off the simulation. The model is `tb.linearize` about an
     equilibrium, at the usual parameters. It is exact over control intervals with the action held,
-    and includes the delay. z_hold and hold are the nonlinear equilibria along the target's path,
-    with the rates at which they follow each other. The cost is
+    and includes the delay. The state z_hold and action hold are the nonlinear equilibria along the
+    target's path, with the rates at which they follow each other. The cost is
 
         sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort
              |u - hold|^2

@@ -28,7 +28,7 @@ class MPC(Controller):
     It reads the whole state of the beam off the simulation and knows the targets over its horizon.
     Its model is the beam at the usual parameters, with actions that are still to act. Informed, it
     knows more than a controller can: each episode's parameters, of the beam and of sensors and
-    actuators. Its model is then exact, and its return shows the possible.
+    actuators. Its model is then exact, and its return shows how much there is to gain.
 
     Args:
         horizon: intervals

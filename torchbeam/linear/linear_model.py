@@ -102,11 +102,11 @@ class Linear:
     def departure(self, state: State) -> Tensor:
         """State vector z (..., n) of a state of the beam: the argument of a state feedback.
 
-        It is measured along the beam, as moves of the linear model: turn and place of the node that
-        holds it (the first support's, else node 0), and the strains of the elements. A turn of the
-        whole beam is then a turn of the model, however far, and a strain a strain. To first order z
-        is the difference of the nodes' places and axes. z is exact in the kinematics; A and B
-        belong to the model's own state.
+        It is measured along the beam, as moves of the linear model. These are turn and place of the
+        node that holds it (the first support's, else node 0), and the strains of the elements. A
+        turn of the whole beam is then a turn of the model, however far, and a strain a strain. To
+        first order z is the difference of the nodes' places and axes. z is exact in the kinematics;
+        A and B belong to the model's own state.
 
         Linearise about the state that is to be reached. The departure vanishes there, and A and B
         are right there. If they change on the way (gravity, loads that do not turn with the beam),

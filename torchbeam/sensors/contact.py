@@ -328,11 +328,11 @@ class ContactSlip(OfContact):
 class ContactPoints(OfContact):
     """Place, force and gap at each place of a contact, (..., n, 7).
 
-    The seven numbers are the surface's place (x, y, z in m), the force there (N) on the beam or the
-    first part, and the gap (m) to the nearest surface. The gap is inf if nothing is across. Places
-    of an obstacle are the points of each element, of a body its own or its corners. Of two beams
-    they are places along the first, then along the second, with half of the force on each. Forces
-    sum up to `ContactForce`.
+    The first three numbers are the surface's place (x, y, z in m), the next three the force there
+    (N) on the beam or the first part. The last is the gap (m) to the nearest surface, inf if
+    nothing is across. Places of an obstacle are the points of each element, of a body its own or
+    its corners. Of two beams they are places along the first, then along the second, with half of
+    the force on each. Forces sum up to `ContactForce`.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
