@@ -18,12 +18,12 @@ from .modes import Modes
 
 @dataclass(frozen=True)
 class PairedModes:
-    """Computed modes in the order of k measured ones, at the instruments' channels.
+    """Computed modes in the order of k measured ones, read at the instruments' channels.
 
     Args:
-        frequency: (..., k) rad/s, and damping_ratio (..., k)
-        shape: (..., k, channels), each scaled by the factor that brings it nearest to the measured
-            one
+        frequency: (..., k) rad/s
+        damping_ratio: (..., k)
+        shape: (..., k, channels), each scaled nearest to the measured one
         mac: (..., k) modal assurance of each pair, 1 = the same shape
         index: (..., k) places among the computed modes
 
