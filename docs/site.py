@@ -268,13 +268,14 @@ def environment_cards() -> str:
     taken = json.loads((ROOT / "docs/results/env_cards/env_cards.json").read_text())
     study = json.loads((ROOT / "docs/results/learning/results.json").read_text())
     lines = [
+        "---\nhide: [toc]\n---\n",
         "# Tasks",
         "",
-        "An episode of each under a controller without learning, and the mean return of "
-        f"{taken['episodes']} held-out episodes; then those of the study of learners, on coarser "
-        "beams and other episodes. [Specification](environments.md), "
-        "[learners](learning.md), [baselines](reference/baselines.md); "
-        "`python docs/env_cards.py` makes films and numbers.",
+        "Each film is an episode under a controller without learning, and the first table has its "
+        f"mean return over {taken['episodes']} held-out episodes. The second table is of the study "
+        "of learners: coarser beams, other episodes, interquartile means. See "
+        "[the specification](environments.md), [learners](learning.md) and "
+        "[baselines](reference/baselines.md). `python docs/env_cards.py` makes films and numbers.",
         "",
         '<div class="grid cards" markdown>',
         "",
@@ -284,19 +285,20 @@ def environment_cards() -> str:
         file = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
         tree = ast.parse((ROOT / f"envs/{file}.py").read_text())
         about = " ".join(ast.get_docstring(tree).partition("\n\n")[0].split()).partition(": ")[2]
-        scores = ", ".join(
-            f"**{mean:.4g}** {controller}" for controller, (mean, _) in card["returns"].items()
-        )
+        returns = {name: mean for name, (mean, _) in card["returns"].items()}
         lines += [
             f"- ![{task}](figures/envs/{task}.gif)",
             "",
             f"    **`torchbeam/{task}`** {about[0].upper()}{about[1:]}",
             "",
-            f"    {card['action']} actions, {card['observation']} observations, {card['steps']} "
-            f"steps. Return: {scores}.",
+            f"    {card['observation']} observations, {card['action']} actions, "
+            f"{card['steps']} steps.",
+            "",
+            *(f"    {line}" for line in scores({"this task": returns})),
             "",
             *(f"    {line}" for line in learners(study, name)),
-            *(f"    {line}" for line in ("```text", *reward(tree, name), "```")),
+            '    ??? note "Reward"',
+            *(f"        {line}" for line in ("```text", *reward(tree, name), "```")),
             "",
         ]
     return "\n".join((*lines, "</div>", "", sentence_of(taken), ""))
@@ -305,20 +307,26 @@ def environment_cards() -> str:
 LEARNERS = {"lqr": "LQR", "lqg": "LQG", "ppo": "PPO", "sac": "SAC", "shac": "SHAC"}
 
 
+def scores(columns: dict[str, dict[str, float]]) -> list[str]:
+    """Lines of a table of returns: a column each, a row for every name in them."""
+    lines = [f"| mean return | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
+    for name in dict.fromkeys(name for column in columns.values() for name in column):
+        cells = (f"{column[name]:.4g}" if name in column else "" for column in columns.values())
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return lines
+
+
 def learners(study: dict, name: str) -> list[str]:
-    """Interquartile means of returns in the study's tasks of this environment, a line each, and an
-    empty one.
+    """Interquartile means of returns in the study's tasks of this environment as a table, and an
+    empty line; nothing where there are none.
     """
-    lines = []
+    columns = {}
     for task, made in study["tasks"].items():
-        own = re.sub(r"(Planar|Nest)?-v\d+$", "", made["env"].partition("/")[2])
         returns = {row["algorithm"]: row["return"] for row in study["rows"] if row["task"] == task}
-        said = [
-            f"**{returns[key]:.4g}** {label}" for key, label in LEARNERS.items() if key in returns
-        ]
-        if own == name and said:
-            lines.append(f"`{task}`: {', '.join(said)}.")
-    return [*(f"{line}  " for line in lines[:-1]), *lines[-1:], *[""] * bool(lines)]
+        shown = {label: returns[key] for key, label in LEARNERS.items() if key in returns}
+        if re.sub(r"(Planar|Nest)?-v\d+$", "", made["env"].partition("/")[2]) == name and shown:
+            columns[f"`{task}`"] = shown
+    return [*scores(columns), ""] if columns else []
 
 
 def reward(tree: ast.Module, name: str) -> list[str]:

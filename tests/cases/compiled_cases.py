@@ -16,9 +16,8 @@ from torchbeam.nodal.coordinates.planar import Planar
 from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.frame import TranslatingFrame, TurningFrame
 from torchbeam.nodal.inertia import Inertia
-from torchbeam.nodal.mass import LumpedMass
+from torchbeam.nodal.mass import LumpedMass, RotaryInertia
 from torchbeam.nodal.mass_offset import MassOffset
-from torchbeam.nodal.rotary import RotaryInertia
 from torchbeam.state.state import State
 from torchbeam.topology.framework import Framework
 

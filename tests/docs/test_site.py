@@ -101,7 +101,7 @@ def test_every_task_has_a_card(site):
     assert all((site.ROOT / "docs" / film).exists() for _, film in cards)
     shown = {f"torchbeam/{re.sub(r'(Planar|Nest)?-v.+$', '', task)}" for task, _ in cards}
     assert shown == names - {"torchbeam/TipReachBlockRate"}
-    assert page.count("```text\n    ") == len(cards) and "(0.1 L) - control_cost |a|^2" in page
+    assert page.count("```text\n        ") == len(cards) and "(0.1 L) - control_cost |a|^2" in page
 
 
 def test_cards_have_the_returns_of_learners(site):
@@ -123,7 +123,14 @@ def test_cards_have_the_returns_of_learners(site):
             )
         ],
     }
-    lines = ["`reach`: **-12.5** LQR, **-12.35** SHAC.  ", "`reach-3d`: **-11** PPO.", ""]
+    lines = [
+        "| mean return | `reach` | `reach-3d` |",
+        "|---|---:|---:|",
+        "| LQR | -12.5 |  |",
+        "| SHAC | -12.35 |  |",
+        "| PPO |  | -11 |",
+        "",
+    ]
     assert site.learners(study, "TipReach") == lines
     assert site.learners(study, "Peg") == []
 

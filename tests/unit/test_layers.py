@@ -122,9 +122,9 @@ def test_the_derivations_element_is_imported_where_it_is_asked_for():
 
 PHYSICS = (
     "nodal.assembly", "nodal.balance", "nodal.frame", "nodal.mass_offset", "nodal.loads",
-    "nodal.mass", "nodal.rotary", "nodal.rows", "equations.alpha_kinematics",
+    "nodal.mass", "nodal.rows", "equations.alpha_kinematics",
     "equations.energy_projection", "equations.step_element", "equations.step_kinematics",
-    "equations.support_motion", "equations.steady_motion",
+    "equations.steady_motion",
 )  # fmt: skip
 
 

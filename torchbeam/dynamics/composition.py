@@ -13,29 +13,18 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.leaves import with_values
 from ..core.status import SUCCESS
 from ..core.validation import concrete
-from ..engine.chain.extrapolated_functions import mixtures
+from ..engine.chain.method_functions import mixtures
 from ..engine.chain.steps import Steps
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
+from ..state.reduced import AT_NODES, REMEMBERED
 from ..state.state import State
 from .method import WHOLE, Composition, Scheme
 from .step_inputs import together
 from .step_solver import Span, StepResult, StepSolver
 
 # fields whose mean is taken
-LINEAR = (
-    "position",
-    "rotation",
-    "velocity",
-    "spin",
-    "reaction",
-    "work",
-    "frame",
-    "internal",
-    "joints",
-    "tendons",
-    "memory",
-)
+LINEAR = (*AT_NODES, "reaction", "work", "frame", *REMEMBERED)
 
 
 def step(solver: StepSolver, model: Model, span: Span) -> StepResult:

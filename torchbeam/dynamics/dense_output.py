@@ -9,11 +9,12 @@ from torch import Tensor
 
 from ..math import quaternions as quat
 from ..scene.prescribed_motion import PrescribedMotion
+from ..state.reduced import REMEMBERED
 from ..state.state import State
 from ..state.supported_nodes import frame_motion
 
 # fields between two states on a straight line, as the stress and the reaction
-LINEAR = ("work", "defect", "internal", "joints", "tendons", "memory")
+LINEAR = ("work", "defect", *REMEMBERED)
 ADDED = ("position", "velocity", "spin", *LINEAR)
 
 

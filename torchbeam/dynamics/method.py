@@ -104,10 +104,8 @@ class Method:
         return self.PROBLEM(*args, **self.options)
 
     def order(self, model: Model) -> int:
-        """Of accuracy in time, of a model: first where joints or tendons have friction, which is
-        taken at the end of the step.
-        """
-        return 1 if model.joints.has_friction or model.tendons.dissipative else self.ORDER
+        """Of accuracy in time, of a model: first where friction is taken at the end of the step."""
+        return 1 if any(x.has_friction for x in model.interactions) else self.ORDER
 
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
         """Schemes of a step of dt, with the samples (...) bool that each makes; None = all."""

@@ -178,8 +178,8 @@ class StepSolver:
         )
         lost = self.model.space.cosine(x.m).amin(-1) < self._least
         if problem.conditions.between or model.touching.present or model.bodies_touch:
-            passed = problem.passed(problem.motion.kinematics(x.u, x.m))
-            lost = lost if passed is None else lost | passed
+            through = problem.passed_through(problem.motion.kinematics(x.u, x.m))
+            lost = lost if through is None else lost | through
         status = torch.where((status == SUCCESS) & lost, DIVERGED, status)
         good = moving & (status == SUCCESS)
         if differentiated(problem, x):

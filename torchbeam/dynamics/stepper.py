@@ -34,8 +34,7 @@ from .instants import StepEnd, begins_of, exact, rounded
 from .make_steps import last_state
 from .method import Method
 from .methods import METHODS
-from .state_cache import StateCache
-from .step_inputs import GivenInputs, HeldInputs, StepInputs
+from .step_inputs import GivenInputs, HeldInputs, StateCache, StepInputs
 from .step_jacobian import Coordinates, step_jacobian
 from .step_solver import Span, StepSolver
 

@@ -25,7 +25,7 @@ from ..nodal.inertia import InertiaForces
 from ..nodal.loads import MotionJacobian, Nodes
 from ..nodal.rows import Rows
 from ..topology.protocols import Matrix
-from .balanced_element import BalancedElement, ElementBalance
+from .step_element import BalancedElement, ElementBalance
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class BalanceProblem(Tree):
         way = self.node_motion(kinematics).way()
         return element_loads.far(self.model, way, self.conditions).all(-1)
 
-    def passed(self, kinematics: Any) -> Tensor | None:
+    def passed_through(self, kinematics: Any) -> Tensor | None:
         """(...) bool: whether the beam would pass through what it touches; None = it does not."""
         return None
 

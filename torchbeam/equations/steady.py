@@ -27,8 +27,8 @@ from ..state.state import State, rest
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
-from .balanced_element import ElementAtRest
 from .steady_motion import AtRest, steady_motion
+from .step_element import ElementAtRest
 
 
 class Configuration(NamedTuple):

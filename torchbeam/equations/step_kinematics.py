@@ -1,5 +1,5 @@
-"""Nodal kinematics and inertia forces of one midpoint step; the equations are those of `midpoint`
-and `inertia`.
+"""Nodal kinematics and inertia forces of one midpoint step, and where supports that move lead their
+nodes; the equations are those of `midpoint` and `inertia`.
 
 Local: a node needs no other, but for the mass that neighbours share.
 """
@@ -14,6 +14,8 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
+from ..nodal.conditions import SupportConditions
+from ..nodal.coordinates.spatial import Spatial
 from ..nodal.frame import FixedFrame
 from ..nodal.inertia import Inertia, InertiaForces, Momenta
 from ..nodal.loads import Nodes
@@ -22,7 +24,61 @@ from ..scene.effects import INERTIAL
 from ..state.state import State
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix
-from .support_motion import ClampMotion
+
+
+class SupportPose(NamedTuple):
+    """Where a support that moves leads its node: u (..., p) to the positions that it holds, a mask
+    (p,), and m (...) to the rotation, where it holds that.
+    """
+
+    node: int
+    position: Tensor
+    rotation: bool
+    u: Tensor
+    m: Tensor
+
+
+class ClampMotion(NamedTuple):
+    """Velocity (..., p), frame a, and spin (..., s), section axes, of a clamp at a step's end."""
+
+    node: int
+    velocity: Tensor
+    spin: Tensor
+
+
+class SupportMotions(NamedTuple):
+    """Supports of a beam that moves with frame a or with one of them: nodes of all, poses of those
+    that move in frame a, and clamps. None, where nothing moves.
+    """
+
+    nodes: tuple[int, ...] = ()
+    poses: tuple[SupportPose, ...] = ()
+    clamps: tuple[ClampMotion, ...] = ()
+
+
+def support_motions(
+    space: Spatial, supports: tuple[SupportConditions, ...], start: State, part: float
+) -> SupportMotions:
+    """From `start` to where supports are at the end; u and m lead a part (1/2 or 1) of the way."""
+    poses, clamps = [], []
+    for support in supports:
+        at, node_space = support.node, space.of_nodes(support.node)
+        if support.pose is not None:
+            position, rotation = node_space.pose(*support.pose)
+            m = space.multiply(space.inverse(start.rotation[..., at, :]), rotation)
+            whole = bool(support.fixed[space.dims.position :].all())
+            poses.append(
+                SupportPose(
+                    at,
+                    support.fixed[: space.dims.position] > 0,
+                    whole,
+                    (position - start.position[..., at, :]) * part,
+                    space.sqrt(m) if part == 0.5 else m,
+                )
+            )
+        if support.motion is not None:
+            clamps.append(ClampMotion(at, *space.motion(*support.motion)))
+    return SupportMotions(tuple(support.node for support in supports), tuple(poses), tuple(clamps))
 
 
 class StepKinematics(NamedTuple):

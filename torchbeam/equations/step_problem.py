@@ -30,7 +30,7 @@ from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
 from .step_element import DIGITS
-from .support_motion import SupportMotions, support_motions
+from .step_kinematics import SupportMotions, support_motions
 
 
 @dataclass(frozen=True)
@@ -286,17 +286,17 @@ class StepProblem(BalanceProblem):
     def motion_by(self, nodes: Any, reads: frozenset[str] | None = None) -> external.MotionJacobian:
         return external.motion_jacobian(nodes, self.conditions.reads if reads is None else reads)
 
-    def passed(self, kinematics: Any) -> Tensor | None:
+    def passed_through(self, kinematics: Any) -> Tensor | None:
         now, motion = self.conditions, self.node_motion(kinematics)
-        each = [act.passed(motion) for act in self.model.interactions]
+        each = [act.passed_through(motion) for act in self.model.interactions]
         if now.between:
-            each.append(element_loads.passed(self.model, self._way(kinematics), now))
-        each.append(self.body_passed(kinematics))
+            each.append(element_loads.passed_through(self.model, self._way(kinematics), now))
+        each.append(self.body_passed_through(kinematics))
         return _any(each)
 
-    def body_passed(self, kinematics: Any) -> Tensor | None:
-        """`passed` of bodies and obstacles."""
-        return element_loads.body_passed(self.model, self._way(kinematics), self.conditions)
+    def body_passed_through(self, kinematics: Any) -> Tensor | None:
+        """`passed_through` of bodies and obstacles."""
+        return element_loads.body_passed_through(self.model, self._way(kinematics), self.conditions)
 
     def body_near(self, kinematics: Any) -> Tensor | None:
         """`near` of bodies and obstacles."""

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from ..core.leaves import wants_gradient
 from ..equations.steady import Configuration, SteadyProblem
-from ..math.block_chain import BlockChain
+from ..math.block_tridiagonal import BlockChain
 from ..math.quadratic_eigen import DENSE
 from ..math.shapes import broadcast_shapes
 from ..nodal import loads as external

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from .block_chain import BlockChain
+from .block_tridiagonal import BlockChain
 from .dense import solve_unchecked
 
 

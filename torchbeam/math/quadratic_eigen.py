@@ -12,11 +12,10 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from .block_chain import BlockChain
+from .block_tridiagonal import BlockChain
 from .concrete import concrete
-from .davidson import nearest
 from .dense import inverse_unchecked, solve
-from .subspace import subspace
+from .subspace import nearest, subspace
 
 EXTRA = 2  # vectors of a block beyond those asked for
 DENSE = 96  # unknowns up to which the dense way is the shorter

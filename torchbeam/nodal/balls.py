@@ -1,5 +1,27 @@
-"""Balls among the joints of a scene: where they are, how their parts stand to each other, and what
-acts in them, see `ball_laws`.
+"""Balls, joints that leave all turns about a point: where they are, and what acts in them, by the
+relative rotation D = F_a^T F_b of their parts' axes F.
+
+Each law acts by numbers C (3, 3) conjugate to D: the moment -M on b, and its opposite on a, with
+
+    ~M = X - X^T        X = F_a C F_b^T, F the means of the axes over a step
+
+As D is made of products of directors, this does the work -C : (D_{n+1} - D_n) over the step (see
+`joints`), and keeps both momenta. With the rotation vector phi = f(c) y of `rotation_vector`:
+
+    spring    V = phi K phi/2: P of y, Q of c, with P dy + Q dc = V_{n+1} - V_n exactly:
+              P = (f_n + f_{n+1})/2 K (phi_n + phi_{n+1})/2
+              Q = (phi_n + phi_{n+1})/2 K (y_n + y_{n+1})/2 (f_{n+1} - f_n)/(c_{n+1} - c_n)
+              C = (~P + Q I)/2
+    limit     V(beta) as of a hinge, of the angle beta by which the axis e swings, cos beta = e D e:
+              C = (V_{n+1} - V_n)/(cos beta_{n+1} - cos beta_n) e e^T
+    moments   m on a, in its axes, C = ~m (D_n + D_{n+1})/4, does the work -m . y of the step's turn
+              E = D_{n+1} D_n^T:
+              damping   c 2 y/((1 + c) dt), the Cayley vector of E
+              friction  mu r/sqrt(|r|^2 + s^2) w, r = 2 phi(E)/dt - r_n at the end of the step
+              torque    -tau w, where w = 1/cos(|phi(E)|/2)
+
+so that each is that of a hinge where all turns are about one axis. At rest before and after are
+one, and there is neither damping nor friction.
 """
 
 from __future__ import annotations
@@ -11,10 +33,180 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import Tree, leaf, map_leaves
-from ..math.quaternions import skew
-from .ball_laws import BallLaws, BallStep, moment
+from ..math.quaternions import cross, skew
+from .joint_laws import CoordinateStep, Losses, limit_slope
 from .joint_motion import Pose
-from .rotation_vector import Turn, axial
+from .rotation_vector import Turn, arc, arc_slope, axial, changes
+
+
+class BallStep(NamedTuple):
+    """Relative rotations (..., B, 3, 3) before and after; dt (..., 1) s, None = at rest; spin of b
+    against a before, or at an instant, and the torque that is given (..., B, 3), axes of a, None =
+    none.
+    """
+
+    before: Tensor
+    after: Tensor
+    dt: Tensor | None = None
+    spin: Tensor | None = None
+    torque: Tensor | None = None
+
+
+@dataclass(frozen=True)
+class BallLaws(Losses):
+    """Of balls (..., B, *), zero where one has none, None where none has one: see `Ball`."""
+
+    stiffness: Tensor | None = leaf(3)
+    damping: Tensor | None = leaf(1)
+    friction: Tensor | None = leaf(1)
+    slip_speed: Tensor | None = leaf(1)
+    axis: Tensor | None = leaf(2)
+    limit: Tensor | None = leaf(1)
+    limit_stiffness: Tensor | None = leaf(1)
+
+    def conjugate(self, step: BallStep, by: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+        """C (..., B, 3, 3), and its change by those of D after the step, by (..., B, n, 3, 3); at
+        rest by those of D.
+        """
+        parts = [self._spring, self._limit, self._moments]
+        conjugates = [x for part in parts if (x := part(step, by)) is not None]
+        if not conjugates:
+            zero = torch.zeros_like(step.after)
+            return zero, None if by is None else torch.zeros_like(by)
+        C = sum(x for x, _ in conjugates)
+        return C, None if by is None else sum(x for _, x in conjugates)
+
+    def _spring(self, step: BallStep, by: Tensor | None) -> tuple[Tensor, Tensor | None] | None:
+        if self.stiffness is None:
+            return None
+        K, eye = self.stiffness, torch.eye(3, dtype=step.after.dtype, device=step.after.device)
+
+        def times(v: Tensor) -> Tensor:
+            return (K @ v[..., None])[..., 0]
+
+        def conjugate(P: Tensor, Q: Tensor) -> Tensor:
+            return (skew(P) + Q[..., None, None] * eye) / 2
+
+        now, before = Turn.of(step.after), Turn.of(step.before)
+        f, f_by, _ = arc(now.c)
+        f_before = arc(before.c)[0]
+        slope, slope_by = arc_slope(now.c, before.c)
+        mean, y = (f + f_before) / 2, (now.y + before.y) / 2
+        phi = (f[..., None] * now.y + f_before[..., None] * before.y) / 2
+        push, pull = times(phi), times(y)
+        along = (push * y).sum(-1)
+        C = conjugate(mean[..., None] * push, along * slope)
+        if by is None:
+            return C, None
+        dy, dc = changes(by)
+        f, f_by, mean, slope, slope_by, along = (
+            x[..., None] for x in (f, f_by, mean, slope, slope_by, along)
+        )
+        push, pull = push[..., None, :], pull[..., None, :]
+        dphi = (f[..., None] * dy + (f_by * dc)[..., None] * now.y[..., None, :]) / 2
+        dpush = (K[..., None, :, :] @ dphi[..., None])[..., 0]
+        dP = (f_by * dc / 2)[..., None] * push + mean[..., None] * dpush
+        dalong = (dphi * pull).sum(-1) + (push * dy).sum(-1) / 2
+        twice = 2.0 if step.dt is None else 1.0  # at rest what is before changes as well
+        return C, twice * conjugate(dP, dalong * slope + along * slope_by * dc)
+
+    def _limit(self, step: BallStep, by: Tensor | None) -> tuple[Tensor, Tensor | None] | None:
+        if self.limit_stiffness is None:
+            return None
+        e = self.axis
+        line = e[..., :, None] * e[..., None, :]
+        beta, before = (_swing(D, e) for D in (step.after, step.before))
+        angles = torch.ones_like(beta, dtype=torch.bool)
+        limit = torch.where(self.limit > 0, self.limit, torch.pi)
+        slope, slope_by = limit_slope(beta, before, limit, self.limit_stiffness, 2 * limit)
+        # (beta_{n+1} - beta_n)/(cos beta_{n+1} - cos beta_n) = -arc/sin of the mean
+        ratio, ratio_by = CoordinateStep(before, beta, angles, None, None).arc()
+        mean = (beta + before) / 2
+        # where either is beyond the limit
+        sine = torch.where(mean >= limit / 2, torch.sin(mean), 1.0)
+        weight = -slope * ratio / sine
+        C = weight[..., None, None] * line
+        if by is None:
+            return C, None
+        weight_by = -(slope_by * ratio + slope * ratio_by) / sine + slope * ratio * torch.cos(
+            mean
+        ) / (2 * sine**2)
+        own = torch.where(beta > 0, torch.sin(beta), 1.0)
+        # d(beta) = -d(cos beta)/sin beta
+        change = -(weight_by / own)[..., None] * (by * line[..., None, :, :]).sum((-1, -2))
+        twice = 2.0 if step.dt is None else 1.0
+        return C, twice * change[..., None, None] * line[..., None, :, :]
+
+    def _moments(self, step: BallStep, by: Tensor | None) -> tuple[Tensor, Tensor | None] | None:
+        if step.dt is None:
+            return self._moments_at_rest(step, by)
+        if not self.dissipative and step.torque is None:
+            return None
+        turn = Turn.of(step.after @ step.before.mT)
+        dy, dc = (None, None) if by is None else changes(by @ step.before[..., None, :, :].mT)
+        m, dm = 0.0, 0.0
+        if self.damping is not None:
+            rate = 2 * self.damping / (step.dt * (1 + turn.c))
+            m = m + rate[..., None] * turn.y
+            if by is not None:
+                y, c = turn.y[..., None, :], (1 + turn.c)[..., None, None]
+                dm = dm + rate[..., None, None] * (dy - dc[..., None] * y / c)
+        push, dpush = 0.0, 0.0
+        if self.friction is not None:
+            f, f_by, _ = arc(turn.c)
+            twice = 2 / step.dt[..., None]
+            r = twice * f[..., None] * turn.y - step.spin
+            size = torch.sqrt((r * r).sum(-1, keepdim=True) + self._slip[..., None] ** 2)
+            force = self.friction[..., None] / size
+            push = push + force * r
+            if by is not None:
+                y, axis = turn.y[..., None, :], r[..., None, :]
+                dphi = f[..., None, None] * dy + (f_by[..., None] * dc)[..., None] * y
+                dr = twice[..., None] * dphi
+                across = (axis * dr).sum(-1, keepdim=True) / size[..., None, :] ** 2
+                dpush = dpush + force[..., None, :] * (dr - across * axis)
+        if step.torque is not None:
+            push = push - step.torque
+        if not isinstance(push, float):
+            w = torch.sqrt(2 / (1 + turn.c))[..., None]
+            m = m + w * push
+            if by is not None:
+                fall = dc[..., None] / (2 * (1 + turn.c)[..., None, None])
+                dm = dm + w[..., None, :] * (dpush - fall * push[..., None, :])
+        mean = (step.before + step.after) / 2
+        C = skew(m) @ mean / 2
+        if by is None:
+            return C, None
+        m = skew(m)[..., None, :, :]
+        return C, (skew(dm) @ mean[..., None, :, :] + m @ by / 2) / 2
+
+    def _moments_at_rest(
+        self, step: BallStep, by: Tensor | None
+    ) -> tuple[Tensor, Tensor | None] | None:
+        """Those of dampers at an instant of a motion, and the torque."""
+        m = None if step.torque is None else -step.torque
+        if step.spin is not None and self.dissipative:
+            push = self.damper[..., None] * step.spin
+            m = push if m is None else m + push
+        if m is None:
+            return None
+        C = skew(m) @ step.after / 2
+        return C, None if by is None else skew(m)[..., None, :, :] @ by / 2
+
+
+def _swing(D: Tensor, e: Tensor) -> Tensor:
+    """(...) rad between an axis e (..., 3) and D e."""
+    turned = (D @ e[..., None])[..., 0]
+    across = cross(e, turned)
+    square = (across * across).sum(-1)
+    some = square > 0
+    sine = torch.where(some, torch.sqrt(torch.where(some, square, 1.0)), 0.0)
+    return torch.atan2(sine, (e * turned).sum(-1))
+
+
+def moment(C: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    """M (..., 3), frame a, of C between the axes of both parts (..., 3, 3)."""
+    return axial(a @ C @ b.mT)
 
 
 class Axes(NamedTuple):

@@ -93,7 +93,8 @@ class BetweenNodes(Tree):
     count        of rows of multipliers
     held_count   of constraints, whose forces are unknowns
     dissipative  whether energy is lost; smooth: whether residuals fall as smooth ones do
-    has_friction whether there is friction; limited: whether there are limits
+    has_friction whether there is friction that is taken at a step's end; limited: whether there
+                 are limits
     """
 
     present = False
@@ -151,6 +152,6 @@ class BetweenNodes(Tree):
         """(...) bool: whether parts may touch each other over the step; None = there are none."""
         return None
 
-    def passed(self, motion: NodeMotion) -> Tensor | None:
+    def passed_through(self, motion: NodeMotion) -> Tensor | None:
         """(...) bool: whether parts pass through each other over the step; None = no parts."""
         return None

@@ -23,13 +23,11 @@ from .constraints import Constraints
 from .coordinates.planar import PLANES
 from .coordinates.selection import check_space, coordinates, in_space, only_numbers
 from .coordinates.spatial import Spatial
-from .inertia import Inertia, inertia_of, warn_of_uneven
+from .inertia import Inertia, impossible_strains, inertia_of, warn_of_uneven
 from .interactions import couplings_of
 from .joint_constraints import joints_of
 from .model import Model
-from .plane_check import check_plane
-from .redundant import refuse_redundant
-from .rigid_elements import impossible_strains
+from .model_check import check_plane, refuse_redundant
 from .tendons import tendons_of
 from .touching_parts import touching_of
 
@@ -50,8 +48,8 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     topology = scene.topology if topology is None else topology
     check_space(scene)
     warn_of_uneven(beam)
-    drawn = remembered(
-        _as_drawn,
+    reference_rows = remembered(
+        _reference_rows,
         unstressed(beam),
         impossible_strains(beam),
         scene.bodies,
@@ -60,7 +58,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         topology,
         lumped,
     )
-    space = drawn.space
+    space = reference_rows.space
     if space.plane is not None and beam.coupled:
         space.check_section("compliance", beam.compliance.detach())
     if beam.linked_interpolation and any(
@@ -75,16 +73,16 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         space=space,
         topology=topology,
         constraints=Constraints.of(scene, space, topology),
-        inertia=drawn.inertia,
+        inertia=reference_rows.inertia,
         length=beam.length[..., None],
-        reference=drawn.reference,
+        reference=reference_rows.reference,
         law=law_of(scene, space),
-        section_mass=drawn.section_mass,
-        tributary_length=drawn.tributary_length,
-        s=drawn.s,
+        section_mass=reference_rows.section_mass,
+        tributary_length=reference_rows.tributary_length,
+        s=reference_rows.s,
         joints=joints_of(scene, space, topology),
         tendons=tendons_of(scene, space, topology),
-        touching=touching_of(scene, space, drawn.s),
+        touching=touching_of(scene, space, reference_rows.s),
         couplings=couplings_of(scene, space),
     )
     if space.plane is not None:
@@ -93,7 +91,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     return model
 
 
-class AsDrawn(NamedTuple):
+class ReferenceRows(NamedTuple):
     """What a beam's rows are by its shape, its mass and where it is rigid, whatever else it resists
     and whatever acts on it; see `Rows`.
     """
@@ -106,7 +104,7 @@ class AsDrawn(NamedTuple):
     s: Tensor
 
 
-def _as_drawn(
+def _reference_rows(
     beam: Beam,
     impossible: Tensor | None,
     bodies: tuple[PointMass, ...],
@@ -114,11 +112,11 @@ def _as_drawn(
     small: bool,
     topology: Topology,
     lumped: bool,
-) -> AsDrawn:
+) -> ReferenceRows:
     space = coordinates(beam, topology, plane, small)
     assembly = Assembly(topology, space.interpolation, space.dims.position)
     shape = beam.nodes, beam.frames, beam.length
-    return AsDrawn(
+    return ReferenceRows(
         space,
         *inertia_of(beam, impossible, bodies, space, assembly, lumped),
         remembered(_reference, space, assembly, in_space(beam), *shape),

@@ -25,8 +25,7 @@ from torch import Tensor
 from ..core.leaves import leaf
 from ..math.shapes import stacked
 from ..scene.effects.values import Inputs, scalar_at, value_at
-from .ball_laws import BallLaws, BallStep
-from .balls import Balls
+from .balls import BallLaws, Balls, BallStep
 from .between_nodes import NodeMotion, Placed, Rates
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector

@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.element_shapes import SHAPES
-from ..math.quadratic import X, gauss_points
+from ..math.element_shapes import SHAPES, X, gauss_points
 from ..math.shapes import stacked
 from ..scene.effects import Contact, LoadPoint
 from ..scene.effects.load_point import POSITION, SPIN, VELOCITY
@@ -30,7 +29,7 @@ from .conditions import Conditions
 from .loads import STAYS, MotionJacobian, Nodes, chained, external, wrench, wrench_blocks
 from .loads import load_point as place_of
 from .rows import Rows
-from .sample_check import check_samples, tried
+from .sample_check import check_samples
 
 
 def element_loads(rows: Rows, nodes: Nodes, now: Conditions) -> tuple[Tensor, ...]:
@@ -144,24 +143,25 @@ def _hull(corners: tuple[Tensor, ...]) -> tuple[Tensor, Tensor]:
     return first + half, half.square().sum(-1)
 
 
-def passed(rows: Rows, way: Way, now: Conditions) -> Tensor:
+def passed_through(rows: Rows, way: Way, now: Conditions) -> Tensor:
     """(...) bool: whether that way leads a point through something that it is to touch."""
     each = []
     for acting in now.between:
         x = rows.space.public_position(_at_points(rows, acting, way.middle))
         half = rows.space.public_vector(_at_points(rows, acting, way.half))
-        each.append(at_points(rows, acting).load.passed(x, half, way.dt).any(-1))
+        each.append(at_points(rows, acting).load.passed_through(x, half, way.dt).any(-1))
     return torch.stack(torch.broadcast_tensors(*each)).any(0)
 
 
-def body_passed(rows: Rows, way: Way, now: Conditions) -> Tensor | None:
+def body_passed_through(rows: Rows, way: Way, now: Conditions) -> Tensor | None:
     """The same of bodies, single nodes; None where none touches an obstacle."""
     each = []
     for acting in now.moving:
         if isinstance(acting.load, Contact):
             x = rows.space.public_position(way.middle[..., acting.node, :])
             half = rows.space.public_vector(way.half[..., acting.node, :])
-            each.append(acting.load.passed(x[..., None, :], half[..., None, :], way.dt)[..., 0])
+            x, half = x[..., None, :], half[..., None, :]
+            each.append(acting.load.passed_through(x, half, way.dt)[..., 0])
     return torch.stack(torch.broadcast_tensors(*each)).any(0) if each else None
 
 
@@ -222,8 +222,7 @@ def _points(rows: Rows, nodes: Nodes, now: Conditions) -> Iterator[tuple[ActingL
             told_here = told.narrow(-2, row, count := len(elements) * acting.load.points)
             row += count
         point = load_point(rows, acting, nodes, now, told_here)
-        if acting.functions and not tried(acting.functions):
-            check_samples(acting.load, point, now.t, now.inputs)
+        check_samples(acting, point, now.t, now.inputs)
         yield at_points(rows, acting), point
 
 

@@ -21,7 +21,7 @@ from .conditions import Conditions
 from .coordinates.spatial import Spatial
 from .loads import MotionJacobian, Nodes, chained, changes, load_point, wrench, wrench_by
 from .multipliers import Multipliers
-from .sample_check import check_samples, tried
+from .sample_check import check_samples
 
 
 class Inner(NamedTuple):
@@ -54,8 +54,7 @@ def points(
             place["internal"] = memory[..., k, : load.memory]
         of_nodes = nodes.of(at, acting.reads)
         point = load_point(space.of_nodes(at), acting.load, acting.reads, of_nodes, **place)
-        if acting.functions and not tried(acting.functions):
-            check_samples(acting.load, point, now.t, now.inputs)
+        check_samples(acting, point, now.t, now.inputs)
         yield acting, point
 
 

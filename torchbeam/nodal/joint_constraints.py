@@ -17,8 +17,7 @@ from ..scene.ball import Ball
 from ..scene.joint import Joint
 from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
-from .ball_laws import BallLaws
-from .balls import Balls
+from .balls import BallLaws, Balls
 from .between_nodes import BetweenNodes
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
@@ -103,7 +102,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     if not scene.joints:
         return BetweenNodes()
     bare = tuple(map(_without_laws, scene.joints))
-    fields = remembered(_as_drawn, bare, unstressed(scene.beam), space, topology)
+    fields = remembered(_reference_joints, bare, unstressed(scene.beam), space, topology)
     behind = sum(bool(interaction.unknowns) for interaction in scene.interactions)
     fields = fields | dict(space=space, framework=topology, balls=_balls(scene), behind=behind)
     if not any(joint.acts for joint in scene.joints):
@@ -125,7 +124,7 @@ def _without_laws(joint: Joint) -> Joint:
     return with_values(joint, **dict.fromkeys(joint.acts))
 
 
-def _as_drawn(
+def _reference_joints(
     joints: tuple[Joint, ...], beam: Structure, space: Spatial, topology: Any
 ) -> dict[str, Any]:
     """Fields of `Joints` that follow from how parts are drawn."""

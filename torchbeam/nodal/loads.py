@@ -29,7 +29,7 @@ from .between_nodes import NOTHING, Told
 from .conditions import Conditions
 from .coordinates.spatial import Spatial
 from .rows import Rows
-from .sample_check import check_samples, tried
+from .sample_check import check_samples
 
 ANGULAR = (ROTATION, SPIN, ANGULAR_ACCELERATION)
 # of the fields of `Nodes`
@@ -370,8 +370,7 @@ def load_points(
             place["told"] = nodes.told["bodies"].narrow(-2, row, load.rubbing_points)
             row += load.rubbing_points
         point = load_point(space, load, acting.reads, at, **place)
-        if acting.functions and not tried(acting.functions):
-            check_samples(load, point, now.t, now.inputs)
+        check_samples(acting, point, now.t, now.inputs)
         yield acting, point
 
 

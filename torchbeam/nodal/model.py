@@ -59,7 +59,7 @@ class Model(Rows):
         return tuple(part for act in acts for part in by_part(self.scene.beam, act))
 
     @cached
-    def drawn_axes(self) -> Tensor:
+    def reference_axes(self) -> Tensor:
         """(..., N+1, 3, 3): section axes of the nodes of the undeformed beam, frame a."""
         return remembered(quat.matrix, self.scene.beam.frames)
 

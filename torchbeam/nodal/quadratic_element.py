@@ -2,7 +2,7 @@
 follow from its energy, and their exact tangent.
 
 Node i carries the position r_i and the rotation q_i, a unit quaternion. With x in [-1, 1] along the
-element, N_i of `math.quadratic` and h the length that the station stands for (dx = ds/h: half of
+element, N_i of `element_shapes` and h the length that the station stands for (dx = ds/h: half of
 the element's, as its weight):
 
     r(x) = sum N_i r_i        Q(x) = sum N_i q_i,
@@ -40,7 +40,7 @@ from torch.nn.functional import pad
 
 from ..math import quaternions as quat
 from ..math.block_tridiagonal import broadcast_matrices
-from ..math.quadratic import at_points
+from ..math.element_shapes import at_points
 from ..math.quaternions import cross, skew
 
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ..math import quaternions as quat
-from ..math.quadratic import SLOPES, X, at_points
+from ..math.element_shapes import SLOPES, X, at_points
 
 
 def _moved(p: int, s: int) -> Tensor:

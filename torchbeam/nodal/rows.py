@@ -21,10 +21,9 @@ from .constraints import Constraints
 from .coordinates.linearised import LinearElement, Linearised
 from .coordinates.spatial import Spatial
 from .inertia import Inertia
-from .mass import LumpedMass, SharedMass
+from .mass import LumpedMass, NoRotaryInertia, RotaryInertia, SharedMass
 from .mass_offset import MassOffset, NoMassOffset
 from .multipliers import Multipliers
-from .rotary import NoRotaryInertia, RotaryInertia
 
 
 @dataclass(frozen=True)

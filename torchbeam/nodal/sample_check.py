@@ -33,7 +33,7 @@ FEW = 3  # samples of an axis that are enough, but for functions that hold rows 
 TURN = 0.3  # rad
 SHARE = 0.1  # of the numbers that a load takes by name
 
-_TRIED: dict[int, Any] = {}  # functions and classes by id; no result depends on it
+_CHECKED: dict[int, Any] = {}  # functions and classes by id; no result depends on it
 
 
 def written(load: Any) -> tuple[Any, ...]:
@@ -44,24 +44,27 @@ def written(load: Any) -> tuple[Any, ...]:
     return (*functions, *(() if of_library(load) else (type(load),)))
 
 
-def tried(functions: tuple[Any, ...]) -> bool:
+def are_checked(functions: tuple[Any, ...]) -> bool:
     """Whether all of these have been."""
     for function in functions:
-        held = _TRIED.get(id(function))
+        held = _CHECKED.get(id(function))
         if held is None or (held() if isinstance(held, ref) else held) is not function:
             return False
     return True
 
 
 def check_samples(
-    load: Any, point: LoadPoint, t: Tensor, inputs: Inputs, batch: tuple[int, ...] = ()
+    acting: Any, point: LoadPoint, t: Tensor, inputs: Inputs, batch: tuple[int, ...] = ()
 ) -> None:
-    """Try the functions that a user wrote and a load holds, where they have not been, and where
-    there are several samples; `batch`: of axes that nothing that is given has.
+    """Try the functions that a user wrote and a load holds that acts, where they have not been, and
+    where there are several samples; `batch`: of axes that nothing that is given has.
 
     Raises:
         ValueError: for one that mixes the samples of a batch.
     """
+    load = acting.load
+    if not acting.functions or are_checked(acting.functions):
+        return
     if functorch.peek_interpreter_stack() is not None or _get_current_dispatch_mode() is not None:
         return
     trial = SampleTrial.of(load, point, t, inputs, batch)
@@ -88,9 +91,9 @@ def check_samples(
 def _mark(one: Any) -> None:
     key = id(one)
     try:
-        _TRIED[key] = ref(one, lambda _: _TRIED.pop(key, None))
+        _CHECKED[key] = ref(one, lambda _: _CHECKED.pop(key, None))
     except TypeError:  # it has no weak references
-        _TRIED[key] = one
+        _CHECKED[key] = one
 
 
 def _called(load: Any) -> str:

@@ -24,8 +24,7 @@ from torch import Tensor
 from ..core.leaves import AXES, leaf
 from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
-from ..scene.effects.contact_law import damped, potential, pressure
-from ..scene.effects.contact_path import leads_through
+from ..scene.effects.contact_law import damped, leads_through, potential, pressure
 from ..scene.effects.drag import norm
 from ..scene.effects.load_point import POSITION, ROTATION, SPIN, VELOCITY, jacobians
 from ..scene.effects.obstacle import Obstacle
@@ -184,7 +183,7 @@ class SurfacePairs(TouchingPairs):
         d, slope = self.thickness[..., None], self.slope[..., None]
         return (self.measure[..., None] * potential(d - self.gap(y), d, slope)).sum((-1, -2))
 
-    def passed(self, motion: PairMotion) -> Tensor:
+    def passed_through(self, motion: PairMotion) -> Tensor:
         def directions(y: Tensor) -> Tensor:
             return self._surface.gradient(y[..., None, :])[..., 0, :]
 

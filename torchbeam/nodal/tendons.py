@@ -56,9 +56,10 @@ class Tendons(BetweenNodes):
     present = True
 
     @property
-    def dissipative(self) -> bool:
-        """Whether there is friction."""
+    def has_friction(self) -> bool:
         return any(rope.friction is not None for rope in self.ropes)
+
+    dissipative = has_friction
 
     @property
     def _coupled(self) -> bool:

@@ -1,5 +1,6 @@
-"""Places along one part that may touch pieces of another, or of the same beam: which of them, and
-by how much they are apart. Between two beams both have such places, and each half of the force.
+"""Places along one part that may touch pieces of another, or of the same beam: how much each stands
+for, which of them are near, and by how much they are apart. Between two beams both have such
+places, and each half of the force.
 """
 
 from __future__ import annotations
@@ -20,9 +21,56 @@ from ..scene.effects.drag import norm
 from ..scene.effects.load_point import SPIN, VELOCITY
 from ..scene.effects.obstacle import Obstacle
 from ..scene.stations import Table
-from .centreline import least_distance, piece_nodes
+from .centreline import bernstein, control_shares, least_distance, piece_nodes
 from .touching_pairs import PairMotion, TouchingPairs
-from .touching_places import Places, places_along
+
+DENSITY = 2.0  # places in half of the length along which two that cross touch
+
+
+class Places(NamedTuple):
+    """P places along a part, `count` in each of its pieces; see `PartContact`."""
+
+    count: int
+    shares: Tensor
+    measure: Tensor
+
+
+def places_along(
+    first: int,
+    nodes: int,
+    s: Tensor,
+    radii: Tensor,
+    thickness: Tensor,
+    points: int | None,
+    share: float,
+) -> Places:
+    """Of a part of `nodes` nodes from `first` on, at the arclength s (..., N+1) m; each has `share`
+    of the force. radii (..., 2) m, thickness (...) m; points in a piece, None = by these.
+    """
+    if nodes == 1:
+        return Places(1, s.new_tensor([[0.0, 1.0, 0.0]]), s.new_ones(1))
+    control = s.new_tensor(control_shares(nodes))
+    corners = (control @ s[..., piece_nodes(first, nodes), None])[..., 0]
+    lengths = corners.diff(dim=-1)  # (..., n, 2), halves of what the curve begins and ends with
+    number = _number(lengths, radii.detach(), thickness.detach(), points)
+    count = int(concrete(number).amax())
+    t = (torch.arange(count, dtype=s.dtype, device=s.device) + 0.5) / number
+    t = t.clamp(max=1)[..., None, :]  # 1: a place that this sample has not
+    shares = (bernstein(t) @ control).flatten(-3, -2)
+    speed = 2 * (lengths[..., :1] * (1 - t) + lengths[..., 1:] * t)
+    return Places(count, shares, share * (speed / number[..., None] * (t < 1)).flatten(-2))
+
+
+def _number(lengths: Tensor, radii: Tensor, thickness: Tensor, points: int | None) -> Tensor:
+    """(..., 1) places of a piece, each sample's own: `DENSITY` in half of the length along which
+    two beams touch that cross at a right angle, or as the pair says.
+    """
+    if points:
+        return radii.new_tensor([float(points)])
+    D = radii.sum(-1)
+    half = (thickness * (2 * D + thickness)).sqrt()
+    longest = lengths.detach().sum(-1).amax(-1)
+    return (DENSITY * longest / half).ceil().clamp(min=1)[..., None]
 
 
 def spread(x: Tensor) -> Tensor:

@@ -313,7 +313,7 @@ class TouchingPairs(Tree):
         """(..., U, 3) m/s of the place as seen from where it is nearest, by shares of the piece."""
         return (self._signed(shares)[..., None] * points.velocity).sum(-2)
 
-    def passed(self, motion: PairMotion) -> Tensor:
+    def passed_through(self, motion: PairMotion) -> Tensor:
         """(...) bool: whether one of them goes through the other's axis over the step: surfaces
         overlap when the place is nearest to the axis, as it moves on a line across the piece, and
         it is then on the other side of it.

@@ -170,7 +170,7 @@ class View:
 
     def save(self, path: str | Path) -> Path:
         """The motion as one file (.html) that plays in any browser, without Python and the network:
-        about 2 MB. Returns the path.
+        about 1 MB. Returns the path.
 
         Raises:
             ValueError: for another ending, or a folder that is not there.

@@ -90,5 +90,5 @@ class Ball(Joint):
         together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
 
     def law(self, coordinate: int) -> CoordinateLaw:
-        """Its torque (..., 3) whichever it is; what it resists by is in `ball_laws`."""
+        """Its torque (..., 3) whichever it is; what it resists by is in `BallLaws`."""
         return CoordinateLaw(effort=self.torque)

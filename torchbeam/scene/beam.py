@@ -26,14 +26,12 @@ from ..core.validation import (
 from ..math import quaternions as quat
 from ..math.element_shapes import SHAPES
 from ..topology.framework import Framework
-from .axes import axes_of_nodes, carried_along, orthonormal, parabolas
 from .beam_arguments import Sections, check_order, dtype_with, intervals, placed, warn_of_batch
 from .beam_recipe import remembered, with_recipe_of
 from .beam_rows import BeamRows
-from .curve import curve, places, screws
-from .element_stations import STATIONS
+from .curve import axes_of_nodes, carried_along, curve, orthonormal, parabolas, places, screws
 from .section import Section, notes
-from .stations import of_elements
+from .stations import STATIONS, of_elements
 
 
 @dataclass(frozen=True)

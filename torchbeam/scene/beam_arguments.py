@@ -20,10 +20,9 @@ from ..core.validation import (
     shown,
 )
 from ..core.warning import warn
-from .axes import axes_along
-from .element_stations import STATIONS
+from .curve import axes_along
 from .section import Section
-from .stations import Stations
+from .stations import STATIONS, Stations
 
 # the last: a function of s, see `Beam.straight`
 Sections = Section | Sequence[Section] | Callable[[Tensor], Section]

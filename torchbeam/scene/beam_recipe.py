@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import concrete
-from .axes import axes_of_nodes
+from .curve import axes_of_nodes
 
 PARTS = ("nodes", "frames", "length", "compliance", "mass")
 RECIPE = " recipe"  # a name that is this object's alone: copies, samples and pickles go without

@@ -11,7 +11,7 @@ from torch import Tensor
 from ..core.declared import sized, together
 from ..core.leaves import leaf
 from ..core.validation import Value, concrete, shown
-from .axes import axes_along
+from .curve import axes_along
 from .effects.values import OfTime, scalar_value
 from .joint import MET, VECTOR, CoordinateLaw, Joint
 from .structure import Structure

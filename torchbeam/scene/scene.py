@@ -40,8 +40,7 @@ from .effects.effect import of_library
 from .effects.interaction import Interaction
 from .effects.tendon import Tendon
 from .inputs import input_tensors
-from .joined import joints_of
-from .joint import Joint
+from .joint import Joint, joints_of
 from .stations import Table
 from .structure import Structure
 from .supports import Frame, RootMotion, Support, supports_of
@@ -158,10 +157,8 @@ class Scene(Tree):
             joints = joints_of(self)
             set_(self, "joints", joints)
             set_(self, "beam", with_values(self.beam, joined=tuple(joint.ends for joint in joints)))
-        for tendon in self.tendons:
-            tendon.check(self)
-        for pair in self.pairs:
-            pair.check(self)
+        for effect in (*self.tendons, *self.pairs):
+            effect.check(self)
         asked = self.supports.given if isinstance(self.supports, SceneSupports) else self.supports
         supports = SceneSupports(supports_of(self, asked))
         supports.given = asked

@@ -25,13 +25,12 @@ from .contact import (
     ContactPressure,
     ContactSlip,
 )
-from .joint import JointCoordinate, JointLoad, JointRate
+from .interactions import JointCoordinate, JointLoad, JointRate, TendonLength, TendonTension
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
 from .position import Position
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
 from .section_forces import SectionForces
 from .sensor import Component, Sensor, Stack
-from .tendon import TendonLength, TendonTension
 
 # fmt: off
 __all__ = [

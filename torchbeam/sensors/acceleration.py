@@ -23,8 +23,7 @@ from ..state.state import State
 from ..state.state_check import of_mesh
 from ..state.supported_nodes import set_node
 from .node import _OfNode
-from .of_scene import check_scene, nodes_of
-from .sensor import XYZ
+from .sensor import XYZ, check_scene, nodes_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)

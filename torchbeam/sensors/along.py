@@ -16,8 +16,8 @@ from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.selection import coordinates
 from ..nodal.coordinates.spatial import Spatial
 from ..scene.beam import Beam
-from ..scene.element_stations import STATIONS
 from ..scene.scene import Scene
+from ..scene.stations import STATIONS
 from ..state.rest_shape import RestShape
 from ..state.state import State
 from ..topology.framework import Framework

@@ -22,8 +22,7 @@ from ..scene.effects.contact import Touch
 from ..scene.effects.contact_terms import ContactTerms
 from ..scene.effects.self_contact import SelfContact
 from ..state.state import State
-from .of_scene import OfScene
-from .sensor import XYZ
+from .sensor import XYZ, OfScene
 
 
 class TouchingPoints(NamedTuple):

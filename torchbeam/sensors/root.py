@@ -15,8 +15,7 @@ from ..nodal.conditions import conditions
 from ..nodal.loads import external
 from ..scene.effects import RootSpring
 from ..state.state import State
-from .of_scene import OfScene
-from .sensor import XYZ, Sensor
+from .sensor import XYZ, OfScene, Sensor
 
 
 @dataclass(frozen=True, eq=False, repr=False)

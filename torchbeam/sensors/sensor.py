@@ -1,20 +1,30 @@
-"""Base of all sensors, components of a reading, and stacks of sensors."""
+"""Base of all sensors, and of those that ask what a scene's effects do at the instant of a state;
+components of a reading, and stacks of sensors.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
-from ..core.arguments import is_integer, listed
+from ..core.arguments import instance, is_integer, listed
 from ..core.declared import check_fields
+from ..core.leaves import option
 from ..core.validation import axis_last, shown
 from ..math.shapes import stacked
+from ..nodal.coordinates.spatial import Spatial
+from ..nodal.discretise import discretise
+from ..nodal.loads import Nodes
+from ..nodal.model import Model
 from ..scene.parts import part_of
+from ..scene.scene import Scene
+from ..state.state_check import of_mesh
 
 XYZ = ("x", "y", "z")
 
@@ -207,3 +217,30 @@ class Stack(Sensor):
         """(..., size) -> each sensor's reading (..., *shape)."""
         parts = axis_last("vector", vector, self.size).split([s.size for s in self.sensors], -1)
         return tuple(p.unflatten(-1, s.shape) for p, s in zip(parts, self.sensors, strict=True))
+
+
+check_scene = partial(instance, wanted=Scene)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OfScene(Sensor):
+    """scene  whose effects they are; `nodes` raises ValueError for a state of another form."""
+
+    scene: Scene = option(check_scene, name="a scene")
+    model: Model = field(init=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "model", discretise(self.scene))
+
+    def nodes(self, state: Any) -> Nodes:
+        """How its nodes move, as loads see them."""
+        state = of_mesh(state, self.scene, f"{type(self).__name__}: a state")
+        return nodes_of(self.model.space, self.model.space.to_reduced(state))
+
+
+def nodes_of(space: Spatial, state: Any) -> Nodes:
+    """The same of a state in the coordinates of a space."""
+    spin = space.to_frame(state.rotation, state.spin)
+    motion = state.position, state.rotation, state.velocity, spin
+    return Nodes(*motion, state.frame, state.internal)

@@ -11,8 +11,7 @@ from ..core.arguments import function as check_function
 from ..core.functions_of_time import rate_along
 from ..core.validation import Value, as_tensor, axis_last, finite, refusal
 from ..math import quaternions as quat
-from ..scene.axes import axes_of_nodes, orthonormal
-from ..scene.curve import carried_axes
+from ..scene.curve import axes_of_nodes, carried_axes, orthonormal
 from ..scene.prescribed_motion import PrescribedMotion
 from ..scene.scene import Scene
 from .supported_nodes import Placed, at_rest, frame_motion, held_rotation, set_node

@@ -14,6 +14,7 @@ from ..math.shapes import broadcast_shapes
 from .instant import Point, Reaction
 
 AT_NODES = ("position", "rotation", "velocity", "spin")
+REMEMBERED = ("internal", "joints", "tendons", "memory")  # beside motion, None = there is none
 
 
 @entry_point

@@ -19,7 +19,7 @@ from ..scene.prescribed_motion import PrescribedMotion, orientation
 from ..scene.scene import Scene
 from .bent import bent
 from .instant import READINGS, Instant, JointReading, Point, Reaction
-from .reduced import AT_NODES
+from .reduced import AT_NODES, REMEMBERED
 from .rest_shape import RestShape
 from .supported_nodes import at_rest, at_supports
 
@@ -186,7 +186,7 @@ class State(Instant):
         rows["reaction"] = self.reaction[..., held, :]
         supports = tuple(self.supports[k] - part.first_node for k in held)
         shape = self.rest_shape and self.rest_shape.of_nodes(part.nodes)
-        none = dict.fromkeys(("internal", "joints", "tendons", "memory"))
+        none = dict.fromkeys(REMEMBERED)
         none |= dict.fromkeys(("parts", "coordinates", "joined"), ())
         return replace(self, **rows, **none, supports=supports, rest_shape=shape)
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
-from ..math.quadratic import gauss_points
+from ..math.element_shapes import gauss_points
 from .arc_length import where
 from .relaxation import FIRST, Viscous, advance, force_scale, near, relax, viscosity_of
 

@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.element_shapes import SHAPES
-from ..math.quadratic import X
+from ..math.element_shapes import SHAPES, X
 from .cut import Cut, cut, pairs_of
 from .framework_matrix import FrameworkMatrix, dense_of
 from .framework_unknowns import FrameworkUnknowns

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.block_chain import BlockChain
+from ..math.block_tridiagonal import BlockChain
 from ..math.concrete import concrete
 from ..math.shapes import broadcast_shapes
 from .framework_system import FrameworkSystem

@@ -119,7 +119,7 @@ class Matrix(Protocol):
 
     def grouped(self, unknowns: Any, held: float) -> Any | None:
         """Of the unknowns, as a chain that multiplies and solves blocks of vectors, see
-        `math.block_chain`, with `held` times the largest number of the diagonal on it where a move
+        `BlockChain`, with `held` times the largest number of the diagonal on it where a move
         is held; None where there is none. `unknowns.grouped` says which of a vector's numbers are
         free moves.
         """

@@ -1,8 +1,16 @@
-"""Evaluation of a function at the points of a design, chunk by chunk, here or by an executor."""
+"""Evaluation of a function at the points of a design, chunk by chunk, here or by an executor.
+
+Results go from one process to another as bytes, in which tensors are arrays: between processes of
+one machine torch itself sends a file descriptor for each tensor, by a
+connection of its own, and both ends keep it open as long as the tensor lives: a run of some hundred
+chunks would have more open files than a process may have.
+"""
 
 from __future__ import annotations
 
+import io
 import os
+import pickle
 import platform
 import time
 from collections import deque
@@ -26,7 +34,27 @@ from .designs import SOBOL_POINTS
 from .joint_law import JointLaw
 from .progress import Progress, Report
 from .samples import FAILED
-from .transfer import packed, unpacked
+
+
+class _Pickler(pickle.Pickler):
+    def reducer_override(self, obj: Any) -> Any:
+        # which NumPy has not: torch's own, slower, bytes
+        if isinstance(obj, Tensor) and obj.dtype is not torch.bfloat16:
+            return torch.from_numpy, (obj.numpy(),)
+        return NotImplemented
+
+
+def packed(result: Any) -> bytes:
+    """Bytes of what holds tensors on the CPU, without gradients."""
+    file = io.BytesIO()
+    _Pickler(file, pickle.HIGHEST_PROTOCOL).dump(result)
+    return file.getvalue()
+
+
+def unpacked(result: Any) -> Any:
+    """What was packed, or the result itself where it was not: one of this process."""
+    return pickle.loads(result) if isinstance(result, bytes) else result
+
 
 Function = Callable[..., Any]  # theta (N, p) -> y (N, ...), or (y, status (N,))
 AHEAD = 1024  # chunks that an executor is given before the first of them is back

@@ -16,8 +16,7 @@ from ..core.docstrings import with_arguments_of
 from ..core.files import path_of
 from ..core.memory import check_memory
 from ..core.validation import Value, as_tensor, finite, refusal, shown
-from .chunk_size import chunk_size, usual_chunk
-from .chunks import ChunkFolder
+from .chunks import ChunkFolder, chunk_size, usual_chunk
 from .designs import Given, Plain, Sobol
 from .estimate import Estimate
 from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings

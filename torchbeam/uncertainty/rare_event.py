@@ -14,10 +14,9 @@ from ..core.arguments import boolean, choice, count, level_of, number
 from ..core.memory import check_memory
 from ..core.warning import warn
 from ..math.distributions import normal_probability
-from .design_point import DesignPoints, all_design_points, design_points
+from .design_point import DesignPoints, all_design_points, design_points, importance_sampling
+from .design_point import interval as importance_interval
 from .evaluation import Evaluation, Function, settings
-from .importance_sampling import importance_sampling
-from .importance_sampling import interval as importance_interval
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .limit_state import LimitState

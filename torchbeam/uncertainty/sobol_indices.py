@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, level_of
 from ..core.files import path_of
-from .chunk_size import usual_chunk
+from .chunks import usual_chunk
 from .designs import Exchanged, Sobol
 from .estimate import student_half
 from .evaluation import Evaluation, Function, one_kind, points_of, progress_of, settings

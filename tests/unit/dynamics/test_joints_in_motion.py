@@ -7,7 +7,7 @@ import torch
 from scipy.integrate import solve_ivp
 
 import torchbeam as tb
-from torchbeam.dynamics.unresisted_motion import unresisted_motion
+from torchbeam.dynamics.failure import unresisted_motion
 from torchbeam.nodal.discretise import discretise
 
 METHODS = ("midpoint", "generalized_alpha")

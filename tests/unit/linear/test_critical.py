@@ -17,7 +17,7 @@ import torchbeam as tb
 from torchbeam.equations import load_steps
 from torchbeam.linear import load_path
 from torchbeam.linear.system_matrices import in_basis, of_chain, of_nodes
-from torchbeam.math.block_chain import BlockChain
+from torchbeam.math.block_tridiagonal import BlockChain
 from torchbeam.math.quadratic_eigen import slow_first, slow_values
 from torchbeam.nodal.discretise import discretise
 from torchbeam.topology.framework_matrix import FrameworkMatrix

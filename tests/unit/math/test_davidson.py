@@ -3,8 +3,8 @@
 import torch
 from torch.testing import assert_close
 
-from torchbeam.math.davidson import nearest
 from torchbeam.math.quadratic_eigen import slow_first
+from torchbeam.math.subspace import nearest
 
 COUNT = 4
 

@@ -16,14 +16,14 @@ from studies.common_case import Case
 from tests.cases.nodal_cases import orders, shape
 from torchbeam.dynamics.simulate import simulate
 from torchbeam.math import quaternions as quat
-from torchbeam.math.quadratic import at_points, threes
+from torchbeam.math.element_shapes import at_points, threes
 from torchbeam.nodal.assembly import Assembly
 from torchbeam.nodal.conditions import conditions
 from torchbeam.nodal.coordinates.planar import Planar
 from torchbeam.nodal.coordinates.spatial import Spatial
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.loads import Nodes, external
-from torchbeam.scene.element_stations import STATIONS
+from torchbeam.scene.stations import STATIONS
 from torchbeam.topology.framework import Framework
 
 N, BATCH = 2, (5,)

@@ -4,7 +4,7 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.nodal_cases import orders
-from torchbeam.nodal.quadrature import gregory, trapezoidal
+from torchbeam.nodal.mass import gregory, trapezoidal
 
 
 def test_equal_elements_have_the_textbook_weights():

@@ -350,7 +350,7 @@ def test_what_goes_through_an_axis_is_told_from_what_goes_past_it():
     position = torch.cat((still, middle[:, None]), -2)
     half = torch.cat((torch.zeros_like(still), half[:, None]), -2)
     nodes, way = Nodes(position, None), Way(position, half)
-    found = touching.passed(
+    found = touching.passed_through(
         NodeMotion(None, lambda reads: nodes, dict, nodes[:2], nodes[:2], way=lambda: way)
     )
     assert found.tolist() == wanted.tolist()

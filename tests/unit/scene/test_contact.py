@@ -265,7 +265,7 @@ def test_what_is_far_is_told_as_idle():
         idle.append(bool(step.idle(kinematics)))
         if idle[-1]:
             assert not any(load.any() for load in step.element_loads(kinematics))
-            assert not step.passed(kinematics)
+            assert not step.passed_through(kinematics)
     assert idle[0] and not idle[-1]
 
 
@@ -289,7 +289,7 @@ def test_a_step_that_leads_through_an_obstacle_is_told():
         "back": ((-0.05, 0, 0), (-0.2, 0, 0)),
     }
     start, end = (torch.tensor([way[k] for way in ways.values()]) for k in (0, 1))
-    found = contact.passed((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
+    found = contact.passed_through((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
     assert found.tolist() == 5 * [True] + 4 * [False]
 
 
@@ -340,7 +340,7 @@ def test_ways_through_thin_boxes_are_told(name):
     places = torch.linspace(0, 1, 1001)[:, None, None]
     gaps = contact.gap(start + places * way)[..., 0]
     through = (gaps[0] > 0) & (gaps[-1] > 0) & (gaps.amin(0) < 0)
-    found = contact.passed(start + way / 2, way / 2, torch.tensor(0.1))
+    found = contact.passed_through(start + way / 2, way / 2, torch.tensor(0.1))
     assert through.sum() > 200
     assert (through & ~found).sum() <= 0.01 * through.sum()
 
@@ -353,7 +353,7 @@ def test_what_is_pressed_beyond_the_middle_of_a_thin_box_is_told():
     ).effects[0]
     ways = torch.tensor([[0.03, -0.001], [0.001, -0.001], [0.03, 0.001], [0.001, 0.03]])
     start, end = (torch.nn.functional.pad(z[:, None], (2, 0)) for z in ways.unbind(-1))
-    found = contact.passed((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
+    found = contact.passed_through((start + end) / 2, (end - start) / 2, torch.tensor(0.1))
     assert found.tolist() == [True, True, False, False]
 
 

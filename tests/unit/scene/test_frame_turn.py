@@ -8,7 +8,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.math import quaternions as quat
-from torchbeam.scene.frame_turn import turn_between
+from torchbeam.scene.prescribed_motion import turn_between
 
 SECTION = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.8, EI=(1.0, 1.2), mass=0.2, inertia=1e-3)
 BEAM = tb.Beam.straight(1.0, 3, SECTION)

@@ -8,7 +8,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from torchbeam.math.quadratic import gauss_points
+from torchbeam.math.element_shapes import gauss_points
 
 UP = (0.0, 0.0, 1.0)
 FLOOR = tb.Plane((0.0, 0, 0), UP)

@@ -12,9 +12,8 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.math.distributions import binomial_interval, normal_probability
-from torchbeam.uncertainty.design_point import design_points, random_starts
+from torchbeam.uncertainty.design_point import design_points, importance_sampling, random_starts
 from torchbeam.uncertainty.evaluation import Evaluation
-from torchbeam.uncertainty.importance_sampling import importance_sampling
 from torchbeam.uncertainty.joint_law import JointLaw
 from torchbeam.uncertainty.limit_state import LimitState
 

@@ -5,8 +5,8 @@ from dataclasses import astuple
 import pytest
 import torch
 
+from torchbeam.uncertainty.evaluation import packed, unpacked
 from torchbeam.uncertainty.stream import summarised
-from torchbeam.uncertainty.transfer import packed, unpacked
 
 
 @pytest.mark.parametrize(

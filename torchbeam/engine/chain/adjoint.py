@@ -12,10 +12,11 @@ from ..compiler.derivative import vjp
 from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
-from . import interactions, midsides, rows, stretches
+from . import interactions, rows, tendon_driver
 from .adjoint_driver import AdjointDriver
-from .conserving_functions import ENERGIES
+from .interaction_sorts import BALANCES, INTERACTIONS
 from .interactions import kinds_of
+from .kinds import Kinds, without_side
 from .layout import (
     ELEMENTS,
     MOVES,
@@ -29,10 +30,10 @@ from .layout import (
     most,
 )
 from .local_functions import LocalFunctions
+from .method_functions import ENERGIES
 from .native import NativeProgram
-from .node_kinds import Kinds, without_side
 from .row_functions import RowFunctions
-from .sorts import BALANCES, ELEMENT, INTERACTIONS, LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, NODE, Sort
 from .tracing import Traced, Tracing
 
 SAMPLE = ("good", "work_bar", "work_grad")
@@ -95,8 +96,7 @@ class AdjointProgram(NativeProgram):
             functions[f"far {LOAD.name} {k}"] = far.only(["far"])
         for sort in INTERACTIONS:
             functions |= interactions.transposed(traced, sort, kinds, self.held)
-        ties = kinds.stretches
-        functions |= stretches.adjoint_of_stretches(traced, ties, self._derivative)
+        functions |= tendon_driver.adjoint_of_stretches(traced, kinds, self._derivative)
         return {name: function.only(function.outputs) for name, function in functions.items()}
 
     def _ends(self, traced: Tracing) -> dict[str, Function]:
@@ -144,7 +144,7 @@ class AdjointProgram(NativeProgram):
         packing = Packing(OWN, nodes, ["D"])
         blocks = [
             *(f"{side}.D" for side in self.sides),
-            *(name for name in midsides.BLOCKS if name in outputs),
+            *(name for name in rows.BLOCKS if name in outputs),
         ]
         shapes = {name: outputs[name].shape for name in blocks}
         loads = [load.with_zeros(shapes) for load in loads]
@@ -218,7 +218,7 @@ class AdjointProgram(NativeProgram):
         )
         layout.record("at_node", NODE_PLACES, self.outputs("node blocks 0", OWN))
         layout.record("at_end", NODE_PLACES, self.largest("node blocks", END))
-        midsides.record(layout, self.functions, "element blocks 0")
+        rows.record_midsides(layout, self.functions, "element blocks 0")
         rows.record(layout, self.functions, w)
         layout.record("nothing", ONE, [("zeros", max(layout.records["between"].size, w * w + k))])
         layout.record("change", ONE, most(self.functions).items())
@@ -233,8 +233,7 @@ class AdjointProgram(NativeProgram):
             interactions.record_adjoint(layout, self.functions, one, self.kinds)
         if self.kinds.multiplied:
             interactions.record_adjoint_of_multipliers(layout, self.functions, w)
-        if self.kinds.stretches:
-            stretches.record_adjoint(layout)
+        tendon_driver.record_adjoint(layout, self.kinds)
         return layout
 
 

@@ -16,12 +16,13 @@ from typing import Any
 
 from ..compiler.derivative import bar
 from ..compiler.shared_ends import END
-from .conserving_functions import ENERGIES
 from .elimination_driver import Elimination
+from .interaction_sorts import BALANCES, ENDS
+from .method_functions import ENERGIES
 from .record_code import ALL, Place, Places
-from .sorts import BALANCES, ELEMENT, ENDS, LOAD, NODE, SIDES, TIE, Row
-from .tendon_adjoint import TensionBars
-from .tendon_driver import Tensions
+from .sorts import ELEMENT, LOAD, NODE, SIDES, Row
+from .tendon_driver import TensionBars, Tensions
+from .tendon_functions import TIE
 
 
 class AdjointDriver(Elimination):
@@ -234,11 +235,11 @@ class AdjointDriver(Elimination):
 
     def at_midside(self, node: str) -> Places:
         move = self.move_of(node)
-        return {"right": ("asked", move), "push": ("push", move)}
+        return {"rhs": ("asked", move), "push": ("push", move)}
 
     def condensed(self, e: str) -> None:
         for side in SIDES[1]:
-            self._ask(self.node_of(e, side), f"right_{side}")
+            self._ask(self.node_of(e, side), f"rhs_{side}")
 
     def node(self, j: str, turn: str | int) -> None:
         """Of node j: what it adds to the matrix, and what is computed there for the elements at
@@ -247,7 +248,7 @@ class AdjointDriver(Elimination):
         self.call_of("node blocks", NODE.at(j), ("at_node", turn), {f"> {END}": ("at_end", turn)})
 
     def around(self, node: str) -> Places:
-        around: Places = {"right": ("asked", self.move_of(node))}
+        around: Places = {"rhs": ("asked", self.move_of(node))}
         if self.held:
             around |= self.free_near(node) | {
                 f"push_{name}": ("push", self.move_of(node, k))
@@ -278,7 +279,7 @@ class AdjointDriver(Elimination):
             return {"balance": found(row.number)}
         if row.of not in (ELEMENT, LOAD):
             ends: Places = {f"{side}.push": found(row.nodes[side]) for side in row.sides}
-            return ends | ({} if row.own is None else {"right": self.solution_of(row)})
+            return ends | ({} if row.own is None else {"rhs": self.solution_of(row)})
         sides = {side: found(self.node_of(row.number, side)) for side in SIDES[self.order]}
         gap = "law", row.number, "gap_bar"
         if row.of is ELEMENT:

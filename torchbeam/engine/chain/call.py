@@ -17,10 +17,11 @@ from ...core.leaves import with_values
 from ...nodal.model import Model
 from ..compiler.team import in_threads
 from .cells import Cells
+from .interaction_sorts import INTERACTIONS
+from .kinds import Kinds
 from .layout import counts
 from .native import NativeProgram
-from .node_kinds import Kinds
-from .sorts import ELEMENT, INTERACTIONS, NODE
+from .sorts import ELEMENT, NODE
 from .tables import LISTS, Tables
 from .transfers import ENTRY
 

@@ -8,10 +8,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from ...topology.framework import Framework
+from .interaction_sorts import INTERACTIONS
+from .kinds import Kinds
 from .layout import ELEMENTS, MULTIPLIERS, NODES, SUPPORTS
-from .node_kinds import Kinds
 from .order import Connectivity, manners_by, order_of
-from .sorts import INTERACTIONS
 
 LEAST, MOST = 3, 16  # cells: two of them win a tenth; more than 16 numbers need many registers
 
@@ -38,7 +38,7 @@ def cells_of(connectivity: Connectivity, kinds: Kinds) -> Cells | None:
         for sort, rows in zip(INTERACTIONS, connectivity.edges, strict=True)
         if rows and not sort.celled
     ]
-    if framework.ties or others or kinds.touching:
+    if framework.ties or others or any(kinds.possible):
         return None
     chains = len(framework.chains)
     starts = [*framework.starts, framework.node_count - framework.singles]
@@ -114,12 +114,10 @@ def _alike(
             len(group) - len(beams) + len(common),
             tuple(edge.nodes for edge in own_edges),
         )
-        own_kinds = Kinds(
-            *(
-                tuple(there[k] for k in rows[sort])
-                for there, sort in zip(kinds[:3], sorts, strict=True)
-            )
-        )
+        of_rows = zip((*kinds[:2], kinds.between[which]), sorts, strict=True)
+        *of_beams, of_edges = (tuple(there[k] for k in rows[sort]) for there, sort in of_rows)
+        between = tuple(of_edges if k == which else () for k in range(len(INTERACTIONS)))
+        own_kinds = Kinds(*of_beams, between)
         own_supports = tuple(place[supports[k]] for k in rows[SUPPORTS])
         celled = tuple(own_edges if k == which else () for k in range(len(INTERACTIONS)))
         alone = Connectivity(own_framework, own_supports, celled, len(common))

@@ -12,11 +12,7 @@ from typing import Any, NamedTuple
 from torch import Tensor
 
 from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves
-from ...nodal.balls import Balls
-from ...nodal.joint_laws import JointLaws
-from ...nodal.joint_motion import Factor
 from ...nodal.rows import ElementRows, NodeRows
-from ...nodal.touching_pairs import TouchingPairs
 from ...scene.effects import Inputs
 
 HELD = ("position", "rotation", "velocity", "spin")  # of a support
@@ -120,48 +116,21 @@ class SupportConstants(Tree):
     spin: Tensor = leaf(2)
 
 
-@dataclass(frozen=True)
-class JointConstants(Tree):
-    """Rows of joints, see `Joints` and `DrivenJoints`; effort, coordinate: of `JointValues`;
-    balls: of all joints, of which kinds say whether they are some.
-    """
-
-    v: Factor
-    w: Factor
-    c: Tensor = leaf(2)
-    across: Factor
-    laws: JointLaws | None
-    effort: Tensor | None = leaf(2)
-    coordinate: Tensor | None = leaf(2)
-    balls: Balls | None
-
-
-@dataclass(frozen=True)
-class StretchConstants(Tree):
-    """Rows of stretches, see `Rope` and `Tendons`: arms of both ends; given (..., S): tension N or
-    length m; the law's numbers, 0 where others have one, None = none has.
-    """
-
-    arms: Tensor = leaf(3)
-    drawn: Tensor = leaf(1)
-    given: Tensor = leaf(1)
-    stiffness: Tensor | None = leaf(1)
-    friction: Tensor | None = leaf(1)
-    slip_speed: Tensor | None = leaf(1)
-
-
 class Trees(NamedTuple):
-    """Of all constants, by the names of their records; the last four None where there is nothing of
-    the kind.
+    """Of all constants; support: None where nothing moves; between: of what acts between nodes, by
+    the names of their records, None where there is nothing of the sort.
     """
 
     node: NodeConstants
     element: ElementConstants
     common: Common
-    support: SupportConstants | None = None
-    joint: JointConstants | None = None
-    stretch: StretchConstants | None = None
-    pair: TouchingPairs | None = None
+    support: SupportConstants | None
+    between: dict[str, Any]
+
+    @property
+    def by_record(self) -> dict[str, Any]:
+        """By the names of their records."""
+        return dict(zip(self._fields[:-1], self[:-1], strict=True)) | self.between
 
 
 def flattened(tree: Any) -> list[tuple[Tensor, int]]:

@@ -21,20 +21,18 @@ from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
 from ...scene.effects.effect import of_library
 from ...state.state import State
-from .alpha_functions import AlphaFunctions
 from .call import Field, ProgramInstance, empty_like
 from .chain_constants import Trees
-from .conserving_functions import ConservingFunctions
 from .constants import Constants, sizes
 from .cotangents import Adjoint, Differentiated
-from .extrapolated_functions import OTHER, ExtrapolatedFunctions
 from .frame_orientations import of_samples, orientations
 from .internal_states import InternalStates
 from .kept_programs import NOTHING, adjoint_of
+from .kinds import Kinds, kinds_of
 from .layout import FORCES
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .node_kinds import Kinds, kinds_of
+from .method_functions import OTHER, AlphaFunctions, ConservingFunctions, ExtrapolatedFunctions
 from .program import StepProgram
 from .step_structure import (
     FORMS,

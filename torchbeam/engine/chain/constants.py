@@ -18,7 +18,6 @@ from ...nodal.acting import ActingLoad
 from ...nodal.balance import same_law
 from ...nodal.conditions import conditions, supports
 from ...nodal.coordinates.planar import Planar
-from ...nodal.joint_motion import NO_VALUES, JointValues
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Inputs, Pose
@@ -29,16 +28,15 @@ from .chain_constants import (
     Common,
     CommonConditions,
     ElementConstants,
-    JointConstants,
     NodeConditions,
     NodeConstants,
     RootPose,
-    StretchConstants,
     SupportConstants,
     Trees,
     filled,
     flattened,
 )
+from .interaction_sorts import INTERACTIONS
 from .load_roles import LoadRoles, unchanging, valued, valued_at_rest
 
 
@@ -74,7 +72,7 @@ class Constants:
         self.given, self.asked = (
             tuple([dead[k] for k in some]) for some in (roles.given, roles.asked)
         )
-        self.valued = self.loads if all(roles.alike) else valued_at_rest(model, self.acts)
+        self.valued = self.loads if all(roles.plain) else valued_at_rest(model, self.acts)
         self.nodes, self.elements = model.nodes, model.elements
         self.asks, self.before = roles.asks, instant == 1 and roles.by_time
         self.sources = self._sources()
@@ -99,11 +97,9 @@ class Constants:
             scene.supports,
             model.law,
             model.inertia,
-            model.joints,
+            model.interactions,
             scene.joints,
-            model.tendons,
             scene.tendons,
-            model.touching,
         )
         made = [model.length, model.section_mass, model.tributary_length]
         return [x for x, _ in flattened(held)] + made
@@ -156,15 +152,13 @@ class Constants:
         )
         values |= {name: x for name, x in velocities if x is not None}
         values |= {} if frame is None else {"frame": frame}
-        if model.scene.tendons:
-            drives = model.tendons.values(model.scene, t, inputs, t)
-            values["tendon given"] = drives[..., [k for k, _ in model.tendons.stretches]]
-        if not self.prescribes and not model.scene.joints:
-            return values
-        end = t + (1 - self.instant) * dt if self.steps else t
-        joints = model.joints.values(model.scene, t, inputs, end) or NO_VALUES
-        values |= {f"joint {name}": x for name, x in joints._asdict().items() if x is not None}
-        return values | self._prescribed(end) if self.prescribes else values
+
+        def end() -> Tensor:
+            return t + (1 - self.instant) * dt if self.steps else t
+
+        for sort in INTERACTIONS:
+            values |= sort.functions.values(model, t, inputs, end)
+        return values | self._prescribed(end()) if self.prescribes else values
 
     def _loads(self, t: Tensor, inputs: Inputs, frame: Tensor | None) -> dict[str, Tensor]:
         """Those that are dead, what the others have by time, and where the root's support
@@ -196,7 +190,7 @@ class Constants:
     def _dead(self, t: Tensor, inputs: Inputs) -> Tensor | float:
         """Loads that no motion and no time changes, wherever the beam is."""
         model, beam = self.model, self.model.scene.beam
-        still = Nodes(beam.nodes, beam.frames, axes=model.drawn_axes)
+        still = Nodes(beam.nodes, beam.frames, axes=model.reference_axes)
         return external(model, still, conditions(model, t, inputs, loads=self.given))
 
     def _values(self, k: int, act: ActingLoad, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
@@ -261,38 +255,8 @@ class Constants:
                 values.get("mixture"),
             ),
             supports,
-            self._joints(values),
-            self._stretches(values),
-            getattr(self.model.touching, "pairs", None),
+            {x.constants: x.functions.constants(self.model, values) for x in INTERACTIONS},
         )
-
-    def _joints(self, values: dict[str, Tensor]) -> JointConstants | None:
-        joints = self.model.joints
-        if not joints.count:
-            return None
-        laws = getattr(joints, "laws", None)
-        given = (values.get(f"joint {name}") for name in JointValues._fields)
-        return JointConstants(
-            joints.v, joints.w, joints.c, joints.across, laws, *given, joints.balls
-        )
-
-    def _stretches(self, values: dict[str, Tensor]) -> StretchConstants | None:
-        tendons = self.model.tendons
-        if not tendons.stretches:
-            return None
-        rope_of, first = zip(*tendons.stretches, strict=True)
-
-        def of_ropes(name: str) -> Tensor | None:
-            of_each = [getattr(rope, name) for rope in tendons.ropes]
-            like = next((x for x in of_each if x is not None), None)
-            if like is None:
-                return None
-            rows = (torch.zeros_like(like) if x is None else x for x in of_each)
-            return torch.stack(torch.broadcast_tensors(*rows), -1)[..., list(rope_of)]
-
-        ends = (tendons.arms[..., [e + k for e in first], :] for k in range(2))
-        drawn, *ropes = map(of_ropes, ("drawn", "stiffness", "friction", "slip_speed"))
-        return StretchConstants(torch.stack([*ends], -2), drawn, values["tendon given"], *ropes)
 
     def _conditions(
         self, values: dict[str, Tensor], when: str = ""

@@ -15,13 +15,13 @@ from ...core.entry_point import without_autocast
 from ...math.first_derivative import first_only
 from .call import Call, Field, Output, ProgramInstance
 from .chain_constants import Trees, flattened
-from .interactions import kept
+from .interaction_sorts import INTERACTIONS
+from .interactions import kept, present
 from .layout import FORCES
 from .native import NativeProgram
-from .sorts import ELEMENT, INTERACTIONS, NODE
+from .sorts import ELEMENT, NODE
 
 OF_MULTIPLIERS = {FORCES: ("multiplier_state", "last_force")}
-OF_TENDONS = {"tendons": ("tendon_state", "tendons")}
 WHOLE = ("stress", "reaction")  # parts of a state whose cotangents have records of their own
 
 
@@ -36,13 +36,13 @@ def state_fields(program: NativeProgram) -> dict[str, tuple[str, str]]:
         **{name: ("sample", name) for name in program.sample_state},
         **(OF_MULTIPLIERS if program.kinds.multiplied else {}),
         **{sort.kept: (sort.state, sort.kept) for sort in INTERACTIONS if kept(kinds, sort)},
-        **(OF_TENDONS if program.kinds.stretches else {}),
+        **{sort.of: (sort.whole, sort.of) for sort in present(kinds) if sort.of},
     }
 
 
 def constant_fields(trees: Trees) -> Iterator[Field]:
     """The tensors of the trees."""
-    for record, tree in trees._asdict().items():
+    for record, tree in trees.by_record.items():
         for k, (x, axes) in enumerate(flattened(tree)):
             yield Field(record, f"{record}.{k}", x, axes)
 

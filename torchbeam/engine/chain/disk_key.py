@@ -22,9 +22,9 @@ from ...core.derivatives import cache_of
 from ...core.leaves import Tree, map_leaves
 from ...nodal.coordinates.planar import Planar
 from ..compiler.object_cache import ObjectCache, key_of
+from .kinds import Kinds
 from .layout import Layout
 from .local_functions import LocalFunctions
-from .node_kinds import Kinds
 
 PACKAGE = Path(__file__).parents[2]
 PLAIN = (str, int, float, bool, type(None), torch.dtype)
@@ -52,7 +52,7 @@ def structure(local: LocalFunctions, kinds: Kinds, held: bool) -> tuple:
         local.searches,
         kinds,
         held,
-        *(_static(_shapes(tree, kind != "common")) for kind, tree in local.trees._asdict().items()),
+        *(_static(_shapes(tree, kind != "common")) for kind, tree in local.trees.by_record.items()),
     )
 
 

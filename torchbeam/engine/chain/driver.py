@@ -24,11 +24,12 @@ from typing import Any
 from ..compiler.shared_ends import END
 from ..compiler.split import HOISTED
 from .elimination_driver import Elimination
+from .interaction_sorts import BALANCES
 from .interactions import SUMS as OF_INTERACTIONS
 from .layout import ELEMENTS, LAW, NODES, TOLD
 from .record_code import ALL, ROWS, Place, Places
 from .search_driver import SQUARES, Search
-from .sorts import BALANCES, ELEMENT, NODE, SIDES, Row
+from .sorts import ELEMENT, NODE, SIDES, Row
 from .tendon_driver import Tensions
 
 SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")

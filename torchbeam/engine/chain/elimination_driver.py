@@ -149,7 +149,7 @@ class Elimination(RowCode):
         node, *places, _ = entry
         self._row_of("interface", node, ("interface", p), {})
         self.add_block(*places[:2], self.at("interface", p, "D"))
-        self.add_column(*places[2:], self.at("interface", p, "right"))
+        self.add_column(*places[2:], self.at("interface", p, "rhs"))
 
     def _row_of(self, name: str, node: str, to: Place, before: Places) -> None:
         """Row of a node by the function `name`, from the row `before`; to: its record."""

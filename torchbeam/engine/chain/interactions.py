@@ -10,9 +10,10 @@ from typing import Any
 
 from ..compiler.function import Function
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
+from .interaction_sorts import INTERACTIONS
+from .kinds import Kinds, distinct
 from .layout import FLAGS, MULTIPLIERS, ONE, Layout, cotangents, largest
-from .node_kinds import Kinds, distinct
-from .sorts import ELEMENT, INTERACTIONS, LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, NODE, Sort
 from .tracing import Shapes, Tracing
 
 SUMS = (*GAPS, *FLAGS)  # what of an interaction a sample is judged by
@@ -60,8 +61,7 @@ def of_interaction(
 
 def far(traced: Tracing, sort: Sort, kind: Any, varying: Shapes | None = None) -> Function:
     """Whether one of a kind is too far to act; varying: shapes of what is of an iteration."""
-    function = getattr(traced.local.of(sort), f"far_{sort.method}")
-    return traced(partial(function, kind), traced.of(sort) | (varying or {}))
+    return traced(partial(traced.local.far(sort), kind), traced.of(sort) | (varying or {}))
 
 
 def _free(
@@ -99,7 +99,7 @@ def transposed(traced: Tracing, sort: Sort, kinds: Kinds, held: bool) -> dict[st
         if held:
             functions |= _free(traced, f"free {sort.name} {k}", blocks, kind.sides)
         if kind.multiplied:
-            solution = partial(getattr(traced.local.of(sort), f"{sort.name}_solution"), kind)
+            solution = partial(traced.local.of(sort).solution, kind)
             functions[f"{sort.name} solution {k}"] = traced(solution, fields)
         if sort.far:
             functions[f"far {sort.name} {k}"] = far(traced, sort, kind).only(["far"])

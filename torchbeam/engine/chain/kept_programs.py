@@ -12,8 +12,8 @@ from ...core.remembered import keep
 from ..compiler.object_cache import key_of
 from .adjoint import AdjointProgram
 from .disk_key import key_on_disk, structure
+from .kinds import Kinds
 from .local_functions import LocalFunctions
-from .node_kinds import Kinds
 from .program import NewtonProgram, StepProgram
 from .tracing import Traced
 

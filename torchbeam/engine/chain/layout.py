@@ -12,11 +12,9 @@ from ..compiler.function import Function
 
 # rows of a record
 NODES, ELEMENTS, SUPPORTS, MOVES, ONE = "nodes", "elements", "supports", "moves", "one"
-# joints, nodes that they sit at, numbers of the system that these make
-JOINTS, INTERFACE, ENTRIES = "joints", "interface", "entries"
-STRETCHES, TENDONS = "stretches", "tendons"  # of tendons their stretches, and themselves
-PAIRS = "pairs"  # of what may touch
-COUPLINGS = "couplings"  # interactions of a class of their own
+# nodes at which something acts, numbers of the system that these make
+INTERFACE, ENTRIES = "interface", "entries"
+STRETCHES, PAIRS = "stretches", "pairs"  # of ropes, and of what may touch
 # what these are called beside the stress of elements, whose rows they follow in a state
 FORCES = "multiplier_force"
 MULTIPLIERS = "multipliers"  # forces of constraints, see `nodal.multipliers`
@@ -32,7 +30,7 @@ GIVEN = {1: BETWEEN, 2: INNER}  # what elements of an order give
 REACTIONS = {"found": "reaction_bar", "last": "reaction_start_bar"}  # cotangents of a support's
 # what gives what an iteration tells the next one, and of which rows
 TOLD = {"tension next": STRETCHES, "element load": ELEMENTS, "node": NODES, "pair": PAIRS}
-FLAGS = "passed", "near"  # of what may touch, see `StepProblem`
+FLAGS = "passed_through", "near"  # of what may touch, see `StepProblem`
 
 
 @dataclass

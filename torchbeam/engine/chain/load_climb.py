@@ -29,11 +29,11 @@ from .constants import Constants, sizes
 from .cotangents import OF_MULTIPLIERS, constant_fields
 from .coverage import MISSING, installed, meaning, natively
 from .kept_programs import program_of
+from .kinds import kinds_of
 from .layout import FORCES
 from .load_program import LoadProgram
 from .load_roles import LoadRoles
 from .native import NativeProgram
-from .node_kinds import kinds_of
 from .order import connectivity_of
 from .program import NewtonProgram
 from .steady_functions import SteadyFunctions

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ...core.leaves import constant, leaves, own_leaves
+from ...core.leaves import constant, functions, leaves, own_leaves
 from ...nodal.acting import ActingLoad
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs
@@ -21,7 +21,7 @@ class LoadRoles(NamedTuple):
     one structure.
 
     acts   of `Model.acts`, those that are evaluated natively: by_place, whether each has values by
-           place; alike: whether they are those of the load itself
+           place; plain: whether they are those of the load itself
     given  of the dead ones (`Model.loads`), those whose values nothing changes; asked: the others
     wants_support  whether a native one asks where the root's support stands; rests: whether that
            stands still
@@ -31,7 +31,7 @@ class LoadRoles(NamedTuple):
 
     acts: tuple[int, ...]
     by_place: tuple[bool, ...]
-    alike: tuple[bool, ...]
+    plain: tuple[bool, ...]
     given: tuple[int, ...]
     asked: tuple[int, ...]
     wants_support: bool
@@ -66,14 +66,8 @@ class LoadRoles(NamedTuple):
         by_time = bool(
             asked or any(map(_by_time, loads, by_place)) or (wants_support and not rests)
         )
-        drives = [
-            drive
-            for joint in scene.joints
-            for coordinate in joint.coordinates
-            for drive in joint.law(coordinate)[-2:]
-        ]
-        drives += [x for tendon in scene.tendons for x in (tendon.tension, tendon.length)]
-        asks = by_time or not given_eigenstrain or not rests or any(map(callable, drives))
+        driven = any(map(functions, (*scene.joints, *scene.tendons)))
+        asks = by_time or not given_eigenstrain or not rests or driven
         return cls(
             tuple(natively),
             tuple(by_place),

@@ -24,23 +24,13 @@ from ...equations.step_problem import StepProblem
 from ...nodal import element_loads, loads
 from ...nodal.balance import dstress, most_beyond, pushed_by, restrained_forces
 from ...state.state import State
-from .coupling_functions import CouplingFunctions
 from .interaction_functions import transposed
-from .joint_functions import JointFunctions
+from .interaction_sorts import INTERACTIONS
 from .local_problem import INTERNAL, Fields, LocalProblems, acting_loads, far_fields, told_to
-from .node_kinds import ElementKind, NodeKind
 from .own_batch import unbatched
-from .pair_functions import PairFunctions
+from .row_kinds import ElementKind, NodeKind
 from .sample_functions import SampleFunctions
-from .sorts import COUPLING, JOINT, LOAD, NODE, PAIR, TIE, Sort
-from .tendon_functions import TendonFunctions
-
-INTERACTING = {
-    JOINT: JointFunctions,
-    TIE: TendonFunctions,
-    PAIR: PairFunctions,
-    COUPLING: CouplingFunctions,
-}
+from .sorts import ELEMENT, LOAD, NODE, Sort
 
 
 @dataclass(frozen=True)
@@ -48,30 +38,34 @@ class LocalFunctions(LocalProblems):
     """Functions of nodes, of elements and of what acts between nodes; and those of the adjoint."""
 
     def of(self, sort: Sort) -> Any:
-        """What has the functions of a sort of rows: of its balance, called as its `method`; of its
-        end, "finish_" in front of that; and "far_", whether it does nothing, where it asks so.
+        """The functions of something between nodes: its `balance`, `finish`, what becomes of it at
+        the end, and `far`, whether it does nothing, where it asks so.
         """
-        return INTERACTING[sort](self) if sort in INTERACTING else self
+        return sort.functions(self)
 
     def balance(self, sort: Sort) -> Callable[..., Fields]:
         """The function of the balance of a sort of rows."""
-        return getattr(self.of(sort), sort.method)
+        own = {NODE: self.node, ELEMENT: self.element, LOAD: self.element_load}
+        return own[sort] if sort in own else self.of(sort).balance
+
+    def far(self, sort: Sort) -> Callable[..., Fields]:
+        """The function that says whether a row does nothing."""
+        return self.far_element_load if sort is LOAD else self.of(sort).far
 
     def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
         """A row at the end of the step."""
-        return getattr(self.of(sort), f"finish_{sort.method}")(kind, **fields)
+        own = {NODE: self.finish_node, ELEMENT: self.finish_element, LOAD: self.finish_element_load}
+        return (own[sort] if sort in own else self.of(sort).finish)(kind, **fields)
 
     def points_told(self, sort: Sort, kind: Any) -> int:
         """At how many points of a row an iteration tells the next one something."""
-        if sort is PAIR:
-            return int(kind.has_friction)
         if sort is NODE:
             acting = acting_loads(kind, self.trees.node.now.loads, self.trees.common.now.loads)
             return sum(load.rubbing_points for load in acting)
-        if sort is not LOAD:
-            return 0
-        acting = (self.trees.common.now.loads[k] for k in kind.loads)
-        return sum(load.points for load in acting if load.rubs)
+        if sort is LOAD:
+            acting = (self.trees.common.now.loads[k] for k in kind.loads)
+            return sum(load.points for load in acting if load.rubs)
+        return 0 if sort is ELEMENT else kind.told
 
     @property
     def samples(self) -> SampleFunctions:
@@ -86,7 +80,8 @@ class LocalFunctions(LocalProblems):
     @property
     def searches(self) -> bool:
         """Whether steps of Newton's method may be shortened."""
-        return self.trees.pair is not None or any(load.touches for load in self.model.scene.loads)
+        far = [self.trees.between[x.constants] is not None for x in INTERACTIONS if x.far]
+        return any(far) or any(load.touches for load in self.model.scene.loads)
 
     # Functions of a node
 
@@ -113,9 +108,9 @@ class LocalFunctions(LocalProblems):
         if isinstance(problem, StepProblem):
             terms["rounding"] = problem.rounding[0]
             if self.model.bodies_touch:
-                passed = problem.body_passed(kinematics)
+                through = problem.body_passed_through(kinematics)
                 near = problem.body_near(kinematics)
-                for name, flag in (("passed", passed), ("near", near)):
+                for name, flag in (("passed_through", through), ("near", near)):
                     terms[name] = balance.new_zeros(()) if flag is None else flag.to(balance)
         if "told" in fields:
             now = problem.conditions
@@ -228,6 +223,10 @@ class LocalFunctions(LocalProblems):
             "strain": effective_strain.amax(),
         }
 
+    def finish_element(self, kind: ElementKind, **fields: Tensor) -> Fields:
+        """The element at the end of the step: nothing is asked for."""
+        return {}
+
     # Functions of the loads between an element's nodes
 
     def far_element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
@@ -237,7 +236,7 @@ class LocalFunctions(LocalProblems):
 
     def element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
         """What they add to what `element` gives its nodes; the largest force and moment; in a step
-        `passed`, see `StepProblem.passed`.
+        `passed_through`, see `StepProblem.passed_through`.
         """
         problem, kinematics = self._between(fields, kind)
         problem = told_to(problem, "elements", fields)
@@ -251,7 +250,7 @@ class LocalFunctions(LocalProblems):
             for k, side in enumerate(self.sides)
         }
         found |= {"far_U": far[0][0], "far_L": far[1][0]} if far else {}
-        passed = problem.passed(kinematics)
+        through = problem.passed_through(kinematics)
         if "told" in fields:
             now = problem.conditions
             nodes = problem.nodes(kinematics)
@@ -261,7 +260,7 @@ class LocalFunctions(LocalProblems):
             "L": L if far else L[0],
             "force": wrench[..., :p].abs().amax(),
             "moment": wrench[..., p:].abs().amax(),
-            **({} if passed is None else {"passed": passed.to(wrench)}),
+            **({} if through is None else {"passed_through": through.to(wrench)}),
         }
 
     def finish_element_load(self, kind: ElementKind, **fields: Tensor) -> Fields:
@@ -326,12 +325,12 @@ class LocalFunctions(LocalProblems):
         own with what cotangents ask of these: `force_bar`.
         """
         reactions = {side: fields.pop(f"{side}.reaction") for side in kind.sides if held}
-        right = fields.pop("force_bar", None)
+        rhs = fields.pop("force_bar", None)
         outputs = transposed(self.balance(sort)(kind, **fields), reactions)
         if not kind.multiplied:
             return outputs
-        right = right * right.new_tensor(kind.held)
-        return outputs | {"right": right + outputs.get("right", 0.0)}
+        rhs = rhs * rhs.new_tensor(kind.held)
+        return outputs | {"rhs": rhs + outputs.get("rhs", 0.0)}
 
     def multiplier_update(self, force: Tensor, move: Tensor) -> Fields:
         """Forces of constraints (w) after they have changed."""

@@ -35,21 +35,11 @@ from .chain_constants import (
     filled,
     flattened,
 )
-from .node_kinds import (
-    CouplingKind,
-    ElementKind,
-    EndKind,
-    JointKind,
-    NodeKind,
-    PairKind,
-    StretchKind,
-    SupportKind,
-)
 from .own_batch import of_one_sample
+from .row_kinds import BetweenKind, ElementKind, EndKind, NodeKind, SupportKind
 from .sorts import SIDES
 
 Fields = dict[str, Tensor]
-BetweenKind = JointKind | StretchKind | PairKind | CouplingKind
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
 
@@ -66,7 +56,7 @@ class Ends(NamedTuple):
 @dataclass(frozen=True)
 class LocalProblems:
     """Of a model's nodes and elements; the trees say which fields exist, their values do not
-    matter. supports: None where nothing moves them; joints, stretches, pairs: where there are none.
+    matter.
 
     A node's internal states are those of all loads that have some, one after the other, whichever
     act there.
@@ -207,10 +197,10 @@ class LocalProblems:
         return Ends(rows, values, common, now)
 
     def _with_between(
-        self, rows: Rows, now: Conditions, alike: CommonConditions, kind: ElementKind
+        self, rows: Rows, now: Conditions, shared: CommonConditions, kind: ElementKind
     ) -> Conditions:
         """Conditions with the loads that act between the nodes of an element."""
-        loads = tuple(alike.loads[k] for k in kind.loads)
+        loads = tuple(shared.loads[k] for k in kind.loads)
         return replace(now, between=acting(rows, loads, (0,) * len(loads)))
 
     def element_constants(self, fields: Fields) -> ElementConstants:
@@ -260,17 +250,17 @@ class LocalProblems:
         kind: NodeKind | None,
         nodes: NodeConditions | None,
         common: Common,
-        alike: CommonConditions,
+        shared: CommonConditions,
         eigenstrain: Tensor | None,
         supports: tuple[SupportConditions, ...],
     ) -> Conditions:
         """Of a node of a kind, or of an element (None): on that no loads act."""
         velocities = common.velocity, common.angular_velocity
-        root = None if alike.support is None else Pose(*vars(alike.support).values())
+        root = None if shared.support is None else Pose(*vars(shared.support).values())
         loads, dead = (
             ((), None)
             if nodes is None
-            else (acting_loads(kind, nodes.loads, alike.loads), nodes.dead)
+            else (acting_loads(kind, nodes.loads, shared.loads), nodes.dead)
         )
         if any(captured.batch for captured in common.captured):
             loads = tuple(map(of_one_sample, loads))

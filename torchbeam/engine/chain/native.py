@@ -21,12 +21,13 @@ from ..compiler.llvm import Module
 from ..compiler.object_cache import ObjectCache
 from ..compiler.shared_ends import share_ends
 from .disk_key import store_layout, stored_layout
-from .interactions import kinds_of
+from .interaction_sorts import ENDS
+from .interactions import kinds_of, present
+from .kinds import Kinds, without_side
 from .layout import GIVEN, Layout, largest, sizes
 from .local_functions import LocalFunctions
-from .node_kinds import Kinds, without_side
 from .record_code import RecordCode
-from .sorts import ELEMENT, ENDS, LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, NODE, Sort
 from .tracing import Shapes, Traced, Tracing
 
 SMALL = 60  # operations of a function that is rather written into the driver than called
@@ -88,7 +89,7 @@ class NativeProgram:
     @cached_property
     def functions(self) -> dict[str, Function]:
         begin, (local, known) = time.perf_counter(), self._untraced
-        if self.kinds.pairs:
+        if any(sort.far for sort in present(self.kinds)):
             LOG.warning(
                 "%s for beams or bodies that touch is traced and compiled, which takes some ten "
                 "seconds of this processor, once for all scenes of this kind",
@@ -172,7 +173,7 @@ class NativeProgram:
             return ["balance"]
         if sort in (ELEMENT, LOAD):
             return [*(f"{side}.balance" for side in self.sides), *["gap"] * (sort is ELEMENT)]
-        return [*(f"{side}.push" for side in kind.sides), *["right"] * kind.multiplied]
+        return [*(f"{side}.push" for side in kind.sides), *["rhs"] * kind.multiplied]
 
     @property
     def given_by_elements(self) -> str:

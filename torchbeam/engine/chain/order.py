@@ -13,8 +13,9 @@ from ...nodal.model import Model
 from ...topology.cut import Run
 from ...topology.framework import Framework
 from ...topology.order import Constraint, Elimination, Groups
+from .interaction_sorts import INTERACTIONS
 from .layout import INTERFACE
-from .sorts import INTERACTIONS, Edges
+from .sorts import Edges
 
 # how nodes are eliminated, see `manners_of`
 MANNERS = (
@@ -59,7 +60,7 @@ class Order(NamedTuple):
 
 def connectivity_of(model: Model) -> Connectivity:
     """Of a whole model."""
-    edges = tuple(sort.edges(model) for sort in INTERACTIONS)
+    edges = tuple(sort.functions.edges(model) for sort in INTERACTIONS)
     return Connectivity(model.topology, model.constraints.nodes, edges)
 
 

@@ -30,7 +30,7 @@ from .coverage import meaning, natively
 from .layout import FORCES
 from .load_climb import fields_at_rest, instance_at_rest, refusal
 from .load_driver import PIVOT
-from .path_program import RATE, PathFunctions, PathProgram, by_rows
+from .load_program import RATE, PathFunctions, PathProgram, by_rows
 from .user_functions import check_batch, written
 
 Answer = tuple[Tensor, Tensor, Tensor]

@@ -9,9 +9,10 @@ from ..compiler.function import Function
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import split
-from . import interactions, midsides, rows, stretches
+from . import interactions, rows, tendon_driver
 from .adjoint import AdjointProgram
 from .driver import SUMS, Driver, Slots
+from .interaction_sorts import INTERACTIONS
 from .layout import (
     ELEMENTS,
     FLAGS,
@@ -32,7 +33,7 @@ from .local_functions import LocalFunctions
 from .native import NativeProgram
 from .row_functions import RowFunctions
 from .search_driver import SQUARES
-from .sorts import ELEMENT, INTERACTIONS, JOINT, LOAD, NODE, Sort
+from .sorts import ELEMENT, LOAD, NODE, Sort
 from .step_driver import StepSlots
 from .tracing import Shapes, Tracing
 
@@ -91,7 +92,7 @@ class NewtonProgram(NativeProgram):
         packing = Packing(OWN, nodes, [name for name in nodes[0].outputs if name != "told"])
         elements = [*self._of_rows(traced, ELEMENT).values()]
         shapes = {name: out.shape for name, out in elements[0].outputs.items()}
-        names = midsides.to_nodes(shapes)
+        names = rows.to_nodes(shapes)
         loads = self._of_loads_between(functions, traced, {n: shapes[n] for n in names})
         between = Packing(self.given_by_elements, [*elements, *loads.values()], names)
         made = between.made()
@@ -150,15 +151,15 @@ class NewtonProgram(NativeProgram):
         for sort in INTERACTIONS:
             traced_row = partial(self._of_row, traced, sort)
             functions |= interactions.of_interaction(traced, sort, kinds, self.held, traced_row)
-        changing = [f"{side}.{name}" for side in JOINT.sides for name in self.unknown]
-        for k, _ in interactions.kinds_of(kinds, JOINT):
-            name = f"{JOINT.name} {k}"
-            _split(functions, name, functions[name], (*changing, "force", *self.varying))
+            changing = [f"{side}.{name}" for side in sort.sides for name in self.unknown]
+            for k, _ in interactions.kinds_of(kinds, sort) if sort.early else ():
+                name = f"{sort.name} {k}"
+                _split(functions, name, functions[name], (*changing, "force", *self.varying))
         if kinds.multiplied:
             numbers = {"force": (w,), "move": (w,)}
             functions["multiplier update"] = traced(traced.local.multiplier_update, numbers)
         shapes = dict.fromkeys(self.varying, ()) | {"told": (2,)}
-        functions |= stretches.of_tensions(traced, kinds.stretches, shapes)
+        functions |= tendon_driver.of_tensions(traced, kinds, shapes)
         return functions
 
     def _of_loads_between(
@@ -210,7 +211,7 @@ class NewtonProgram(NativeProgram):
             layout.record(name, sort, self.largest(name))
         layout.record("at_node", NODE_PLACES, outputs("node 0", OWN))
         layout.record("at_end", NODE_PLACES, self.largest("node", END))
-        midsides.record(layout, self.functions, "element 0")
+        rows.record_midsides(layout, self.functions, "element 0")
         for k, _ in interactions.kinds_of(self.kinds, LOAD):
             for word in (f"far {LOAD.name}", LOAD.name):
                 layout.record("sums", ONE, outputs(f"{word} {k}", *FLAGS))
@@ -245,8 +246,7 @@ class NewtonProgram(NativeProgram):
             interactions.record(layout, self.functions, sort, *settings)
         if self.kinds.multiplied:
             interactions.record_multipliers(layout, w)
-        if self.kinds.stretches:
-            stretches.record(layout)
+        tendon_driver.record(layout, self.kinds)
         if "part multiplier" in self.functions:
             _beside(layout, "multiplier", MULTIPLIERS)
         for name, sort in TOLD.items():
@@ -279,10 +279,10 @@ class StepProgram(NewtonProgram):
             functions["scaled"] = traced(traced.local.scaled, shapes | {"scale": ()})
         passes = (
             interactions.kinds_of(self.kinds, LOAD)
-            or self.kinds.pairs
+            or any(sort.far for sort in interactions.present(self.kinds))
             or traced.local.model.bodies_touch
         )
-        without = () if passes else ("passed",)
+        without = () if passes else ("passed_through",)
         functions["outcome"] = self._of_numbers(traced, traced.local.samples.outcome, without)
         return functions
 

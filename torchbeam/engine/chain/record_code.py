@@ -15,9 +15,9 @@ from ..compiler.lane_loops import LaneLoops
 from ..compiler.llvm import Module
 from ..compiler.loop_text import Code
 from .cell_sums import CellSums
+from .interaction_sorts import INTERACTIONS
+from .kinds import Kinds
 from .layout import ELEMENTS, INTERFACE, MIDDLE, MULTIPLIERS, NODES, ONE, SUPPORTS, Layout
-from .node_kinds import Kinds
-from .sorts import INTERACTIONS
 from .tables import COUNTS, LISTS, WIDTH
 from .transfers import Transfers
 

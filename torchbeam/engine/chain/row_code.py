@@ -15,14 +15,15 @@ from math import isqrt
 from ..compiler.function import Output
 from ..compiler.shared_ends import END
 from .interactions import all_kinds, kinds_of, present
+from .kinds import same_code
 from .layout import MIDDLE
-from .node_kinds import alike
 from .record_code import ROWS, Place, Places, RecordCode
-from .sorts import ELEMENT, LOAD, NODE, OWN, SIDES, TIE, Row, Sort
+from .sorts import ELEMENT, LOAD, NODE, OWN, SIDES, Row, Sort
+from .tendon_functions import TIE
 
 NUMBER = "i32"  # as large as a number of the smallest dtype
 MULTIPLIED = "multiplier", "multiplier_state"  # records of forces of constraints
-TENDON = 4  # in a row of a stretch's table
+WHOLE = 4  # in a row of a stretch's table: which of all it is of
 
 Then = Callable[[Row], None]
 
@@ -91,7 +92,7 @@ class RowCode(RecordCode):
         if side == "beyond":
             return "beyond", s, name
         if field == "start":
-            return "tendon_state", self.integers("stretch", s)[TENDON], "tendons"
+            return TIE.whole, self.integers("stretch", s)[WHOLE], TIE.of
         return self.first_of((*TIE.reads, TIE.constants, "tie blocks"), field, s)
 
     def of_pull(self, name: str, s: str) -> Place:
@@ -222,7 +223,7 @@ class RowCode(RecordCode):
     def each_row(self, sort: Sort, then: Then, shared: bool | None = None) -> None:
         """then(row) of each row of a sort; shared: see `entries`."""
         with self.code.loop(*self.range_of(ROWS[sort.rows], shared)) as number:
-            if sort.edges is None:
+            if sort.functions is None:
                 then(sort.at(number))
             else:
                 self._edge(sort, number, then)
@@ -233,7 +234,7 @@ class RowCode(RecordCode):
         nodes = {side: code.load(code.at(entry, k)) for k, side in enumerate(sort.sides)}
         kinds = all_kinds(self.kinds, sort)
         for k in self.each_kind(sort, number):
-            function = alike(kinds, k, sort.name)
+            function = same_code(kinds, k, sort.name)
             unit = code.load(code.at(entry, sort.width - 1)) if kinds[k].multiplied else None
             then(Row(sort, number, function, entry, nodes, kinds[k].sides, unit))
 
@@ -325,12 +326,12 @@ class RowCode(RecordCode):
                 self._join_blocks(row, self.functions[free].outputs)
             with code.when(code.new(f"xor i1 {held}, true")):
                 self._join_blocks(row)
-        if "right" in self._blocks_of(row.of, row.kind):
+        if "rhs" in self._blocks_of(row.of, row.kind):
             width = row.of.width
             first, stride = (self.code.load(self.code.at(row.entry, width - k)) for k in (4, 3))
             with self._there(first):
-                right = self.at(f"{row.name} blocks", row.number, "right")
-                self.add_column(first, stride, right)
+                rhs = self.at(f"{row.name} blocks", row.number, "rhs")
+                self.add_column(first, stride, rhs)
 
     def _join_blocks(self, row: Row, free: Container[str] = ()) -> None:
         code, sort, size = self.code, row.of, self.coupled(row)

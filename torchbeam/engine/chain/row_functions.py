@@ -1,5 +1,6 @@
-"""Local functions of rows of the matrix: of a run of nodes, which is eliminated as it is made, and
-of nodes of the interface; and those of the transposed matrix.
+"""Local functions of rows of the matrix: of a run of nodes, which is eliminated as it is made, of
+nodes of the interface, and those of the transposed matrix. A midside node is eliminated with what
+the node itself adds: to its rows an element of three nodes is one between two.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ import torch
 from torch import Tensor
 
 from ...math.block_tridiagonal import eliminated
+from ...topology.framework_unknowns import masked
+from ...topology.midside_nodes import condensed, following
+from ...topology.protocols import Topology
 from .layout import FLAGS
 from .local_functions import LocalFunctions
 from .local_problem import Fields
@@ -54,11 +58,11 @@ class RowFunctions:
 
     def interface(self, held: bool, **fields: Tensor) -> Fields:
         """The row of a node that joints hold, which push it (w): D, L and U (w, w), what is asked
-        of it (`right`, w); sizes, and for a reaction its whole row and balance, as in `row`.
+        of it (`rhs`, w); sizes, and for a reaction its whole row and balance, as in `row`.
         """
         row = self._whole_row(held, fields)
         sizes = self.sizes(fields, _of_row(fields, "inertia"), row.left)
-        return {"D": row.D, "L": row.L, "U": row.U, "right": -row.asked} | row.blocks | sizes
+        return {"D": row.D, "L": row.L, "U": row.U, "rhs": -row.asked} | row.blocks | sizes
 
     def _whole_row(self, held: bool, fields: Fields) -> WholeRow:
         balance, D = _of_row(fields, "balance"), _of_row(fields, "D")
@@ -121,24 +125,24 @@ class RowFunctions:
         }
 
     def transposed_row(
-        self, held: bool, right: Tensor, backward: bool = False, **fields: Tensor
+        self, held: bool, rhs: Tensor, backward: bool = False, **fields: Tensor
     ) -> Fields:
         """A row of the elimination of the transposed matrix, see `row`, for what moves are asked
         for (w); where supports are near, also for what their balances are (`push_` before, here,
         after).
         """
-        D, below, above, right = self._transposed_whole_row(held, right, fields)
+        D, below, above, rhs = self._transposed_whole_row(held, rhs, fields)
         if backward:
             below, above = above, below
-        return _eliminated(D.mT, above, right, below, fields)
+        return _eliminated(D.mT, above, rhs, below, fields)
 
-    def transposed_interface(self, held: bool, right: Tensor, **fields: Tensor) -> Fields:
+    def transposed_interface(self, held: bool, rhs: Tensor, **fields: Tensor) -> Fields:
         """As `interface`, of the transposed matrix."""
-        D, below, above, right = self._transposed_whole_row(held, right, fields)
-        return {"D": D.mT, "L": below, "U": above, "right": right}
+        D, below, above, rhs = self._transposed_whole_row(held, rhs, fields)
+        return {"D": D.mT, "L": below, "U": above, "rhs": rhs}
 
     def _transposed_whole_row(
-        self, held: bool, right: Tensor, fields: Fields
+        self, held: bool, rhs: Tensor, fields: Fields
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """D as it is, what couples the transposed row to the one before and to the next, and what
         is asked of it (w).
@@ -147,13 +151,13 @@ class RowFunctions:
         below, above = fields["left.U"].mT, fields["right.L"].mT
         if held:
             pushes = (fields[f"push_{name}"] for name in ("before", "here", "after"))
-            right = right + sum(
+            rhs = rhs + sum(
                 (block @ push[:, None])[:, 0]
                 for block, push in zip((below, D.mT, above), pushes, strict=True)
             )
-            right = right * fields["free_here"]
+            rhs = rhs * fields["free_here"]
             D, below, above = _masked_row(D, below, above, fields)
-        return D, below, above, right
+        return D, below, above, rhs
 
     def push(self, reaction_bar: Tensor, free: Tensor) -> Fields:
         """What the cotangent of a reaction is to the balance of its node (w)."""
@@ -164,13 +168,13 @@ class RowFunctions:
         return {"balance_bar": push - free * move}
 
 
-def _eliminated(D: Tensor, U: Tensor, right: Tensor, L: Tensor, fields: Fields) -> Fields:
-    """What is left of a row (D, U, L), of which `right` (w) is asked, see `eliminated`."""
-    right, y = right[:, None], fields["y"][:, None]
+def _eliminated(D: Tensor, U: Tensor, rhs: Tensor, L: Tensor, fields: Fields) -> Fields:
+    """What is left of a row (D, U, L), of which `rhs` (w) is asked, see `eliminated`."""
+    rhs, y = rhs[:, None], fields["y"][:, None]
     if "side" in fields:
-        right = torch.cat((right, torch.zeros_like(D)), -1)
+        rhs = torch.cat((rhs, torch.zeros_like(D)), -1)
         y = torch.cat((y, fields["side"]), -1)
-    ahead, y = eliminated(D, U, right, L, fields["ahead"], y)
+    ahead, y = eliminated(D, U, rhs, L, fields["ahead"], y)
     side = {"side": y[:, 1:]} if "side" in fields else {}
     return {"ahead": ahead, "y": y[:, 0]} | side
 
@@ -194,3 +198,102 @@ def _masked_row(D: Tensor, L: Tensor, U: Tensor, fields: Fields) -> tuple[Tensor
         L * free[:, None] * before,
         U * free[:, None] * after,
     )
+
+
+@dataclass(frozen=True)
+class MidsideFunctions:
+    """Functions of a midside node; rows: those of the rows that it is a part of."""
+
+    rows: RowFunctions
+
+    def condense(self, held: bool, **fields: Tensor) -> Fields:
+        """What an element of three nodes gives its ends without the one between, as one of two
+        nodes does: from the fields of `node` of the midside node (own.) and those of the element
+        (element.). With it own (w), by_i and by_j (w, w), see `restore`; the largest force and
+        moment in the midside node's terms, and left of its balance. Where a support holds it
+        (`held`): with what is free (w, 1 or 0) of it; and its whole rows (w, 3 w) and balance, for
+        a reaction.
+        """
+        element = {
+            name.removeprefix("element."): x
+            for name, x in fields.items()
+            if name.startswith("element.")
+        }
+        (D, U, L, *far), balance = self._blocks(fields), fields["own.balance"]
+        asked = torch.stack((element["i.asked"], element["m.asked"] + balance, element["j.asked"]))
+        left, rows = balance + element["m.balance"], torch.cat((L[0], D[1], U[1]), -1)
+        outputs = {"rows": rows, "asked": asked[1]} if held else {}
+        if held:
+            free = _between_free(fields["free"])
+            D, U, L, *far = masked(self._element, free, D, U, L, *far)
+            left, asked = left * free[1], asked * free
+        inertia = total(fields.get("own.inertia"), element.get("m.inertia"))
+        sizes = self.rows.sizes(fields, inertia, left)
+        outputs |= self.rows.local.pivot(D[1]) | sizes
+        D, U, L, middle = condensed(self._element, D, U, L, *far)
+        ends, own = middle.condense(-asked)
+        for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
+            same = f"{side}.balance", f"{side}.inertia"
+            outputs |= {name: element[name] for name in same if name in element}
+            outputs |= {f"{side}.D": D[k], f"{side}.asked": -ends[k], f"by_{side}": by[0]}
+        return outputs | {"U": U[0], "L": L[0], "own": own[0]}
+
+    @property
+    def _element(self) -> Topology:
+        """One."""
+        return self.rows.local.element_assembly.topology
+
+    def _blocks(self, fields: Fields) -> tuple[Tensor, ...]:
+        """(D, U, L, far upper, far lower) of one element, with D of its midside node's own."""
+        D = torch.stack(
+            (fields["element.i.D"], fields["element.m.D"] + fields["own.D"], fields["element.j.D"])
+        )
+        return (
+            D,
+            fields["element.U"],
+            fields["element.L"],
+            fields["element.far_U"][None],
+            fields["element.far_L"][None],
+        )
+
+    def restore(
+        self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor
+    ) -> Fields:
+        """The move (w) of a midside node from those of its element's ends."""
+        return {"move": following(own, by_i, by_j, before, after)}
+
+    def transposed_condense(self, held: bool, rhs: Tensor, **fields: Tensor) -> Fields:
+        """As `condense`, of the transposed matrix, for what moves are asked for of the midside node
+        (w): the blocks of the ends as they are, not transposed, and what is added to what is asked
+        of them; where a support holds it, also for what its balance is (`push`).
+        """
+        D, U, L, *far = self._blocks(fields)
+        sides = torch.zeros_like(D[:2, 0])
+        if held:
+            free, push = _between_free(fields["free"]), fields["push"][:, None]
+            rhs = (rhs + (D[1].mT @ push)[:, 0]) * free[1]
+            sides = torch.stack(((L[0].mT @ push)[:, 0], (U[1].mT @ push)[:, 0]))
+            D, U, L, *far = masked(self._element, free, D, U, L, *far)
+        D, L, U, middle = condensed(self._element, D.mT, L.mT, U.mT, *(x.mT for x in reversed(far)))
+        ends, own = middle.condense(
+            torch.stack((torch.zeros_like(rhs), rhs, torch.zeros_like(rhs)))
+        )
+        outputs = {"U": U[0].mT, "L": L[0].mT, "own": own[0]}
+        for k, (side, by) in enumerate(zip("ij", (middle.by_i, middle.by_j), strict=True)):
+            outputs |= {
+                f"{side}.D": D[k].mT,
+                f"by_{side}": by[0],
+                f"rhs_{side}": ends[k] + sides[k],
+            }
+        return outputs
+
+    def transposed_restore(
+        self, own: Tensor, by_i: Tensor, by_j: Tensor, before: Tensor, after: Tensor
+    ) -> Fields:
+        """As `restore`, of the transposed matrix, from the cotangents of its ends' balances (w)."""
+        return self.restore(own, by_i, by_j, -before, -after)
+
+
+def _between_free(free: Tensor) -> Tensor:
+    """(3, w) of an element's nodes, whose ends are free."""
+    return torch.stack((torch.ones_like(free), free, torch.ones_like(free)))

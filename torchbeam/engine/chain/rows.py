@@ -1,18 +1,69 @@
-"""Rows in a program: functions by which nodes are eliminated, and the records that they need."""
+"""Rows in a program: functions by which nodes are eliminated, midside nodes element by element, and
+the records that they need.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 
 from ..compiler.function import Function
 from ..compiler.packing import Packing
-from . import midsides
-from .layout import ENTRIES, INNER, INTERFACE, NODES, ONE, Layout, sizes
-from .midside_functions import MidsideFunctions
-from .row_functions import RowFunctions
+from .layout import (
+    BETWEEN,
+    ELEMENT_PLACES,
+    ELEMENTS,
+    ENTRIES,
+    INNER,
+    INTERFACE,
+    MIDDLE,
+    NODES,
+    ONE,
+    Layout,
+    sizes,
+)
+from .row_functions import MidsideFunctions, RowFunctions
+from .sorts import SIDES
 from .tracing import Shapes, Tracing
 
-ROW, RUN = ("D", "L", "U", "right"), ("ahead", "y", "side")  # of the interface, of a run
+ROW, RUN = ("D", "L", "U", "rhs"), ("ahead", "y", "side")  # of the interface, of a run
+BLOCKS = ("U", "L", "far_U", "far_L")  # of an element, beside those of its nodes
+# what a midside node's move is made from, beside the moves of its element's ends
+FOLLOWING = ("own", "by_i", "by_j")
+
+
+def to_nodes(names: Iterable[str]) -> list[str]:
+    """Of what an element gives: what is for the rows of its nodes."""
+    return [name for name in names if name in BLOCKS or name.partition(".")[0] in SIDES[max(SIDES)]]
+
+
+def _eliminating(
+    condense: dict[str, Function], restore: Function, inside: Packing, inner: Packing
+) -> tuple[dict[str, Function], Packing, dict[str, tuple[int, ...]]]:
+    """Functions of midside nodes by name, from those that eliminate them, which take fields of the
+    midside node (own.) and of the element (element.), and the one that restores them; what elements
+    then give their ends, and the shapes of that.
+    """
+    names = {f"element.{name}": name for name in inner.fields}
+    makers = [
+        inner.taken(inside.taken(function, {f"own.{name}": name for name in inside.fields}), names)
+        for function in condense.values()
+    ]
+    between = Packing(BETWEEN, makers, to_nodes(makers[0].outputs))
+    middle = Packing(MIDDLE, between.made(), FOLLOWING)
+    functions = dict(zip(condense, middle.made(), strict=True))
+    functions["restore"] = middle.taken(restore, {name: name for name in FOLLOWING})
+    return functions, between, {name: makers[0].outputs[name].shape for name in between.fields}
+
+
+def record_midsides(layout: Layout, functions: dict[str, Function], element: str) -> None:
+    """Records of what elements give, by the function of that name, and of their midside nodes."""
+    last = "condense" if "condense" in functions else element
+    layout.record("between", ELEMENT_PLACES, [(BETWEEN, sizes(functions, last)[BETWEEN])])
+    if last == element:
+        return
+    layout.record("inner", ONE, [(INNER, sizes(functions, element)[INNER])])
+    layout.record("middle", ELEMENTS, [(MIDDLE, sizes(functions, last)[MIDDLE])])
 
 
 def of_rows(
@@ -36,7 +87,7 @@ def of_rows(
     of = {name: getattr(of_rows, f"{way}{name}") for name in ("row", INTERFACE)}
     of |= {name: getattr(midside, f"{way}{name}") for name in ("condense", "restore")}
     given = {f"own.{name}": shapes[f"own.{name}"] for name in own.fields}
-    given |= {"right": (w,)} if transposed else {}
+    given |= {"rhs": (w,)} if transposed else {}
     words = ("free", "push") if transposed else ("free",)
     if between.name == INNER:
         inner = given | {f"element.{name}": shapes[name] for name in between.fields}
@@ -46,7 +97,7 @@ def of_rows(
             condense["held condense"] = traced(partial(of["condense"], True), around)
         following = {"own": (w,), "by_i": (w, w), "by_j": (w, w), "before": (w,), "after": (w,)}
         restore = traced(of["restore"], following)
-        functions, between, shapes = midsides.eliminating(condense, restore, own, between)
+        functions, between, shapes = _eliminating(condense, restore, own, between)
     blocks = ("U", "L") if transposed else ("L", "U")  # of the elements before and behind a node
     sides = {
         f"{side}.{name.removeprefix(f'{end}.')}": name

@@ -77,15 +77,15 @@ class SampleFunctions:
         left_strain: Tensor,
         total: Tensor,
         longest: Tensor,
-        **joints: Tensor,
+        **gaps: Tensor,
     ) -> Tensor:
-        """The scaled residual; joints: the largest gap and turn of joints, and the size of what
-        they connect.
+        """The scaled residual; gaps: the largest gap and turn of constraints, and the size of
+        what they connect.
         """
         size = scaled(
             left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
         )
-        return self.with_gaps(size, joints)
+        return self.with_gaps(size, gaps)
 
     def judge(
         self,
@@ -118,12 +118,12 @@ class SampleFunctions:
             "iterations": iterations + going.to(iterations),
         }
 
-    def with_gaps(self, size: Tensor, joints: Fields) -> Tensor:
-        """A scaled residual with the gaps of joints, if there are any, see `judge`."""
-        if not joints:
+    def with_gaps(self, size: Tensor, gaps: Fields) -> Tensor:
+        """A scaled residual with the gaps of constraints, if there are any, see `judge`."""
+        if not gaps:
             return size
-        apart = joints["gap_position"] / joints["constraint_size"]
-        return measured(size, torch.maximum(apart, joints["gap_rotation"]))
+        apart = gaps["gap_position"] / gaps["constraint_size"]
+        return measured(size, torch.maximum(apart, gaps["gap_rotation"]))
 
     def outcome(
         self,
@@ -133,12 +133,13 @@ class SampleFunctions:
         before: Tensor,
         cosine: Tensor,
         least: Tensor,
-        passed: Tensor | None = None,
+        passed_through: Tensor | None = None,
     ) -> Fields:
         """The status (that of `before` where a sample does not move): it has converged, and no node
         has turned too far or passed through what it is to touch; and whether it moves on.
         """
-        lost = cosine < least if passed is None else (cosine < least) | (passed != 0)
+        lost = cosine < least
+        lost = lost if passed_through is None else lost | (passed_through != 0)
         status = torch.where(done != 0, torch.where(lost, float(DIVERGED), float(SUCCESS)), status)
         status = torch.where(moving != 0, status, before)
         return {"status": status, "moving": ((status == SUCCESS) & (moving != 0)).to(moving)}

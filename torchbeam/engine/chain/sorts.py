@@ -1,6 +1,5 @@
 """Sorts of rows: what a structure is made of, as native code knows it. Nodes; elements, and the
-loads between their nodes; and what acts between nodes: `Joints`, stretches of `Tendons`, pairs that
-may touch, couplings (an `Interaction` of a scene).
+loads between their nodes; and what acts between nodes, see `interaction_sorts`.
 
 Each has a balance, which a step is to close, and an end, which becomes of it. What acts between
 nodes pushes those at its ends, and may have unknowns of its own, called o; those of the one before
@@ -10,13 +9,12 @@ it are called p. A block of the matrix is called by its row and its column, each
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from itertools import product
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from ...nodal.model import Model
-from .layout import COUPLINGS, ELEMENTS, JOINTS, NODES, PAIRS, STRETCHES, TENDONS
+from .layout import ELEMENTS, NODES
 
 OWN, LAST = "o", "p"
 SIDES = {1: ("i", "j"), 2: ("i", "m", "j")}  # what the nodes of an element are called, by its order
@@ -41,43 +39,18 @@ class Edge(NamedTuple):
 Edges = tuple[Edge, ...]
 
 
-def _of_joints(model: Model) -> Edges:
-    if not model.joints.count:
-        return ()
-    w, counts = model.space.unknowns, map(int, model.joints.held.sum(-1))
-    pairs = zip(model.topology.joints, counts, strict=True)
-    return tuple(Edge(nodes, count, count == w) for nodes, count in pairs)
-
-
-def _of_stretches(model: Model) -> Edges:
-    edges, tendons = [], model.tendons
-    pairs = tendons.stretches
-    for s, (k, e) in enumerate(pairs):
-        first, last = s == 0 or pairs[s - 1][0] < k, s + 1 == len(pairs) or pairs[s + 1][0] > k
-        rope, more = tendons.ropes[k], (int(first), int(last), k)
-        alone = rope.stiffness is not None or rope.friction is not None
-        edges.append(Edge(tendons.nodes[e : e + 2], None, False, alone, alone and not first, more))
-    return tuple(edges)
-
-
-def _of_pairs(model: Model) -> Edges:
-    return tuple(map(Edge, getattr(model.touching, "nodes", ())))
-
-
-def _of_couplings(model: Model) -> Edges:
-    return tuple(Edge(act.nodes, act.unknowns or None) for act in model.scene.interactions)
-
-
 class Sort(NamedTuple):
     """name: of its functions and records; constants: of the record of its constants, of its table
     and its kinds; rows: of its records; reads: records of what else it reads; shared: the number of
     its rows that are a cell's, the others being shared by all, None = all are.
 
-    Of what acts between nodes also sides: what its ends are called; edges: those of a model;
-    unknowns: whether it has some of its own; chained: whether these are coupled to those of the one
-    before; more: integers of a row of its table beside nodes and places; of: rows of what several
-    may be of, by the last of these; celled: whether there may be some where a structure is made of
-    cells; far: whether some may be too far to act; kept: the field of a state that has rows of it.
+    Of what acts between nodes also sides: what its ends are called; functions: the class of its
+    functions, see `InteractionFunctions`; unknowns: whether it has some of its own; chained:
+    whether these are coupled to those of the one before; more: integers of a row of its table
+    beside nodes and places; of: rows of what several may be of, by the last of these; celled:
+    whether there may be some where a structure is made of cells; far: whether some may be too far
+    to act; early: whether what does not depend on the unknowns is found before they are; kept: the
+    field of a state that has rows of it.
     """
 
     name: str
@@ -86,13 +59,14 @@ class Sort(NamedTuple):
     reads: tuple[str, ...] = ()
     shared: str | None = None
     sides: tuple[str, ...] = ()
-    edges: Callable[[Model], Edges] | None = None
+    functions: Any = None
     unknowns: bool = False
     chained: bool = False
     more: int = 0
     of: str | None = None
     celled: bool = False
     far: bool = False
+    early: bool = False
     kept: str | None = None
 
     @property
@@ -101,9 +75,9 @@ class Sort(NamedTuple):
         return f"{self.name}_state"
 
     @property
-    def method(self) -> str:
-        """What gives its balance is called, see `LocalFunctions`."""
-        return self.name.replace(" ", "_")
+    def whole(self) -> str:
+        """The record of what a state has of those that rows are of."""
+        return f"{self.of}_state"
 
     @property
     def kinds(self) -> str:
@@ -157,14 +131,3 @@ class Row(NamedTuple):
 NODE = Sort("node", "node", NODES, shared="own_nodes")
 ELEMENT = Sort("element", "element", ELEMENTS)
 LOAD = Sort("element load", "element", ELEMENTS)  # loads between an element's nodes: they follow it
-JOINT = Sort("joint", "joint", JOINTS, ("joint_state",), "own_edges", sides=SIDES[1],
-             edges=_of_joints, unknowns=True, celled=True, kept="joints")  # fmt: skip
-TIE = Sort("tie", "stretch", STRETCHES, ("pull", "told stretches", "at_stretch"), sides=SIDES[1],
-           edges=_of_stretches, unknowns=True, chained=True, more=3, of=TENDONS)  # fmt: skip
-PAIR = Sort("pair", "pair", PAIRS, ("told pairs",), sides=PAIR_SIDES, edges=_of_pairs, far=True)
-COUPLING = Sort("coupling", "coupling", COUPLINGS, ("coupling_state",), sides=PAIR_SIDES,
-                edges=_of_couplings, unknowns=True, kept="memory")  # fmt: skip
-INTERACTIONS = JOINT, TIE, PAIR, COUPLING
-# in the order in which their balances, and their ends, are gone through
-BALANCES = ELEMENT, NODE, TIE, PAIR, COUPLING, JOINT
-ENDS = ELEMENT, TIE, PAIR, COUPLING, JOINT, NODE

@@ -21,7 +21,7 @@ from ...scene.prescribed_motion import moved
 from .chain_constants import Common
 from .local_functions import LocalFunctions
 from .local_problem import Fields
-from .node_kinds import NodeKind
+from .row_kinds import NodeKind
 from .sample_functions import SampleFunctions
 
 # fields of a support's node, and their sizes

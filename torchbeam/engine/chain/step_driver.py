@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from .conserving_functions import ENERGIES
 from .driver import Slots
-from .sorts import ENDS, NODE, Row
+from .interaction_sorts import ENDS
+from .method_functions import ENERGIES
+from .sorts import NODE, Row
 
 
 class StepSlots(Slots):

@@ -22,9 +22,10 @@ from .call import Call, Field, Output, ProgramInstance, like
 from .cells import cells_of
 from .chain_constants import Trees, reader_of
 from .cotangents import constant_fields, state_fields
+from .interactions import present
+from .kinds import Kinds
 from .load_roles import LoadRoles
 from .local_functions import LocalFunctions
-from .node_kinds import Kinds
 from .order import connectivity_of
 from .program import StepProgram
 
@@ -73,7 +74,8 @@ class StepStructure:
         # axes that functions of t may bring along; one at least, so that none of theirs is taken
         # for that of steps
         self.dims = max(1, *(field.value.ndim - field.axes for field in fields))
-        self.values, self.readers = tuple(values), [reader_of(tree) for tree in trees]
+        self.values = tuple(values)
+        self.readers = [reader_of(tree) for tree in trees.by_record.values()]
         # of all fields: record, name and axes of a constant one, None of one that changes
         self.places = [
             None if id(field.value) in names else (field.record, field.name, field.axes)
@@ -113,7 +115,8 @@ class StepStructure:
 
     def constant(self, trees: Trees) -> list[Field]:
         """The fields of a model's trees that hold for all steps."""
-        tensors = [x for of, tree in zip(self.readers, trees, strict=True) for x in of(tree)]
+        pairs = zip(self.readers, trees.by_record.values(), strict=True)
+        tensors = [x for of, tree in pairs for x in of(tree)]
         return [
             Field(*place[:2], x, place[2])
             for place, x in zip(self.places, tensors, strict=True)
@@ -221,7 +224,7 @@ def _by_cells(
     model = local.model
     alone = model.scene.batch_shape.numel() < program.lanes()
     known = around is not None and "energy" not in program.layout.records
-    if not (kinds.joints and alone and known):
+    if not (any(sort.celled for sort in present(kinds)) and alone and known):
         return None
     connectivity = connectivity_of(model)
     cells = cells_of(connectivity, kinds)

@@ -17,9 +17,10 @@ from ...topology.cut import Run
 from ...topology.framework import Framework
 from ..compiler.block_pattern import BlockPattern
 from .cells import Cells
+from .interaction_sorts import INTERACTIONS
 from .layout import ELEMENT_PLACES, ENTRIES, INTERFACE, MULTIPLIERS, NODE_PLACES, SIGNS
 from .order import Connectivity, Order, connectivity_of, order_of
-from .sorts import INTERACTIONS, LAST, OWN, Edge, Edges, Sort
+from .sorts import LAST, OWN, Edge, Edges, Sort
 
 # tables of integers that code reads, and numbers, by name
 LISTS = (

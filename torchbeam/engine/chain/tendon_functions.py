@@ -1,5 +1,5 @@
-"""Local functions of tendons, stretch by stretch; a stretch's two ends are called i and j, as those
-of an element; of the ground there are no fields.
+"""Tendons in native code: constants, kinds and local functions, stretch by stretch; a stretch's two
+ends are called i and j, as those of an element; of the ground there are no fields.
 
 With the tension known, a stretch pulls its two nodes together, as a tendon of two eyelets does. The
 tensions follow from all stretches of the tendon, see `rope`, so that balances of its nodes depend
@@ -17,32 +17,136 @@ Of the first stretch ratio and by_q are 0.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ...core.leaves import Tree, leaf
 from ...nodal.between_nodes import Placed
 from ...nodal.joint_motion import end_moves
+from ...nodal.model import Model
 from ...nodal.rope import Rope, Stretches, along_stretch
 from ...nodal.tendons import Tendons, mean_tension
+from ...scene.effects import Inputs
 from ...topology.framework import Framework
-from .chain_constants import StretchConstants, filled
-from .interaction_functions import pushed
-from .local_problem import Fields, LocalProblems
-from .node_kinds import EndKind, StretchKind
-from .sorts import SIDES
+from .chain_constants import filled
+from .interaction_functions import InteractionFunctions, Later, Several, pushed
+from .layout import STRETCHES
+from .local_problem import Fields
+from .row_kinds import EndKind, sides_of
+from .sorts import SIDES, Edge, Edges, Sort
 
 # what a tension follows from, of all stretches from one on
 SUMMED = "length", "before", "change", "rate"
 
 
 @dataclass(frozen=True)
-class TendonFunctions:
+class StretchConstants(Tree):
+    """Rows of stretches, see `Rope` and `Tendons`: arms of both ends; given (..., S): tension N or
+    length m; the law's numbers, 0 where others have one, None = none has.
+    """
+
+    arms: Tensor = leaf(3)
+    drawn: Tensor = leaf(1)
+    given: Tensor = leaf(1)
+    stiffness: Tensor | None = leaf(1)
+    friction: Tensor | None = leaf(1)
+    slip_speed: Tensor | None = leaf(1)
+
+
+class StretchKind(NamedTuple):
+    """What code of a stretch of a tendon depends on: what holds its two ends, None = it is the
+    ground; whether the tendon has a stiffness, and friction.
+    """
+
+    ends: tuple[EndKind | None, EndKind | None]
+    elastic: bool
+    has_friction: bool
+    multiplied: ClassVar[bool] = False
+    kept: ClassVar[int] = 0
+    told: ClassVar[int] = 0
+
+    sides = property(lambda self: sides_of(self.ends))
+
+    @property
+    def coupled(self) -> bool:
+        """Whether its tension depends on where the other stretches are."""
+        return self.elastic or self.has_friction
+
+    def by_word(self) -> dict[str, tuple[Any, ...]]:
+        """What each of its functions depends on, by the first word of their names."""
+        return {
+            "stretch": (self.ends, self.coupled, self.has_friction),
+            "tension": (self.elastic, self.has_friction),
+            "tie": (self.ends, self.coupled),
+        }
+
+
+@dataclass(frozen=True)
+class TendonFunctions(InteractionFunctions):
     """Functions of a stretch."""
 
-    problems: LocalProblems
+    @staticmethod
+    def edges(model: Model) -> Edges:
+        edges, tendons = [], model.tendons
+        pairs = tendons.stretches
+        for s, (k, e) in enumerate(pairs):
+            first, last = s == 0 or pairs[s - 1][0] < k, s + 1 == len(pairs) or pairs[s + 1][0] > k
+            rope, more = tendons.ropes[k], (int(first), int(last), k)
+            alone = rope.stiffness is not None or rope.friction is not None
+            nodes = tendons.nodes[e : e + 2]
+            edges.append(Edge(nodes, None, False, alone, alone and not first, more))
+        return tuple(edges)
+
+    @staticmethod
+    def kinds(model: Model, held: list[EndKind], several: Several) -> tuple[StretchKind, ...]:
+        tendons = model.tendons
+        if not tendons.stretches:
+            return ()
+        ends = [None if node is None else held[node] for node in tendons.nodes]
+        ropes = [(x.stiffness is not None, x.friction is not None) for x in tendons.ropes]
+        return tuple(StretchKind((ends[e], ends[e + 1]), *ropes[k]) for k, e in tendons.stretches)
+
+    @staticmethod
+    def values(model: Model, t: Tensor, inputs: Inputs, end: Later) -> Fields:
+        if not model.tendons.stretches:
+            return {}
+        drives = model.tendons.values(model.scene, t, inputs, t)
+        return {"tendon given": drives[..., [k for k, _ in model.tendons.stretches]]}
+
+    @staticmethod
+    def constants(model: Model, values: Fields) -> StretchConstants | None:
+        tendons = model.tendons
+        if not tendons.stretches:
+            return None
+        rope_of, first = zip(*tendons.stretches, strict=True)
+
+        def of_ropes(name: str) -> Tensor | None:
+            of_each = [getattr(rope, name) for rope in tendons.ropes]
+            like = next((x for x in of_each if x is not None), None)
+            if like is None:
+                return None
+            rows = (torch.zeros_like(like) if x is None else x for x in of_each)
+            return torch.stack(torch.broadcast_tensors(*rows), -1)[..., list(rope_of)]
+
+        ends = (tendons.arms[..., [e + k for e in first], :] for k in range(2))
+        drawn, *ropes = map(of_ropes, ("drawn", "stiffness", "friction", "slip_speed"))
+        return StretchConstants(torch.stack([*ends], -2), drawn, values["tendon given"], *ropes)
+
+    @staticmethod
+    def fields(model: Model) -> dict[str, tuple[int, ...]]:
+        own = {"length": (), "direction": (3,)}
+        return {
+            **{"tension": (), "slope": (), "ratio": (), "by_q": (3,), "turned": (3,)},
+            **own,
+            **{f"beyond.{name}": () for name in SUMMED},
+            **{f"last.{name}": shape for name, shape in (own | {"tension": ()}).items()},
+            **{f"own.{name}": shape for name, shape in own.items()},
+            "change": (),
+            "start": (),
+        }
 
     def stretch(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Its length after the step, and where forces act at its start, before; by how much it has
@@ -103,8 +207,8 @@ class TendonFunctions:
             "turned": along_stretch(turn, ends[0], fields["last.length"][None]),
         } | ({} if told is None or grip.told is None else {"told": grip.told[0]})
 
-    def tie(self, kind: StretchKind, **fields: Tensor) -> Fields:
-        """What a stretch gives its nodes, see `JointFunctions.joint`: its push (w) by end, blocks
+    def balance(self, kind: StretchKind, **fields: Tensor) -> Fields:
+        """What a stretch gives its nodes, see `JointFunctions.balance`: its push (w) by end, blocks
         (w, w); where other stretches matter (`coupled`) those of its own unknowns, too, and with
         those of the one before.
         """
@@ -165,7 +269,7 @@ class TendonFunctions:
             by_side[SIDES[1][end]] = torch.cat((rows, rows.new_zeros(w - 3, w)))
         return by_side
 
-    def finish_tie(self, kind: StretchKind, **fields: Tensor) -> Fields:
+    def finish(self, kind: StretchKind, **fields: Tensor) -> Fields:
         """Work of a stretch over the step; start: tension at its start, see `Tendons.finished`."""
         start = None if self.problems.OVER_STEP else fields["start"]
         return {"work": -mean_tension(fields["tension"], start) * fields["change"]}
@@ -198,7 +302,7 @@ class TendonFunctions:
 
     def _constants(self, fields: Fields) -> StretchConstants:
         """Of one stretch."""
-        return filled(self.problems.trees.stretch, lambda k: fields[f"stretch.{k}"])
+        return filled(self.problems.trees.between["stretch"], lambda k: fields[f"stretch.{k}"])
 
     def _rope(self, constants: Any, kind: StretchKind) -> Rope:
         return Rope(
@@ -207,3 +311,8 @@ class TendonFunctions:
             constants.friction if kind.has_friction else None,
             constants.slip_speed if kind.has_friction else None,
         )
+
+
+TIE = Sort("tie", "stretch", STRETCHES, ("pull", "told stretches", "at_stretch"), sides=SIDES[1],
+           functions=TendonFunctions, unknowns=True, chained=True, more=3,
+           of="tendons")  # fmt: skip

@@ -25,9 +25,9 @@ from ...core.functions_of_time import past_hooks
 from ...core.leaves import leaves
 from ...core.remembered import keep
 from ...core.status import SUCCESS
-from ...nodal.fixed_touching import fixed
 from ...nodal.model import Model
 from ...nodal.touching import Nearby, PartContact, spread
+from ...nodal.touching_forces import fixed
 from ...nodal.touching_pairs import PairMotion
 from ...scene.effects import Inputs
 from ...state.state import State

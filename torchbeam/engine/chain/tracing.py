@@ -8,26 +8,23 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ...state.instant import READINGS as JOINT_READINGS
 from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
-from .extrapolated_functions import OTHER
 from .local_functions import LocalFunctions
 from .local_problem import INTERNAL
-from .sorts import PAIR_SIDES, SIDES, Sort
-from .tendon_functions import SUMMED
+from .method_functions import OTHER
+from .sorts import Sort
 
 Shapes = dict[str, tuple[int, ...]]
-FORCES = ("force", "last_force", "after_force", "force_bar")  # of constraints
 Traced = dict[tuple, Function]  # by their names, kinds and shapes
 # functions that ask loads, and so what users wrote
-OF_LOADS = ("node", "coupling", "transposed_interaction", "finished")
+OF_LOADS = ("node", "balance", "transposed_interaction", "finished")
 
 
 class Tracing:
     """shapes: of the states' and unknowns' fields; constants: of those of each record; node,
-    element, joint, stretch, pair, coupling: see `of`; known: functions of the same trees that were
+    element: see `of`; known: functions of the same trees that were
     traced before, and are not traced again, to which those that are traced now are added.
     """
 
@@ -55,14 +52,13 @@ class Tracing:
                 f"{kind}.{i}": tuple(x.shape[x.ndim - axes + (kind != "common") :])
                 for i, (x, axes) in enumerate(flattened(tree))
             }
-            for kind, tree in local.trees._asdict().items()
+            for kind, tree in local.trees.by_record.items()
         }
         elements = zip(flattened(local.trees.element), local.element_rows, strict=True)
         self.constants["element"] = {
             f"element.{i}": (rows, *x.shape[x.ndim - axes + 1 :])
             for i, ((x, axes), rows) in enumerate(elements)
         }
-        free = {"free": (p + s,), "reaction": (p + s,)}
         tensors = {
             **self.constants["node"],
             **{name: self.shapes[name] for name in (*local.state, "u", "m")},
@@ -76,19 +72,7 @@ class Tracing:
             **{name: self.shapes[name] for name in ("stress", *local.element_state)},
             **{f"{side}.{name}": shape for side in local.sides for name, shape in tensors.items()},
         }
-        self.joint = {
-            **self.constants["joint"],
-            **self.constants["common"],
-            "joints": (JOINT_READINGS,),
-            **(forces := dict.fromkeys(FORCES, (p + s,))),
-            **(ends := _at_sides(tensors | free)),
-        }
-        self.stretch = {**self.constants["stretch"], **self.constants["common"], **ends}
-        self.stretch |= of_stretch()
-        self.pair = {**self.constants["pair"], **self.constants["common"]}
-        self.pair |= _at_sides(tensors | free, PAIR_SIDES)
-        self.coupling = self.pair | forces | {"memory": (local.model.scene.memory[1],)}
-
+        self.end = tensors | {"free": (p + s,), "reaction": (p + s,)}
         tensors = [x for captured in local.trees.common.captured for x, _ in flattened(captured)]
         self.captured = {
             f"common.{i}": x
@@ -98,7 +82,11 @@ class Tracing:
 
     def of(self, sort: Sort) -> Shapes:
         """All that a function of such a row may read."""
-        return getattr(self, sort.constants)
+        if sort.functions is None:
+            return getattr(self, sort.constants)
+        ends = {f"{side}.{name}": shape for side in sort.sides for name, shape in self.end.items()}
+        shapes = self.constants[sort.constants] | self.constants["common"]
+        return shapes | sort.functions.fields(self.local.model) | ends
 
     def __call__(self, function: Callable, shapes: Shapes) -> Function:
         """The function of fields of these shapes, without those that it does not read."""
@@ -118,23 +106,3 @@ class Tracing:
         }
         traced = trace(function, given, {name: x for name, x in captured.items() if name in shapes})
         return traced.only(traced.outputs)
-
-
-def _at_sides(shapes: Shapes, sides: tuple[str, ...] = SIDES[1]) -> Shapes:
-    """Of all ends of what lies between nodes."""
-    return {f"{side}.{name}": shape for side in sides for name, shape in shapes.items()}
-
-
-def of_stretch() -> Shapes:
-    """Fields of a stretch beside its constants: what `TendonFunctions` gives and takes."""
-    pulled = {"tension": (), "slope": (), "ratio": (), "by_q": (3,), "turned": (3,)}
-    own = {"length": (), "direction": (3,)}
-    return {
-        **pulled,
-        **own,
-        **{f"beyond.{name}": () for name in SUMMED},
-        **{f"last.{name}": shape for name, shape in (own | {"tension": ()}).items()},
-        **{f"own.{name}": shape for name, shape in own.items()},
-        "change": (),
-        "start": (),
-    }

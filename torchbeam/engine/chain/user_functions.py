@@ -17,7 +17,7 @@ from ...nodal import interactions
 from ...nodal.conditions import conditions
 from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
-from ...nodal.sample_check import check_samples, tried
+from ...nodal.sample_check import are_checked, check_samples
 from ...nodal.sample_check import written as functions_of
 from ...scene.effects import Inputs, Load, LoadPoint
 from ...scene.effects.effect import of_library
@@ -43,7 +43,7 @@ def written(effect: Any) -> bool:
 
 def check_batch(model: Model, batch: tuple[int, ...]) -> None:
     """See `check_samples`: of functions of the motion that native code evaluates for a batch."""
-    loads = [load for load in by_function(model) if not tried(functions_of(load))]
+    loads = [load for load in by_function(model) if not are_checked(functions_of(load))]
     if not loads or torch.Size(batch).numel() < 2:
         return
     with torch.no_grad():
@@ -53,7 +53,7 @@ def check_batch(model: Model, batch: tuple[int, ...]) -> None:
         pushes = nodes.position.new_ones(len(now.interactions), model.space.unknowns)
         several = interactions.points(model.space, nodes, now, interactions.Inner(pushes))
         for acting, point in (*load_points(model, nodes, now, now.loads), *several):
-            check_samples(acting.load, point, t, inputs, batch)
+            check_samples(acting, point, t, inputs, batch)
 
 
 def dependencies_of(loads: list[Any]) -> Dependencies:

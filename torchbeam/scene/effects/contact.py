@@ -14,8 +14,7 @@ from ...core.validation import Value, concrete, refusal, shown
 from ...math.quaternions import cross
 from ..parts import part_of
 from ..stations import Table
-from .contact_law import damped, pressure, rubbing, telling
-from .contact_path import leads_through
+from .contact_law import damped, leads_through, pressure, rubbing, telling
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
 from .obstacle import Obstacle, each
@@ -301,7 +300,7 @@ class Contact(ContactTerms):
         room = (self.gap(x) - each(self.thickness))[..., 0]
         return (room > 0) & (room * room >= reach)
 
-    def passed(self, x: Tensor, half: Tensor, dt: Tensor) -> Tensor:
+    def passed_through(self, x: Tensor, half: Tensor, dt: Tensor) -> Tensor:
         """(..., n) bool: whether the way of points, by `half` (..., n, 3) m on either side of x, in
         dt (...) s, leads through the obstacle.
         """

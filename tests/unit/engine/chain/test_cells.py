@@ -3,10 +3,10 @@
 import torchbeam as tb
 from tests.cases import parity_scenes
 from torchbeam.engine.chain.cells import cells_of
-from torchbeam.engine.chain.layout import JOINTS
-from torchbeam.engine.chain.node_kinds import kinds_of
+from torchbeam.engine.chain.interaction_sorts import INTERACTIONS
+from torchbeam.engine.chain.kinds import kinds_of
 from torchbeam.engine.chain.order import Connectivity, connectivity_of, order_of
-from torchbeam.engine.chain.sorts import INTERACTIONS, Edge
+from torchbeam.engine.chain.sorts import Edge
 from torchbeam.nodal.discretise import discretise
 from torchbeam.topology.framework import Framework
 
@@ -30,7 +30,7 @@ def test_what_has_cells():
     own = cells(hand())
     alone = own.connectivity
     assert own.count == 3 and alone.framework.chains == (2, 1) and alone.shared == 1
-    assert len(alone.edges[0]) == 3 and sum(step != 0 for _, step in own.rows[JOINTS]) == 2
+    assert len(alone.edges[0]) == 3 and sum(step != 0 for _, step in own.rows["joints"]) == 2
     assert cells(hand(held=True)).connectivity.supports == (5,)
     assert cells(hand(fingers=2)) is None
     ties = [tb.Weld(("a0", 1), ("a1", 1))]

@@ -9,8 +9,8 @@ from torch.testing import assert_close
 import torchbeam as tb
 from tests.cases.compiled_step_cases import straight
 from torchbeam.engine.chain import disk_key, kept_programs, native
+from torchbeam.engine.chain.kinds import Kinds
 from torchbeam.engine.chain.layout import Layout
-from torchbeam.engine.chain.node_kinds import Kinds
 
 pytest.importorskip("llvmlite")
 

@@ -4,8 +4,9 @@ properties/test_parity.py.
 
 import random
 
+from torchbeam.engine.chain.interaction_sorts import INTERACTIONS
 from torchbeam.engine.chain.order import Connectivity, order_of
-from torchbeam.engine.chain.sorts import INTERACTIONS, Edge
+from torchbeam.engine.chain.sorts import Edge
 from torchbeam.topology.cut import cut
 from torchbeam.topology.framework import Framework
 from torchbeam.topology.order import Constraint, Elimination

@@ -1,4 +1,6 @@
-"""Sensors of joints: what `State.joint` reads, by the joint's place in the scene's list."""
+"""Sensors of joints and tendons: what `State.joint` reads, what `State.tendons` holds, by their
+places in the scene.
+"""
 
 from __future__ import annotations
 
@@ -101,3 +103,52 @@ class JointLoad(_OfJoint):
     def read(self, state: Any) -> Tensor:
         reading = self.reading(state)
         return torch.cat((reading.force, reading.moment), -1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _OfTendon(Sensor):
+    """tendon: its place among the scene's tendons. ValueError for one that is not there."""
+
+    tendon: int = option(whole)
+
+    def row(self, state: Any) -> Tensor:
+        tendons = getattr(state, "tendons", None)
+        count = 0 if tendons is None else tendons.shape[-2]
+        return tendons[..., place("tendon", self.tendon, count, "there are the tendons"), :]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TendonTension(_OfTendon):
+    """Tension (..., 2) N of a tendon's first stretch and of its last: over a step its mean, as
+    friction leaves it.
+
+    Examples:
+        >>> rope = tb.Tendon([(None, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0)
+        >>> tb.sensors.TendonTension(0)(tb.equilibrium(tb.Scene(beam, [rope])))  # N
+        tensor([1., 1.])
+    """
+
+    name = property(lambda self: f"tension of tendon {self.tendon}")
+    unit = "N"
+    labels = ("first", "last")
+
+    def read(self, state: Any) -> Tensor:
+        return self.row(state)[..., :2]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TendonLength(_OfTendon):
+    """Length (..., 1) m of a tendon from its first eyelet to its last.
+
+    Examples:
+        >>> rope = tb.Tendon([(None, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0)
+        >>> tb.sensors.TendonLength(0)(tb.rest(tb.Scene(beam, [rope])))  # m
+        tensor([1.])
+    """
+
+    name = property(lambda self: f"length of tendon {self.tendon}")
+    unit = "m"
+    labels = ("length",)
+
+    def read(self, state: Any) -> Tensor:
+        return self.row(state)[..., 2:]

@@ -1,4 +1,6 @@
-"""Whether what acts on a beam, moves it or is fixed to it lies in its plane."""
+"""What a model cannot be: in a plane out of which something acts, moves it or is fixed to it; with
+a joint that holds what supports and other joints hold, where nothing between them gives way.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.derivatives import no_derivatives
 from ..core.leaves import constant, with_values
+from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..scene.effects import RootSpring
 from ..scene.effects.loads import LineLoad, PointLoad
@@ -18,6 +22,8 @@ from .conditions import conditions
 from .coordinates.planar import Planar
 from .coordinates.selection import in_space
 from .element_loads import at_nodes
+from .joint_motion import Pose
+from .joints import Joints
 from .loads import Nodes, load_points, wrench
 from .model import Model
 
@@ -40,7 +46,8 @@ def check_plane(model: Model) -> None:
         if isinstance(load.anchor, Tensor):  # slack at rest, a spring pulls nowhere
             to = load.anchor - beam.nodes[..., load.node, :]
             if load.offset is not None:
-                to = to - (model.drawn_axes[..., load.node, :, :] @ load.offset[..., None])[..., 0]
+                R = model.reference_axes[..., load.node, :, :]
+                to = to - (R @ load.offset[..., None])[..., 0]
             _refuse_vector(space, f"a {load.called} to a point", to)
     for effect in scene.eigenstrains:
         if constant(effect):
@@ -83,7 +90,7 @@ def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:
     beam, still = model.scene.beam, torch.zeros_like(model.scene.beam.nodes)
     t = still.new_zeros(())
     whole = with_values(model, space=in_space(beam))
-    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.drawn_axes)
+    nodes = Nodes(beam.nodes, beam.frames, still, still, axes=model.reference_axes)
     now = conditions(model, t, {}, loads=loads)
     for acting, point in load_points(whole, nodes, now, now.loads):
         yield acting.load.called, wrench(whole.space, acting.load, point, t, {})
@@ -131,3 +138,57 @@ def _refuse(space: Planar, what: str, given: Tensor, inside: Tensor) -> None:
         raise ValueError(
             f"{what} out of the plane {space.name!r} was given; one in it is wanted, or plane=None"
         )
+
+
+RANK = {torch.float64: 1e-9, torch.float32: 1e-4}  # of a row
+CLEAR = 1e-3  # of a row: a singular value that is no matter of rounding
+
+
+def refuse_redundant(model: Model) -> None:
+    """Raises ValueError where the gradients of the constraints by all moves that supports leave are
+    dependent, as drawn: their forces are then not determined. Names the first joint in the list
+    that holds what those before it hold.
+    """
+    if not model.joints.count:
+        return
+    beam, least = model.scene.beam, RANK[model.scene.dtype]
+    bare = {name: None for name in ("laws", "balls") if hasattr(model.joints, name)}
+    joints, moving = with_values(model.joints, **bare), model.constraints.moving.flatten()
+    with no_derivatives():
+        G = concrete(remembered(_gradient, joints, beam.nodes, beam.axes, moving)).double()
+        if remembered(_rank, G, least) == G.shape[-2]:
+            return
+    counts, before = [int(held.sum()) for held in model.joints.held], 0
+    for k, (joint, count) in enumerate(zip(model.scene.joints, counts, strict=True)):
+        more = count - _rank(G[..., : before + count, :], least) + before
+        if more:
+            raise ValueError(
+                f"joint {k}, a {joint}, was given, which holds {more} of {count} components that "
+                "supports or joints before it hold already; one that leaves these free (a Ball or "
+                "a Cylindrical in place of a Hinge), or a beam that bends between them, is wanted"
+            )
+        before += count
+
+
+def _rank(G: Tensor, least: float) -> int:
+    """The least of all samples; a row that is smaller than `least` is none. Where all are clearly
+    independent, a factorisation of G G^T tells it, a tenth of the work of singular values.
+    """
+    apart = G @ G.mT - CLEAR**2 * torch.eye(G.shape[-2]).to(G)
+    if (torch.linalg.cholesky_ex(apart).info == 0).all():
+        return G.shape[-2]
+    return int((torch.linalg.svdvals(G) > least).sum(-1).amin())
+
+
+def _gradient(joints: Joints, nodes: Tensor, axes: Tensor, moving: Tensor) -> Tensor:
+    """(..., constraints, unknowns) as drawn, by what supports leave `moving` (unknowns,):
+    displacements in sizes of the whole, and rotations.
+    """
+    ends = joints.framework.at_joints
+    pose = Pose(ends(nodes), ends(axes.flatten(-2)).unflatten(-1, (3, 3)))
+    G = joints.held_rows(pose)
+    size, space = joints.size.detach()[..., None, None], joints.space
+    along = torch.arange(len(moving), device=G.device) % space.unknowns < space.dims.position
+    G = G * torch.where(along, size, 1.0) * moving
+    rows = torch.linalg.vector_norm(G, dim=-1, keepdim=True)
+    return G / torch.where(rows > 0, rows, 1.0)
