@@ -110,9 +110,10 @@ class Actuator:
 
 @dataclass(frozen=True)
 class TipForce(Actuator):
-    """A force on the tip, along the rows of gain (actions, 3) N: of fixed direction, in frame a;
-    or, `follower`, turning with the tip, in its section axes. A fixed force acts at a point
-    `offset` (a parameter, m) beyond the last node, along the beam.
+    """A force on the tip, along the rows of gain (actions, 3) N.
+
+    It keeps its direction in frame a; or, `follower`, it turns with the tip, in its section axes. A
+    fixed force acts at a point `offset` (a parameter, m) beyond the last node, along the beam.
 
     Examples:
         >>> force = envs.TipForce(gain=[[0, 0.5, 0], [0, 0, 0.5]])  # N at an action of 1

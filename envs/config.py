@@ -22,58 +22,52 @@ from .sensors import Observed, check_names
 
 @dataclass(frozen=True, kw_only=True)
 class BeamEnvConfig:
-    """The keywords that every task takes (defaults are those of `torchbeam/TipReach-v1`); tasks add
-    their own.
+    """The keywords that every task takes; tasks add their own.
 
-    The beam
-    length, elements   of a straight beam from the origin: m; at least 2
-    section            `torchbeam.Section`, or "aluminium strip" or "silicone rod"
-                       (see `envs/plant.py`). Its device is that of the simulation; batch axes
-                       (num_envs,) give every sub-env its own
-    direction, up      of the beam, frame a, and what its section's z axis is made of; up = None: z,
-                       for a beam along z x
-    beam               in place of all these: a `torchbeam.Beam` of any shape; batch axes likewise
-    supports           `torchbeam.Support`s, None = as the task has it: clamped at node 0
-    damping            s, or None; tau in [F; M] = S^-1 (strain + tau strain rate)
-    gravity            (3,) m/s^2 in frame a, or None
-    planar             motion, actions and observation in the plane of the task alone; gravity
-                       across it is left out
+    Defaults are those of `torchbeam/TipReach-v1`.
 
-    Actions
-    force              N at an action of 1, along the tip section's y and z axes (in a plane: the
-                       one of them in it)
-    actuators          in place of the task's own, for instance that force: one or more `Actuator`s
-    delay              control intervals from an action to its effect
-    control_interval   s;  substeps: calls of the stepper in one
-    accuracy           in place of elements and substeps, which are chosen by it: relative error of
-                       the tip's path under random actions, see `torchbeam.converge`
-
-    Simulation
-    form, method       "nodal" and "midpoint" (implicit); or, for a soft section, a form and a
-                       method of torchdiffeq as in `torchbeam.ExplicitStepper`
-    solver             more arguments for the stepper, by name
-    dtype              torch.float32 for motion in single precision; None = float64
-    engine             of the implicit methods: "auto", "eager" or "compiled" (native code), see
-                       `torchbeam.Stepper`
-
-    Observation, reward, episode
-    sensors            one or more of "tip", "middle", "gauges", "full" (see `envs/sensors.py`), and
-                       `Observed` sensors; None where a task has its own
-    noise              standard deviation, in units of the observation, of white noise on each entry
-                       of the sensors
-    frames             observations side by side, the oldest first, one control interval apart; at a
-                       reset all are its first one
-    randomize          what is drawn uniformly at each reset, from the sub-env's generator:
-                       name -> (low, high); True = every
-                       parameter, from its documented range; None
-    control_cost       per interval and |action|^2
-    failure_reward     of the interval in which the solver fails, or the task does; None = so little
-                       that going on is never worse: for it and each interval that the time limit
-                       leaves as much as one costs at most (`Task.worst_cost`)
-    max_episode_steps  None = no end
-    params_in_info     whether `info["params"]` has the parameters that vary, as they are, at each
-                       step: what policies are not to know, and wrappers that log `info` write down.
-                       None = True, with a DeprecationWarning; False from the release after next on
+    Args:
+        length: m, of a straight beam from the origin
+        elements: of it, at least 2
+        section: `torchbeam.Section`, or "aluminium strip" or "silicone rod" (see `envs/plant.py`).
+            Its device is the simulation's. Batch axes (num_envs,) give each sub-env its own section
+        direction: of the beam, frame a
+        up: direction that determines the section's z axis; None: z, for a beam along z x
+        beam: in place of the five above: a `torchbeam.Beam` of any shape; batch axes likewise
+        supports: `torchbeam.Support`s; None = the task's own: clamped at node 0
+        damping: s, or None; tau in [F; M] = S^-1 (strain + tau strain rate)
+        gravity: (3,) m/s^2 in frame a, or None
+        planar: motion, actions and observation in the plane of the task alone; gravity across it is
+            ignored
+        force: N at an action of 1, along the tip section's y and z axes (in a plane: the one in it)
+        actuators: in place of the task's own, for instance that force: one or more `Actuator`s
+        delay: control intervals from an action to its effect
+        control_interval: s
+        substeps: calls of the stepper in one interval
+        accuracy: in place of elements and substeps, which it then determines: relative error of the
+            tip's path under random actions, see `torchbeam.converge`
+        form, method: "nodal" and "midpoint" (implicit); or, for a soft section, a form and a method
+            of torchdiffeq as in `torchbeam.ExplicitStepper`
+        solver: more arguments for the stepper, by name
+        dtype: torch.float32 for motion in single precision; None = float64
+        engine: of the implicit methods: "auto", "eager" or "compiled" (native code), see
+            `torchbeam.Stepper`
+        sensors: one or more of "tip", "middle", "gauges", "full" (see `envs/sensors.py`), and
+            `Observed` sensors; None in a task with its own sensors
+        noise: standard deviation of white noise on each entry of the sensors, in units of the
+            observation
+        frames: observations side by side, the oldest first, one control interval apart; after a
+            reset all are the first one
+        randomize: parameters drawn uniformly at each reset, from the sub-env's generator: name ->
+            (low, high); True = every parameter, from its documented range; None
+        control_cost: per interval and |action|^2
+        failure_reward: of the interval in which the solver or the task fails. None = so low that
+            going on is never worse: for this interval and each that the time limit leaves, the
+            largest cost of one (`Task.worst_cost`)
+        max_episode_steps: None = no end
+        params_in_info: whether `info["params"]` has the varying parameters at each step. Policies
+            must not know them, and wrappers that log `info` write them down. None = True, with a
+            DeprecationWarning; False from the release after next on
 
     Examples:
         >>> config = envs.BeamEnvConfig(elements=2, planar=True, sensors=("tip", "gauges"))

@@ -38,32 +38,33 @@ PARAMS = (
 
 
 class BeamVectorEnv(VectorEnv):
-    """n episodes of a task, stepped as one batch: a `Task`, the `Simulation` of its beams and a
-    `Renderer`, behind Gymnasium's vector interface. A derived class names its task; its docstring
-    is the task's specification.
+    """n episodes of a task, stepped as one batch, behind Gymnasium's vector interface.
+
+    It combines a `Task`, the `Simulation` of its beams and a `Renderer`. A derived class names its
+    task; its docstring is the task's specification.
 
     Args:
         num_envs: sub-envs
-        config: the task's configuration, a frozen dataclass (`BeamEnvConfig` or what the task
-            derives from it); its fields may be given as keywords instead, or beside it in place of
-            its own
+        config: the task's configuration, a frozen dataclass (`BeamEnvConfig` or a task's own). Its
+            fields may be given as keywords, instead of it or to replace single ones
         autoreset_mode: "NextStep": the step after an episode's last one resets it; its action is
             ignored and its reward 0. "SameStep". "Disabled": an episode that is over stands still,
             reward 0 and flags kept, until reset(options={"reset_mask": (num_envs,) bool})
         output: "numpy": float32 observations, float64 rewards and information, no gradient.
-            "torch": tensors in the simulation's dtype (float64; a network in PyTorch's float32
-            takes `observation.float()`, or ask for dtype=torch.float32), with gradient from actions
-            (and parameters) to observations and rewards, over as many steps as `detach()` is not
-            called
+            "torch": tensors in the simulation's dtype, float64; a network in PyTorch's float32
+            takes `observation.float()`, or ask for dtype=torch.float32. They have gradients from
+            actions (and parameters) to observations and rewards, over all steps since the last
+            `detach()`
         render_mode: "rgb_array", "human" or None
 
-    `task`, `config`, `simulation` are what it is made of. `scene` is what is simulated; `state`
-    where the episodes stand; `sensors` the `torchbeam.sensors` of the observation, to be called
-    with any state: env.sensors(env.state.beam) / env.scale is the part of the observation that is
-    seen of the beam, without noise.
+    Its parts are `task`, `config` and `simulation`. `scene` is the simulated scene and `state` the
+    present state of the episodes. `sensors` are the `torchbeam.sensors` of the observation, to be
+    called with any state. env.sensors(env.state.beam) / env.scale is the beam's part of the
+    observation, without noise.
 
-    Raises ValueError for a value of the wrong kind or out of bounds, TypeError for a keyword that
-    does not exist.
+    Raises:
+        ValueError: for a value of the wrong kind or out of bounds.
+        TypeError: for a keyword that does not exist.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, output="torch")
@@ -199,8 +200,9 @@ class BeamVectorEnv(VectorEnv):
         return self._out(self.episodes.observation), self._told({**info, **masks})
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict]:
-        """One control interval. Actions (n, a) are clipped to [-1, 1]; a row that is not finite
-        counts as zeros.
+        """One control interval.
+
+        Actions (n, a) are clipped to [-1, 1]; a row that is not finite counts as zeros.
         """
         observation, reward, terminated, truncated, info, masks = self.stepped(actions)
         return (

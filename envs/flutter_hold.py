@@ -100,17 +100,17 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     """`num_envs` cantilevers that flutter unless they are held, stepped as one batch.
 
     ## Description
-    A strip of aluminium, 1.5 m of 3 mm x 10 mm flat bar, is clamped at one end; a thrust presses on
-    its free end against its axis and turns with it. Beyond
+    Hold a strip straight that flutters by itself. It is 1.5 m of aluminium flat bar, 3 mm x 10 mm,
+    clamped at one end. A thrust presses on its free end against its axis and turns with it. Beyond
 
         P = 20.05 EI / L^2,  EI the softer bending stiffness    (13.8 N; Beck 1952)
 
-    the straight strip is unstable: two modes join and grow into flutter. Internal damping, as
-    always here, makes that happen earlier; a coarse mesh holds out longer: without damping six
-    elements flutter from 1.11 times that load, eight from 1.06, twelve from 1.03. A small force
-    across the tip is to hold it straight. The thrust is 1.2 times Beck's, at which motion in the
-    soft direction grows by a factor of e in 0.2 s at 3.5 Hz; up and down the strip is eleven times
-    stiffer and stable. No gravity.
+    the straight strip is unstable: two modes join and grow into flutter. A small force across the
+    tip is to hold it straight. Internal damping, which is always present here, lowers that load. A
+    coarse mesh raises it: without damping six elements flutter from 1.11 times that load, eight
+    from 1.06, twelve from 1.03. The thrust is 1.2 times Beck's. Motion in the soft direction then
+    grows by a factor of e in 0.2 s at 3.5 Hz. Up and down the strip is eleven times stiffer and
+    stable. No gravity.
 
     ## Action space
     `Box(-1, 1, (2,), float32)`: force across the tip along y and z, of fixed direction, 0.5 N each
@@ -131,8 +131,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the tip's distance from its place on the straight strip:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    In the interval in which the strip is lost, or the solver fails, minus the most that one costs,
-    2.5, for it and for each that the time limit leaves, or the failure_reward that was given.
+    If the strip is lost, or the solver fails, the reward is -2.5, the largest cost, for this
+    interval and each that the time limit leaves; or `failure_reward`.
 
     ## Starting state
     Straight, kicked: velocities kick (x/L)^2 along y and z, each uniform in [-kick, kick], from the
@@ -147,10 +147,11 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but gravity = None,
+    The fields of `BeamEnvConfig` (see `envs/config.py`), with its defaults but gravity = None,
     force = (0.5, 0.5) and max_episode_steps = 100, and
-    thrust  1.2, in units of Beck's load of the section at its usual stiffness
-    kick    m/s, 0.2: of the tip at the start, at most, in each direction
+
+    - `thrust`: 1.2, in units of Beck's load of the section at its usual stiffness
+    - `kick`: m/s, 0.2: of the tip at the start, at most, in each direction
 
     "torchbeam/FlutterHoldPlanar-v1" is this with planar=True: the horizontal plane, the soft
     direction.

@@ -109,20 +109,20 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     time-stepping"; code: QuantuMope/dismech-rl) in its own numbers and units, so that returns can
     be laid beside each other. A round rod of 1 m, radius 0.05 m, E = 10 MPa, nu = 0.5, 1,000
     kg/m^3, in 20 elements, stands upright, clamped at its foot, under gravity of 9.8 m/s^2. Its tip
-    is to follow a target that moves through a box at 0.5 m/s, by changes of the natural curvature
-    of five segments of 0.2 m. An interval is 0.1 s, in two implicit steps.
+    is to follow a target that moves through a box at 0.5 m/s. The actions change the natural
+    curvature of five segments of 0.2 m. An interval is 0.1 s, in two implicit steps.
 
-    What differs from there: a geometrically exact rod with shear, not discrete elastic rods; second
-    order steps with a damping tau of what the rod bends by beyond its natural curvature, not
-    implicit Euler's, whose steps h damp slow motion as tau = h does and fast motion less: damping =
-    0.043 s here for their 0.05. Under random actions in a plane the tip is where that rod and
-    scheme have it to 0.6 to 1.4 % of its motion, RMS (examples/peers/soft_arm/discrete_arm.py). As
+    Two things differ from there. The rod is geometrically exact, with shear, not a discrete elastic
+    rod. Steps are of second order, with a damping tau of the bending beyond the natural curvature.
+    Implicit Euler's steps h, used there, damp slow motion as tau = h does, and fast motion less:
+    damping = 0.043 s here for their 0.05. Under random actions in a plane the tip agrees with that
+    rod and scheme to 0.6 to 1.4 % of its motion, RMS (examples/peers/soft_arm/discrete_arm.py). As
     there, the clamp holds half of the first element; the first segment bends by the other half.
 
     ## Action space
-    `Box(-1, 1, (10,), float32)`: for each segment, from the foot, the change of the angle by which
-    it is to turn along its length about the section's y, and z: change = 0.05 rad at 1, evenly over
-    the interval. The angles stay within +-bend = 2 rad, curvatures within 10 1/m.
+    `Box(-1, 1, (10,), float32)`: for each segment, from the foot, a change of its bending angles
+    about the section's y and z, over its length. The change is 0.05 rad at 1, evenly over the
+    interval. The angles stay within +-bend = 2 rad, curvatures within 10 1/m.
 
     ## Observation space
     `Box(-high, high, (76 + 10 delay,), float32)`, in metres, m/s and rad; what is published, in
@@ -140,16 +140,16 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     ## Reward
     Per interval, with d (m) the distance from the tip to the target, both at its end:
         - d^2, + 2 where d < 0.05, + 0.5 where 0.05 <= d < 0.1
-    Its gradient is that of - d^2. With smooth > 0 the steps are logistic functions of that width,
-    1.5 / (1 + exp((d - 0.05) / smooth)) + 0.5 / (1 + exp((d - 0.1) / smooth)), whose gradient leads
-    to the bonuses: to learn with, not to be scored by. failure_reward = -10 in an interval in which
+    Its gradient is that of - d^2. With smooth > 0 the steps are logistic functions of that width:
+    1.5 / (1 + exp((d - 0.05) / smooth)) + 0.5 / (1 + exp((d - 0.1) / smooth)). Their gradient leads
+    to the bonuses. Use them to learn, not to score. failure_reward = -10 in an interval in which
     the solver fails.
 
     ## Starting state
-    Upright, at rest under gravity. The target's place is uniform in the box, |x|, |y| < 0.6 and
-    0.3 < z < 0.9 m, its velocity 0.5 (cos a sin b, sin a sin b, cos b), a and b uniform; both from
-    the sub-env's own generator. At each interval the components in which it is outside the box turn
-    round; where there are none it takes a new velocity with a probability of 0.025.
+    Upright, at rest under gravity. The target's place is uniform in the box, |x|, |y| < 0.6 and 0.3
+    < z < 0.9 m, its velocity 0.5 (cos a sin b, sin a sin b, cos b), a and b uniform; both from the
+    sub-env's own generator. At each interval the components in which it is outside the box turn
+    round. If there are none, it takes a new velocity with a probability of 0.025.
 
     ## Episode end
     Truncation after 500 steps (50 s), termination where the solver fails.
@@ -158,14 +158,16 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`) without section, force, actuators, beam and
+    The fields of `BeamEnvConfig` (see `envs/config.py`) without section, force, actuators, beam and
     supports, with length = 1, elements = 20 (a multiple of 5; of fewer than 20, every node is
     observed), direction = (0, 0, 1), gravity = (0, 0, -9.8), damping = 0.043, delay = 0,
     control_interval = 0.1, control_cost = 0, failure_reward = -10, max_episode_steps = 500, and
-    radius, young, density  m, Pa, kg/m^3: 0.05, 1e7, 1000
-    change, bend            rad: 0.05 and 2, see above
-    speed                   m/s, 0.5;  turns  0.025, the probability of a new direction
-    smooth                  m, 0: width of the bonuses' steps, see Reward
+
+    - `radius`, `young`, `density`: m, Pa, kg/m^3: 0.05, 1e7, 1000
+    - `change`, `bend`: rad: 0.05 and 2, see above
+    - `speed`: m/s, 0.5
+    - `turns`: 0.025, the probability of a new direction
+    - `smooth`: m, 0: width of the bonuses' steps, see Reward
 
     "torchbeam/FollowTargetPlanar-v1" is this with planar=True, as published: the plane x-z, five
     actions and 49 observations; the target's velocity is 0.5 (cos a sin b, cos b).
@@ -175,8 +177,8 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     first place and velocity: (6,).
 
     ## Version history
-    v1: the clamp holds half of the first element, and damping is of what the arm bends by beyond
-    its natural curvature, 0.043 s, as the published steps have it: v0 was 5 to 12 % off, and late.
+    v1: the clamp holds half of the first element, and damping, 0.043 s, is of the bending beyond
+    the natural curvature, like that of the published steps. v0 was 5 to 12 % off, and late.
     v0: first version.
 
     Examples:

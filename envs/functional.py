@@ -32,7 +32,7 @@ __all__ = ["Simulation", "Transition", "reset", "simulation", "step"]
 
 
 class Transition(NamedTuple):
-    """`episodes` after the interval, and the reward (n,) of it.
+    """Result of one control interval: `episodes` after it, and the reward (n,) of it.
 
     Examples:
         >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)
@@ -47,11 +47,13 @@ class Transition(NamedTuple):
 
 
 def simulation(of: type[BeamVectorEnv] | type[Task], num_envs: int, **keywords: Any) -> Simulation:
-    """What begins and advances `num_envs` episodes of a task; keywords are those of its
-    configuration.
+    """A simulation that begins and advances `num_envs` episodes of a task.
 
-    Raises ValueError for what is neither a vector environment's class nor a task's, TypeError for a
-    keyword that does not exist.
+    Keywords are those of the task's configuration.
+
+    Raises:
+        ValueError: for an object that is neither a vector environment's class nor a task's.
+        TypeError: for a keyword that does not exist.
 
     Examples:
         >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)
@@ -71,7 +73,7 @@ def simulation(of: type[BeamVectorEnv] | type[Task], num_envs: int, **keywords: 
 def reset(
     sim: Simulation, seed: Any = 0, params: Mapping[str, Any] | None = None, goal: Any = None
 ) -> Episodes:
-    """Fresh episodes, the same for the same arguments: what an env's `reset` of this seed begins.
+    """New episodes, the same for the same arguments, as an env's `reset` of this seed begins them.
 
     Args:
         seed: s gives sub-env i the stream s + i; a sequence gives one each
@@ -93,8 +95,9 @@ def reset(
 
 
 def step(sim: Simulation, episodes: Episodes, action: Tensor) -> Transition:
-    """One control interval with actions (n, a) in [-1, 1], those beyond clipped; episodes that are
-    over stand still, reward 0.
+    """One control interval with actions (n, a) in [-1, 1]; actions beyond are clipped.
+
+    Episodes that are over stand still, reward 0.
 
     Raises:
         ValueError: for actions of another shape or that are no numbers.

@@ -302,19 +302,19 @@ class GripperVectorEnv(BeamVectorEnv):
     """`num_envs` hands that are to lift a ball, stepped as one batch.
 
     ## Description
-    Three round fingers of rubber (0.11 m long, 10 mm thick, E = 20 MPa) hang from a hub, 34 mm from
-    its axis; in a plane (planar=True) two. The hub slides up and down, moved by a motor against a
-    drag of its guide; a balancer bears the weight of hub and fingers. Along the inside of each
-    finger, 7 mm from its axis, runs a tendon to its end, which a winch pulls: the finger bends
-    inwards. A ball of 50 mm lies on a table between the fingers, up to 4 mm beside the axis. It is
-    to be held, lifted by 35 mm, and kept there. Neither its mass nor how much everything rubs is
-    told. The fingers close below the ball's middle, so that a light touch lifts a rough ball, and a
-    smooth one has to be held from below.
+    Hold a ball by soft fingers, lift it by 35 mm, and keep it there. Three round fingers of rubber
+    (0.11 m long, 10 mm thick, E = 20 MPa) hang from a hub, 34 mm from its axis; in a plane
+    (planar=True) two. A motor moves the hub up and down, against a drag of its guide; a balancer
+    bears the weight of hub and fingers. A tendon runs along the inside of each finger, 7 mm from
+    its axis, to its end. A winch pulls it, and the finger bends inwards. A ball of 50 mm lies on a
+    table between the fingers, up to 4 mm beside the axis. Its mass and the friction are not
+    observed. The fingers close below the ball's middle. A light touch lifts a rough ball; a smooth
+    one must be held from below.
 
     Contact is that of torchbeam (docs/contact.md), of the ball with the nearest place along each
-    finger and with the table: 20 N and 5 N where surfaces meet, thickness 1 mm, damping 2 ms, and
-    Coulomb's friction beyond a slip speed of 0.02 m/s. What is held creeps: at half of what
-    friction could hold by 6 mm/s. Implicit steps of control_interval / substeps.
+    finger and with the table. Its force is 20 N and 5 N where surfaces meet, its thickness 1 mm,
+    its damping 2 ms. Friction is Coulomb's beyond a slip speed of 0.02 m/s. A held ball creeps: at
+    half of the largest friction by 6 mm/s. Implicit steps of control_interval / substeps.
 
     ## Action space
     `Box(-1, 1, (4,), float32)`, held over an interval. Values outside are clipped; a row that is
@@ -341,8 +341,8 @@ class GripperVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the distance from the ball's centre to its target:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    A failed solve costs, for its interval and each that is left, as much as the farthest place to
-    which the motor takes the hand.
+    A failed solve costs as much as the farthest place that the motor can reach, for its interval
+    and each that is left.
 
     ## Starting state
     At rest, fingers straight down and open. The ball lies on the table, uniformly in a circle of
@@ -358,17 +358,18 @@ class GripperVectorEnv(BeamVectorEnv):
     friction.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`) without section, direction, up, beam, supports,
-    actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger), damping =
-    2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100,
-    randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5,
-    "iterations": 60}, and
-    radius, young, density  of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
-    ball, mass    m and kg, 0.025 (radius) and 0.05
-    friction      0.6, what it is unless it varies
-    pull, motor   N, 10 and 3
-    hub, drag     kg and N s/m, 0.3 and 5
-    lift, offset  m, 0.035 and 0.004
+    The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction, up, beam,
+    supports, actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger),
+    damping = 2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100, randomize =
+    {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5, "iterations": 60},
+    and
+
+    - `radius`, `young`, `density`: of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
+    - `ball`, `mass`: m and kg, 0.025 (radius) and 0.05
+    - `friction`: 0.6, unless it varies
+    - `pull`, `motor`: N, 10 and 3
+    - `hub`, `drag`: kg and N s/m, 0.3 and 5
+    - `lift`, `offset`: m, 0.035 and 0.004
 
     "torchbeam/GripperPlanar-v1" is this with planar=True: the plane x-z, two fingers, three
     actions, and 12 + 3 delay observations.
@@ -379,9 +380,9 @@ class GripperVectorEnv(BeamVectorEnv):
     the ball lies: x, y (m); in the plane x.
 
     ## Version history
-    v1: substeps = 8. In space four an interval, steps of 5 ms, are long for three fingers: in up to
-        four of a hundred intervals rounding decides whether one ends in one go or in parts, and
-        rewards differ by 0.01; with eight in none of 768. An interval's reward is up to 2.4 %
+    v1: substeps = 8. In space four steps an interval, of 5 ms, are long for three fingers. In up to
+        four of a hundred intervals rounding decides whether a step ends in one go or in parts, and
+        rewards differ by 0.01. With eight it is none of 768. An interval's reward is up to 2.4 %
         (in the plane 0.5 %) from that of v0.
     v0: first version, substeps = 4: v1 with that argument. Its ids stay registered in the next
         release, and go with the one after.

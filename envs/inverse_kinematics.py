@@ -102,8 +102,8 @@ class InverseKinematicsVectorEnv(BeamVectorEnv):
     tip is to come to a place and to be turned about the vertical, as straight up as it stands.
 
     ## Action space
-    `Box(-1, 1, (15,), float32)`: the ten of FollowTarget, then for each segment the change of the
-    angle by which it is to twist along its length: change = 0.05 rad at 1, within +-pi / 2.
+    `Box(-1, 1, (15,), float32)`: the ten of FollowTarget, then for each segment a change of its
+    twist angle over its length: change = 0.05 rad at 1, within +-pi / 2.
 
     ## Observation space
     `Box(-high, high, (86 + 15 delay,), float32)`, in metres, m/s and rad; what is published, in
@@ -137,8 +137,9 @@ class InverseKinematicsVectorEnv(BeamVectorEnv):
     `distance` (m), `misaligned` (o above), `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of FollowTarget without speed, turns and planar, with max_episode_steps = 100, and
-    yaw  rad, pi / 2: the largest turn
+    The arguments of FollowTarget without speed, turns and planar, with max_episode_steps = 100, and
+
+    - `yaw`: rad, pi / 2: the largest turn
 
     ## Parameters
     stiffness, mass, damping as in TipReach. The goal, for options={"goal": ...}, is the place and

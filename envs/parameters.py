@@ -21,9 +21,10 @@ class Parameter:
     """A number that may change with the episode.
 
     Args:
-        value: what it is unless it varies
-        low, high: the range that randomize=True draws from; where they are equal it does not
-        least: smallest value; `above`: which it must exceed
+        value: its usual value
+        low, high: the range that randomize=True draws from; if they are equal it does not vary
+        least: smallest value
+        above: whether it must exceed `least`
 
     Examples:
         >>> payload = envs.Parameter(0.1, low=0.05, high=0.15, above=True)  # kg

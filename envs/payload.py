@@ -62,26 +62,27 @@ class PayloadVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers that carry a mass on their tips, stepped as one batch.
 
     ## Description
-    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar of 0.12 kg, clamped, under
-    gravity) with a point mass on its tip, of 0.05 to 0.15 kg, drawn with the episode and not
-    observed. A force on the tip is to bring it to a target and to hold it there. How far the strip
-    sags, how slowly it swings (0.5 Hz sideways with 0.1 kg) and which force holds the target depend
-    on the mass, which only the motion tells: it begins in the same shape whatever the mass.
+    Bring a strip with an unknown mass on its tip to a target, and hold it there, by a force on the
+    tip. The strip is that of `TipReachVectorEnv`: 1.5 m of aluminium flat bar of 0.12 kg, clamped,
+    under gravity. The point mass of 0.05 to 0.15 kg is drawn with the episode and not observed. The
+    sag, the frequency (0.5 Hz sideways with 0.1 kg) and the force that holds the target depend on
+    it. Only the motion tells it, because every episode begins in the same shape.
 
     ## Action space, observation space, reward, episode end, information
-    Those of TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
+    As in TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
 
     ## Starting state
-    Still, in the shape in which the usual strip hangs with the usual mass: let go there, another
-    mass sinks or rises. Displacements count from there. The target is the static
-    tip position of the strip with the usual mass under a force drawn uniformly from the ellipse
-    with the half axes reach * force: holding it with another mass takes up to 0.5 N more or less of
-    the 2 N there are.
+    Still, in the shape in which the usual strip hangs with the usual mass. Another mass then sinks
+    or rises. Displacements count from there. The target is the static tip position of the strip
+    with the usual mass under a random force, uniform in the ellipse with the half axes reach *
+    force. To hold it with another mass takes up to 0.5 N more or less of the 2 N that the force
+    has.
 
     ## Arguments
-    Those of TipReach with its defaults but reach = 0.5, max_episode_steps = 100,
+    The arguments of TipReach with its defaults but reach = 0.5, max_episode_steps = 100,
     randomize = {"payload": (0.05, 0.15)}, and
-    payload  kg, 0.1: the usual mass
+
+    - `payload`: kg, 0.1: the usual mass
 
     "torchbeam/PayloadPlanar-v2" is this with planar=True: the vertical plane x-z.
 
@@ -90,8 +91,8 @@ class PayloadVectorEnv(BeamVectorEnv):
 
     ## Version history
     v2: failing costs what is left, see TipReach; in v1 it cost 100, less than doing nothing.
-    v1: all start in one shape. v0 started in equilibrium with the mass of the episode: how far the
-    target was from there gave it away, to 2 g of 29 g in the first observation.
+    v1: all start in one shape. v0 started in equilibrium with the mass of the episode. The distance
+        of the target then told the mass, to 2 g of 29 g in the first observation.
 
     Examples:
         >>> env = envs.PayloadVectorEnv(2, elements=2, planar=True)

@@ -242,19 +242,19 @@ class PegVectorEnv(BeamVectorEnv):
     """`num_envs` flexible rods to be pushed through holes, stepped as one batch.
 
     ## Description
-    A round rod of plastic (0.3 m, 8 mm thick, E = 0.2 GPa) hangs from a carriage that slides
-    along x, y and z and does not turn, by three motors against a drag of its guides. A balancer
-    bears the weight of both. Below lies a plate, 20 mm thick, with a hole of 12 mm, whose edges are
-    rounded. The rod starts beside the hole and above the plate; its tip is to come to a point in
-    the axis of the hole, 50 mm below the plate's upper side, and to stay there. On the straight way
-    there the plate stands: the tip has to be led over the hole first, or along the plate. The rod
-    swings (first frequency 5 Hz) and buckles under more than 4 N. How much the plate rubs is not
-    told.
+    Push a flexible rod through a hole. A round rod of plastic (0.3 m, 8 mm thick, E = 0.2 GPa)
+    hangs from a carriage. Three motors slide the carriage along x, y and z, against a drag of its
+    guides; it does not turn. A balancer bears the weight of both. Below is a plate, 20 mm thick,
+    with a hole of 12 mm, whose edges are rounded. The rod starts beside the hole and above the
+    plate. Its tip is to come to a point in the axis of the hole, 50 mm below the plate's upper
+    side, and to stay there. The plate blocks the straight way: the tip must first be over the hole,
+    or slide along the plate. The rod swings (first frequency 5 Hz) and buckles under more than 4 N.
+    The plate's friction is not observed.
 
     Contact is that of torchbeam (docs/contact.md), along all of the rod, at four points of each
-    element; the last is 3.5 mm before the tip, whose end is round so to speak. The law's numbers
-    are thickness 1 mm, 300 N/m where surfaces meet, damping 2 ms, and Coulomb's friction beyond a
-    slip speed of 0.1 m/s, at the axis of the rod. Implicit steps of control_interval / substeps.
+    element. The last point is 3.5 mm before the tip, as if its end were round. The thickness is 1
+    mm, the force 300 N/m where surfaces meet, the damping 2 ms. Friction is Coulomb's beyond a slip
+    speed of 0.1 m/s, at the axis of the rod. Implicit steps of control_interval / substeps.
 
     ## Action space
     `Box(-1, 1, (3,), float32)`: forces on the carriage along x, y, z, motor = 3 N at 1, held over
@@ -276,11 +276,11 @@ class PegVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the distance from the tip to its target:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    A failed solve costs, for its interval and each that is left, as much as the farthest place to
-    which the motors take the rod.
+    A failed solve costs as much as the farthest place that the motors can reach, for its interval
+    and each that is left.
 
     ## Starting state
-    Straight down and at rest, the tip 30 mm above the plate, and a quarter of offset to offset =
+    Straight down and at rest, the tip 30 mm above the plate. It is a quarter of offset to offset =
     80 mm beside the axis of the hole, in any direction, from the sub-env's own generator.
 
     ## Episode end
@@ -291,14 +291,17 @@ class PegVectorEnv(BeamVectorEnv):
     `action_invalid`; masks as in TipReach. `info["params"]["friction"]` is the plate's.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`) without section, direction, up, beam, supports,
-    actuators and force, with its defaults but length = 0.3, damping = 2e-3, substeps = 4,
+    The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction, up, beam,
+    supports, actuators and force, with its defaults but length = 0.3, damping = 2e-3, substeps = 4,
     max_episode_steps = 100, randomize = {"friction": (0, 0.4)}, solver = {"halvings": 5}, and
-    radius, young, density  of the rod: 0.004 m, 2e8 Pa, 1200 kg/m^3
-    hole, plate   m, 0.006 (radius) and 0.02 (thickness)
-    depth, height, offset   m: 0.05 of the target, 0.03 and 0.08 of the start
-    motor         N, 3;  carriage  kg, 0.5;  drag  N s/m, 5
-    friction      0.2, what it is unless it varies
+
+    - `radius`, `young`, `density`: of the rod: 0.004 m, 2e8 Pa, 1200 kg/m^3
+    - `hole`, `plate`: m, 0.006 (radius) and 0.02 (thickness)
+    - `depth`, `height`, `offset`: m: 0.05 of the target, 0.03 and 0.08 of the start
+    - `motor`: N, 3
+    - `carriage`: kg, 0.5
+    - `drag`: N s/m, 5
+    - `friction`: 0.2, unless it varies
 
     "torchbeam/PegPlanar-v1" is this with planar=True: the plane x-z, in which the hole is a slot;
     two actions.

@@ -106,22 +106,22 @@ class ReachBehindVectorEnv(BeamVectorEnv):
 
     ## Description
     The arm of `TrackTargetVectorEnv` upright, with its foot at (0, 0.5, 0) m and in 50 elements,
-    among round bars that it may touch without friction; nothing is random. Case 3 of the same
-    publication has eight parallel bars across the plane of motion, radius 0.1 m, case 4 (`nest`)
-    twelve askew, radius 0.03 m: those that are stored with it, as each published run drew its own.
-    The tip is to come to (-0.8, 0.5, 0.15) m, in case 4 (-0.8, 0.5, 0.35) m.
+    among round bars that it may touch without friction. Nothing is random. Case 3 of the same
+    publication has eight parallel bars across the plane of motion, radius 0.1 m. Case 4 (`nest`)
+    has twelve askew, radius 0.03 m. They are the stored ones; each published run drew its own. The
+    tip is to come to (-0.8, 0.5, 0.15) m, in case 4 (-0.8, 0.5, 0.35) m.
 
-    What differs from there, beside what differs in TrackTarget: the contact. There a node that
-    presses has its load on the bar cancelled, and k g + c v beside it as a correction, k = 8e4 N/m
-    and c = 4 N s/m. Here nodes are pressed by the law of ReachObstacles, contact = 1e6 N/m, where
-    they will be at the end of a step: a load of 2 kN on a node drives it in by 1 mm (ResolvedRate
-    in case 4: by 4.0 mm at most, while no node moves by more than 28 mm in a step). The spline's
-    points are at 0.4 and 0.9 of the length, as its text says; its code, restored later, spaces them
-    evenly: points = (1/3, 2/3).
+    Beside the differences in TrackTarget, the contact differs from there. There the load of a
+    pressing node on the bar is cancelled, with a correction k g + c v, k = 8e4 N/m and c = 4 N s/m.
+    Here the law of ReachObstacles presses nodes, contact = 1e6 N/m, at their places at the end of a
+    step. A load of 2 kN on a node drives it in by 1 mm. Under ResolvedRate in case 4 it is 4.0 mm
+    at most, while no node moves by more than 28 mm in a step. The spline's points are at 0.4 and
+    0.9 of the length, as its text says; its code, restored later, spaces them evenly: points =
+    (1/3, 2/3).
 
     ## Action space
     `Box(-1, 1, (2,), float32)`, in case 4 (4,): as in TrackTarget, two values about the normal, in
-    case 4 about the binormal too; what acts follows them by at most rate = 1000 1/s. Couples per
+    case 4 about the binormal too. The couples follow them by at most rate = 1000 1/s. Couples per
     length are 3,750 S, as 50 elements are part of the task.
 
     ## Observation space
@@ -152,10 +152,12 @@ class ReachBehindVectorEnv(BeamVectorEnv):
     `distance` (m) of the tip, `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of TrackTarget without speed and turns, with elements = 50, direction = (0, 0, 1),
+    The arguments of TrackTarget without speed and turns, with elements = 50, direction = (0, 0, 1),
     up = (-1, 0, 0), points = (0.4, 0.9), rate = 1000, failure_reward = -100,
     max_episode_steps = 3571, and
-    nest     False: case 4, see above;  contact  N/m, 1e6
+
+    - `nest`: False: case 4, see above
+    - `contact`: N/m, 1e6
 
     "torchbeam/ReachBehindNest-v0" is this with nest=True.
 

@@ -189,18 +189,18 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
 
     ## Description
     The arm of `FollowTargetVectorEnv`, from the same publication, among round bars that it may
-    touch without friction. Its tip is to come to a place that stays: (0.8, 0, 0.35) m behind eight
-    bars of 1 m, radius 0.03 m, that lie anew in each episode; in a plane (0.8, 0.15) m behind six
-    that run across it, radius 0.1 m, always the same. An interval is 0.5 s, in forty implicit
-    steps.
+    touch without friction. Its tip is to come to a fixed place, (0.8, 0, 0.35) m, behind eight bars
+    of 1 m, radius 0.03 m, which are random in each episode. In a plane the place is (0.8, 0.15) m,
+    behind six bars across it, radius 0.1 m, always the same. An interval is 0.5 s, in forty
+    implicit steps.
 
-    What differs from there, beside what differs in FollowTarget: bars press the arm's nodes, 0.05 m
-    apart, not the nearest places of its edges, so that between two nodes a bar may enter by up to
-    0.05^2/8 over the sum of both radii, 2 mm in the plane and 4 mm in space. The law is the same,
-    per node: the gradient of contact s^2, s = ln(1 + exp(K g)) / K, of an overlap g, K = 3,000 1/m,
-    contact = 1e6 N/m, at where nodes will be at the end of a step, as implicit Euler's method has
-    it there: blows take energy. Steps are a quarter as long, 0.0125 s, and all converge, or the
-    episode ends, where there two to five iterations have to do.
+    Beside the differences in FollowTarget, three things differ from there. Bars press the arm's
+    nodes, 0.05 m apart, not the nearest places of its edges. Between two nodes a bar may enter by
+    up to 0.05^2/8 over the sum of both radii, 2 mm in the plane and 4 mm in space. The law is the
+    same, per node: the gradient of contact s^2, s = ln(1 + exp(K g)) / K, of an overlap g. K =
+    3,000 1/m and contact = 1e6 N/m. It is evaluated at the nodes at the end of a step, like
+    implicit Euler's method there: blows take energy. Steps are a quarter as long, 0.0125 s, and all
+    converge, or the episode ends; there two to five iterations are made.
 
     ## Action space
     `Box(-1, 1, (10,), float32)`: as in FollowTarget, with change = 0.25 rad.
@@ -223,8 +223,8 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
 
     ## Starting state
     Upright, at rest under gravity. The bars' middles are uniform in 0.3 < x < 0.6, |y| < 0.6 and
-    -0.1 < z < 0.8 m, their directions uniform, where both ends lie in that box and the axis is at
-    least 0.015 m from those of the bars before; from the sub-env's own generator.
+    -0.1 < z < 0.8 m, and their directions uniform. Both ends lie in that box, and the axis is at
+    least 0.015 m from the axes of the bars before. They come from the sub-env's own generator.
 
     ## Episode end
     Truncation after 50 steps (25 s), termination where the solver fails.
@@ -233,10 +233,10 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
     `distance` (m) of the tip, `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of FollowTarget without speed and turns, with change = 0.25, control_interval = 0.5,
-    substeps = 40, max_episode_steps = 50,
-    solver = {"halvings": 4, "iterations": 200}, and
-    contact  N/m, 1e6: see above
+    The arguments of FollowTarget, without speed and turns, with change = 0.25, control_interval =
+    0.5, substeps = 40, max_episode_steps = 50, solver = {"halvings": 4, "iterations": 200}, and
+
+    - `contact`: N/m, 1e6: see above
 
     "torchbeam/ReachObstaclesPlanar-v0" is this with planar=True, as published: the plane x-z, five
     actions and 47 observations.

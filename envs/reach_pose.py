@@ -98,9 +98,10 @@ class ReachPoseVectorEnv(BeamVectorEnv):
     `distance` (m), `misaligned` (o above), `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of TrackTarget without speed and turns, with failure_reward = -10000,
+    The arguments of TrackTarget without speed and turns, with failure_reward = -10000,
     max_episode_steps = 1428, and
-    yaw  rad, pi / 2: the largest turn
+
+    - `yaw`: rad, pi / 2: the largest turn
 
     ## Parameters
     stiffness, mass as in TipReach. The goal, for options={"goal": ...}, is the place and the turn:

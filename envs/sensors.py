@@ -98,8 +98,8 @@ class Observed:
     """A sensor in an observation: reading / scale, clipped to [-high, high].
 
     Args:
-        sensor: a `torchbeam.sensors` object, or a function of the state that episodes start in that
-            gives one (for what is counted from there)
+        sensor: a `torchbeam.sensors` object; or, for readings relative to the start of an episode,
+            a function of the start state that returns one
         scale: of one unit of the observation, in the sensor's unit: a number, or one for each
             number of the reading
         high: bound, likewise

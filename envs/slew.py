@@ -134,10 +134,10 @@ class SlewVectorEnv(BeamVectorEnv):
     """`num_envs` flexible arms on hubs that turn, stepped as one batch.
 
     ## Description
-    A strip of aluminium (1.5 m of 3 mm x 10 mm flat bar) is held at one end by a hub that turns
-    freely about the vertical z axis and has inertia: J d(spin)/dt = torque + root moment of the
-    strip. A torque on the hub and a small force across the tip, which turns with it, are to turn
-    the arm by an angle, with its tip at rest at the end: the strip's first frequency on a held hub
+    Turn a flexible arm by an angle, with its tip at rest at the end. The arm is 1.5 m of aluminium
+    flat bar, 3 mm x 10 mm. A hub holds one end and turns freely about the vertical z axis, with
+    inertia: J d(spin)/dt = torque + root moment of the strip. The actions are a torque on the hub
+    and a small force across the tip, which turns with it. The strip's first frequency on a held hub
     is 1.1 Hz, and an episode lasts 2 s. No gravity (it acts along the axis).
 
     ## Action space
@@ -163,8 +163,8 @@ class SlewVectorEnv(BeamVectorEnv):
     | then 3 delay | actions that are still to act, the next one first | 1 |
 
     ## Reward
-    Per control interval, with d the distance from the tip to where the straight arm at the target
-    angle has it:
+    Per control interval, with d the distance from the tip to that of the straight arm at the target
+    angle:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
 
     ## Starting state
@@ -179,11 +179,12 @@ class SlewVectorEnv(BeamVectorEnv):
     `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`), with its defaults but no gravity,
+    The fields of `BeamEnvConfig` (see `envs/config.py`), with its defaults but no gravity,
     force = (0.3, 0.3) and max_episode_steps = 100, and
-    angle    rad, pi / 2: of the largest turn, up to pi / 2
-    torque   N m, 1
-    inertia  kg m^2, 0.05: of the hub about z (the strip's own about the hub is 0.091)
+
+    - `angle`: rad, pi / 2: of the largest turn, up to pi / 2
+    - `torque`: N m, 1
+    - `inertia`: kg m^2, 0.05: of the hub about z (the strip's own about the hub is 0.091)
 
     "torchbeam/SlewPlanar-v1" is this with planar=True: the horizontal plane, two actions.
 

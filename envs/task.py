@@ -30,57 +30,55 @@ ALIGNED = 1e-6  # sine of the angle within which an axis counts as lying in a pl
 
 
 class Task:
-    """A beam and what is wanted of it: how it is held and actuated, where episodes start, what is
-    seen and what it costs.
+    """A beam and its goal: supports, actuators, starts, observation and cost.
 
-    A task knows nothing of Gymnasium, of random streams' bookkeeping or of pictures:
-    `BeamVectorEnv` puts it together with these. It is made of its configuration alone and keeps no
-    episodes; `now` is an `Episodes`, n its sub-envs.
+    A task knows nothing of Gymnasium, random streams or pictures; `BeamVectorEnv` combines it with
+    these. It is made of its configuration alone and keeps no episodes; `now` is an `Episodes`, n
+    its sub-envs.
 
-    To be defined, or left as it is here
-        Config                      dataclass of its keywords, derived from `BeamEnvConfig`
-        GOAL, PREVIEW               numbers in a goal; intervals by which the target is known ahead
-        parameters()                name -> `Parameter`, what may change with the episode
-        beam(), supports()          by default those of the configuration
-        actuators()                 what the actions drive; their number is the size of the action
-                                    space
-        effects(params)             loads of the scene, beside damping, gravity and those of the
-                                    actuators
-        prepare(plant)              called once, with the plant of the usual parameters
-        sample_goal(streams, rows)  (k, GOAL): of fresh episodes of the sub-envs rows (k,), each
-                                    from its own generator
-        initial_state(beam, goal)   the state that episodes start in, of the beam at rest
-        initial_memory(goal)        (k, m): what is kept from interval to interval beside the beam,
-                                    at the start; and
-        next_memory(now, action)    (n, m): an interval later
-        RANDOM                      whether that draws random numbers: `noise.uniform` of `now.key`
-        inputs(action, now)         of the scene over an interval, or a list of them, one a substep
-        idle_inputs()               of the scene at rest without action, those that are not zero
-        target(now, ahead)          (n, ahead + 1, 3) m: where the tip is to be, now and at the ends
-                                    of the next intervals; None
-        target_high()               bounds of `target_observation`
-        target_observation(now, tip)  what is seen beside the sensors, (n, its size); tip: its
-                                      displacement as it is observed
-        cost(now)                   (n,), of an interval, at its end
-        farthest()                  m, or
-        worst_cost()                what an interval costs at most: from this, what failing does
-        task_failed(now)            (n,) bool, or None: whether nothing is left to do; it costs what
-                                    a failed solve does
-        measures(now)               what goes into `info`, name -> (n,)
-        tracking_error(now)         what proportional and derivative feedback acts on
-        render_data(now)            what a picture shows beside the beam: see `envs/rendering.py`
-        MESHED                      whether actions are the same inputs of the scene on every mesh,
-                                    so that its elements can be chosen by an accuracy
+    A task defines these, or leaves them as they are here:
 
-    Attributes
-        config, dtype, device
-        plane            "xy", "xz" or None;  vector  the components of a vector that change in it
-        usual            the `torchbeam.Beam` at its usual parameters, of elements and length (m)
-        axes, lateral    of the tip section, those across it that motion is along: 1 for y, 2 for z;
-                         and unit vectors along them at rest (1 or 2, 3), frame a
-        omega, speed     rad/s, and length * omega (m/s), by which rates are scaled: (1,) or
-                         (num_envs, 1)
-        drives, actions  the actuators, and how many actions they take
+    - `Config`: dataclass of its keywords, derived from `BeamEnvConfig`
+    - `GOAL`, `PREVIEW`: numbers in a goal; intervals by which the target is known ahead
+    - `parameters()`: name -> `Parameter`, parameters that may change with the episode
+    - `beam()`, `supports()`: by default those of the configuration
+    - `actuators()`: driven by the actions; their number is the size of the action space
+    - `effects(params)`: loads of the scene, beside damping, gravity and the actuators
+    - `prepare(plant)`: called once, with the plant of the usual parameters
+    - `sample_goal(streams, rows)`: (k, GOAL) of new episodes of the sub-envs rows (k,), each from
+      its own generator
+    - `initial_state(beam, goal)`: the state that episodes start in, of the beam at rest
+    - `initial_memory(goal)`: (k, m) at the start, kept from interval to interval beside the beam
+    - `next_memory(now, action)`: (n, m), an interval later
+    - `RANDOM`: whether that draws random numbers: `noise.uniform` of `now.key`
+    - `inputs(action, now)`: of the scene over an interval, or a list of them, one a substep
+    - `idle_inputs()`: of the scene at rest without action, those that are not zero
+    - `target(now, ahead)`: (n, ahead + 1, 3) m, the tip's target now and at the ends of the next
+      intervals; None
+    - `target_high()`: bounds of `target_observation`
+    - `target_observation(now, tip)`: observation beside the sensors, (n, its size); tip: its
+      displacement as it is observed
+    - `cost(now)`: (n,), of an interval, at its end
+    - `farthest()`: m; or `worst_cost()`: the largest cost of an interval. Either gives the cost of
+      a failure
+    - `task_failed(now)`: (n,) bool, or None: whether the task is lost; it costs as much as a failed
+      solve
+    - `measures(now)`: entries of `info`, name -> (n,)
+    - `tracking_error(now)`: error for proportional and derivative feedback
+    - `render_data(now)`: further content of a picture: see `envs/rendering.py`
+    - `MESHED`: whether actions are the same inputs of the scene on every mesh, so that an accuracy
+      can determine its elements
+
+    Attributes:
+        config, dtype, device: as given
+        plane: "xy", "xz" or None
+        vector: the components of a vector that change in it
+        usual: the `torchbeam.Beam` at its usual parameters, of elements and length (m)
+        axes: of the tip section, those across it along which it moves: 1 for y, 2 for z
+        lateral: unit vectors along them at rest (1 or 2, 3), frame a
+        omega, speed: rad/s, and length * omega (m/s), by which rates are scaled: (1,) or (num_envs,
+            1)
+        drives, actions: the actuators, and how many actions they take
 
     Examples:
         >>> class Still(envs.Task):

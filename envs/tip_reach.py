@@ -66,18 +66,18 @@ class TipReachVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers, stepped as one batch.
 
     ## Description
-    An aluminium strip is clamped at one end and reaches out along x; gravity pulls along -z. A
-    bounded force on the free end, across the undeformed strip, is to bring the tip to a target and
-    to hold it there. The target changes with the episode and is a point that a static force within
-    the bounds holds.
+    Bring the tip of a strip to a target and hold it there, by a bounded force on its free end. An
+    aluminium strip is clamped at one end and reaches out along x; gravity pulls along -z. The force
+    acts across the undeformed strip. The target changes with the episode, and a static force within
+    the bounds can hold it.
 
-    By default the strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm: soft sideways (y: first
-    frequency 1.1 Hz, a static force of 1.2 N moves the tip by 0.67 m) and eleven times stiffer up
-    and down (z: 3.6 Hz), with the two directions coupled through bending and torsion at these
-    deflections. It stays elastic: statically the bounds stress it to about 160 of 276 MPa. An
-    episode is 1 s, little more than one period. The strip is geometrically exact
-    (torchbeam's nodal form), with implicit steps of control_interval / substeps, unless `form` and
-    `method` say otherwise.
+    By default the strip is 1.5 m of 6061-T6 flat bar, 3 mm x 10 mm. It is soft sideways (y): its
+    first frequency is 1.1 Hz, and a static force of 1.2 N moves the tip by 0.67 m. Up and down it
+    is eleven times stiffer (z: 3.6 Hz). At these deflections bending and torsion couple the two
+    directions. It stays elastic: statically the bounds stress it to about 160 of 276 MPa. An
+    episode is 1 s, little more than one period. The strip is geometrically exact (torchbeam's nodal
+    form), with implicit steps of control_interval / substeps, unless `form` and `method` say
+    otherwise.
 
     ## Action space
     `Box(-1, 1, (2,), float32)`: the tip force, held over one control interval; it keeps its
@@ -94,8 +94,8 @@ class TipReachVectorEnv(BeamVectorEnv):
 
     ## Observation space
     `Box(-high, high, (15 + 2 delay,), float32)`: lengths over the strip's length L, velocities over
-    L omega with omega its first natural frequency (L omega = 10.3 m/s by default), clipped to the
-    bounds, which motion within reach does not touch.
+    L omega, with omega its first natural frequency (L omega = 10.3 m/s by default). Values are
+    clipped to the bounds; motion within reach does not touch them.
 
     | index | observation | high |
     |---|---|---|
@@ -109,13 +109,13 @@ class TipReachVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d = |target - tip| at its end and a the clipped action given:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    so 15 cm from the target cost 1 a step. A failed solve costs instead, for its interval and each
-    that the time limit leaves, as much as a distance of 2 L, 20: going on is never worse. Such a
-    reward is not discounted, and is another where failure_reward is given.
+    so 15 cm from the target cost 1 a step. A failed solve costs as much as a distance of 2 L, 20,
+    for its interval and each that the time limit leaves: going on is never worse. This reward is
+    not discounted; `failure_reward` replaces it.
 
     ## Starting state
     Always the same: at rest under gravity, without tip force. The target is the static tip position
-    under a force drawn uniformly from the ellipse with the half axes reach * force, from the
+    under a random force, uniform in the ellipse with the half axes reach * force, from the
     sub-env's own generator (see `envs/reach.py`).
 
     ## Episode end
@@ -130,20 +130,21 @@ class TipReachVectorEnv(BeamVectorEnv):
     that begins, `params` too.
 
     ## Arguments
-    Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`), and
-    reach  0.8: share of the force bounds that targets need at most on the usual strip, above 0 and
-           up to 1
+    The fields of `BeamEnvConfig`, with its defaults (see `envs/config.py`), and
+
+    - `reach`: 0.8, share of the force bounds that targets need at most on the usual strip, above 0
+      and up to 1
 
     "torchbeam/TipReachPlanar-v1" is this with planar=True: the horizontal plane, one action,
     9 + delay observations. "torchbeam/TipReachBlockRate-v1" is the silicone rod, 0.3 m, in two
     elements of the index-reduced block rate form, by rk4, without gravity and damping.
 
     ## Parameters
-    For `randomize` and reset(options={"params": ...}): stiffness (0.8 to 1.2) and mass
-    (0.8 to 1.2), factors; damping (half to twice the usual, s); offset (-0.03 to 0.03 m). They do
-    not move the target, so a stiffer strip takes a larger share of the force to hold it: up to
-    reach * stiffness. The goal, for options={"goal": ...}, is the target (3,) m in frame a; one out
-    of reach is taken as it is, and its distance stays positive.
+    For `randomize` and reset(options={"params": ...}): stiffness (0.8 to 1.2) and mass (0.8 to
+    1.2), factors; damping (half to twice the usual, s); offset (-0.03 to 0.03 m). They do not move
+    the target, so a stiffer strip takes a larger share of the force to hold it: up to reach *
+    stiffness. The goal, for options={"goal": ...}, is the target (3,) m in frame a. A target out of
+    reach is allowed; its distance stays positive.
 
     ## Version history
     v1: failing costs what is left; in v0 it cost 100, as with failure_reward = -100.

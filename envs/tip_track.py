@@ -159,16 +159,16 @@ class TipTrackVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers whose tips follow targets, stepped as one batch.
 
     ## Description
-    The strip of `TipReachVectorEnv` (1.5 m of aluminium flat bar, clamped, under gravity) is to
-    follow a target that moves along a closed path with the tip, by a force on the tip. The path is
+    Follow a target along a closed path with the tip of a strip, by a force on the tip. The strip is
+    that of `TipReachVectorEnv`: 1.5 m of aluminium flat bar, clamped, under gravity. The path is
     that of a static tip under the force
 
         f(t) = reach * force * ramp(t) * sum_k [a_k cos(k phi) + b_k sin(k phi)],
             phi = 2 pi t / period,  k = 1, 2, 3
 
-    with ramp rising smoothly from 0 to 1 in a quarter of a period: the target starts at the tip at
-    rest, every point of it could be held, and following it takes what inertia asks for beside that.
-    By default one period takes 2 s, two of the first mode's; an episode is one period.
+    with ramp rising smoothly from 0 to 1 in a quarter of a period. The target starts at the tip at
+    rest, and every point of the path could be held. Following it takes the forces of inertia in
+    addition. By default one period takes 2 s, two of the first mode's; an episode is one period.
 
     ## Action space
     `Box(-1, 1, (2,), float32)`: the tip force, as in TipReach.
@@ -189,10 +189,10 @@ class TipTrackVectorEnv(BeamVectorEnv):
     As in TipReach, with the distance to where the target is at the end of the interval.
 
     ## Starting state
-    At rest under gravity. From the sub-env's own generator: the phase and the sense of a circle
-    (an ellipse in space) or a lemniscate (Gerono's, a figure of eight), and its size, 0.5 to 1; or
-    for a random path all a_k and b_k, normal, falling off like 1/k, scaled so that the largest |f|
-    is of size 0.5 to 1.
+    At rest under gravity. The path comes from the sub-env's own generator. Of a circle (an ellipse
+    in space) or a lemniscate (Gerono's, a figure of eight) phase, sense and size, 0.5 to 1, are
+    random. Of a random path all a_k and b_k are normal and fall off like 1/k, scaled so that the
+    largest |f| has the size 0.5 to 1.
 
     ## Episode end
     As in TipReach, after 100 steps.
@@ -201,14 +201,15 @@ class TipTrackVectorEnv(BeamVectorEnv):
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`, as in TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig`, with its defaults (see `envs/config.py`) but max_episode_steps = 100,
-    and
-    path     "circle", "lemniscate" or "random";  "any" (default): one of them, drawn with the
-             episode
-    period   s, 2
-    reach    0.5: share of the force bounds that the static force takes at most on the usual strip,
-             above 0 and up to 1
-    preview  3: intervals by which the target is known ahead
+    The fields of `BeamEnvConfig` (see `envs/config.py`), with its defaults but max_episode_steps =
+    100, and
+
+    - `path`: "circle", "lemniscate" or "random"; "any" (default): one of them, drawn with the
+      episode
+    - `period`: s, 2
+    - `reach`: 0.5: share of the force bounds that the static force takes at most on the usual
+      strip, above 0 and up to 1
+    - `preview`: 3: intervals by which the target is known ahead
 
     "torchbeam/TipTrackPlanar-v1" is this with planar=True: the horizontal plane, where circle and
     lemniscate are one swing.

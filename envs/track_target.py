@@ -58,26 +58,26 @@ class TrackTargetVectorEnv(BeamVectorEnv):
     box at 0.5 m/s, by couples along it. An interval is 1.4 ms, in one implicit step.
 
     G = E / 1.5 and a shear stiffness of 4/3 G A, as there. The medium takes a force 30 v and a
-    couple 30 omega per length, of the same number, by the absolute motion: the couple rules, so
-    that the first mode decays in 0.25 s.
+    couple 30 omega per length, of the same number, by the absolute motion. The couple dominates:
+    the first mode decays in 0.25 s.
 
-    There the axes of the first element are held, and elements bend between their middles; so here
-    the first bends, and twists, half as much as another. Under random actions of 2 s, held for one
-    interval to 500, the tip is 1.1 to 1.8 % of its motion from PyElastica 1.0's (RMS;
+    There the axes of the first element are held, and elements bend between their middles. So the
+    first one here bends, and twists, half as much as another. Under random actions of 2 s, held for
+    one interval to 500, the tip is 1.1 to 1.8 % of its motion from PyElastica 1.0's (RMS;
     `examples/peers/soft_arm`).
 
-    What differs from there: couples and drag act at nodes, half of an element's at each of its two,
-    where there an element has them; an element's couple is that of its end by the arclength at
-    rest; implicit midpoint steps of 1.4 ms, where there seven explicit ones are made.
+    Three things differ from there. Couples and drag act at nodes, half of an element's at each of
+    its two; there they act on the element. An element's couple is that of its end by the arc length
+    at rest. Steps are implicit midpoint steps of 1.4 ms; there seven explicit ones are made.
 
     Not stated there: whether a target moves before or after the arm (after, here). A coordinate
     that starts within 0.05 m of a wall turns round at each interval, and so stays, as there.
 
     ## Action space
-    `Box(-1, 1, (12,), float32)`: values at six points, evenly spaced between foot and tip, of a
-    cubic spline S that is 0 at both ends (not-a-knot), about the section's normal, then the
-    binormal. Each element takes the couple 75 S (N m), which turns with it: a couple per length of
-    1,500 S, as 20 elements are part of the task.
+    `Box(-1, 1, (12,), float32)`: values of a cubic spline S at six points, evenly spaced between
+    foot and tip, about the section's normal, then the binormal. S is 0 at both ends (not-a-knot).
+    Each element takes the couple 75 S (N m), which turns with it: a couple per length of 1,500 S,
+    as 20 elements are part of the task.
 
     ## Observation space
     `Box(-high, high, (44 + 12 delay,), float32)`, in metres and m/s; what is published, in another
@@ -108,16 +108,19 @@ class TrackTargetVectorEnv(BeamVectorEnv):
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of `BeamEnvConfig` (see `envs/config.py`) without section, force, actuators, beam,
+    The fields of `BeamEnvConfig` (see `envs/config.py`) without section, force, actuators, beam,
     supports and planar, with length = 1, elements = 20, direction = (0, 1, 0), up = (1, 0, 0), the
     binormal, gravity = None, damping = None, delay = 0, control_interval = 0.0014, substeps = 1,
     control_cost = 0, failure_reward = -1000, max_episode_steps = 7142, and
-    radius, young, density  m, Pa, kg/m^3: 0.05, 1e7, 1000
-    torque                  N m, 75: see above;  points  of the splines, in shares of the length
-    rate                    1/s, inf: the most by which what acts follows the action
-    viscous                 N s/m^2, 30
-    speed                   m/s, 0.5;  turns  s, 0.7, from one direction to the next
-    smooth                  m, 0: width of the bonuses' steps
+
+    - `radius`, `young`, `density`: m, Pa, kg/m^3: 0.05, 1e7, 1000
+    - `torque`: N m, 75: see above
+    - `points`: of the splines, in shares of the length
+    - `rate`: 1/s, inf: largest rate of the couples
+    - `viscous`: N s/m^2, 30
+    - `speed`: m/s, 0.5
+    - `turns`: s, 0.7, from one direction to the next
+    - `smooth`: m, 0: width of the bonuses' steps
 
     Returns are sums over 7142 intervals. With a longer control_interval and fewer steps they are
     fewer and comparable by their mean.

@@ -212,22 +212,22 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     """`num_envs` arms of two flexible links, stepped as one batch.
 
     ## Description
-    Two strips of aluminium (each 0.5 m of 3 mm x 10 mm flat bar) are joined by a hinge, the elbow;
-    another, the shoulder, holds the first to the ground and turns about z. The elbow turns about
-    the upper arm's own axis, so that its motor twists the upper arm; in a plane (planar=True) about
-    z as well. A motor in each drives it: its torque acts on the part beyond it, and backwards on
-    the one before. Both have an inertia, that of the elbow a mass too, and the tip carries a
-    payload. No gravity: an arm in orbit, or, in the plane, on a level table. The tip is to follow a
-    target along a closed path.
+    Follow a target along a closed path with the tip of an arm of two flexible links. Each link is
+    0.5 m of aluminium flat bar, 3 mm x 10 mm. A hinge, the elbow, joins them; another, the
+    shoulder, holds the first to the ground and turns about z. The elbow turns about the upper arm's
+    own axis, so its motor twists the upper arm. In a plane (planar=True) it turns about z as well.
+    Each hinge has a motor; its torque acts on the part beyond it, and backwards on the part before.
+    Both motors have inertia, the elbow's also mass, and the tip carries a payload. No gravity: an
+    arm in orbit, or, in the plane, on a level table.
 
-    The target is where the tip of the resting arm is when its hinges stand at the angles
+    The target is the tip of the resting arm with its hinges at the angles
 
         q(t) = reach * angle * ramp(t) * sum_k [a_k cos(k phi) + b_k sin(k phi)],
             phi = 2 pi t / period,  k = 1, 2, 3
 
-    with the ramp of TipTrack: it starts at the tip. No torque is wanted where the hinges rest. The
-    links are geometrically exact beams (torchbeam's nodal form), the hinges hold exactly; implicit
-    steps of control_interval / substeps.
+    with the ramp of TipTrack: it starts at the tip. Resting hinges need no torque. The links are
+    geometrically exact beams (torchbeam's nodal form), and the hinges hold exactly. Steps are
+    implicit, of control_interval / substeps.
 
     ## Action space
     `Box(-1, 1, (2,), float32)`, held over an interval, `delay` intervals later. Values outside are
@@ -268,12 +268,16 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; masks as in TipReach.
 
     ## Arguments
-    Those of TipTrack, with its defaults but no gravity, length = 1 (m, of both links together) and
-    elements = 3 (in each), without direction, up, beam, supports, actuators and force; and
-    angle    rad, pi / 3: `reach` (0.5) is the share of it that targets turn either hinge by at most
-    torque   N m, (1.5, 0.5): of shoulder and elbow at an action of 1
-    inertia  kg m^2, 0.02: of either motor;  motor  kg, 0.05: the elbow's mass
-    payload  kg, 0.05: on the tip
+    The arguments of TipTrack, with its defaults but no gravity, length = 1 (m, of both links
+    together) and elements = 3 (in each), without direction, up, beam, supports, actuators and
+    force; and
+
+    - `angle`: rad, pi / 3: `reach` (0.5) is the share of it that targets turn either hinge by at
+      most
+    - `torque`: N m, (1.5, 0.5): of shoulder and elbow at an action of 1
+    - `inertia`: kg m^2, 0.02: of either motor
+    - `motor`: kg, 0.05: the elbow's mass
+    - `payload`: kg, 0.05: on the tip
 
     "torchbeam/TwoLinkPlanar-v1" is this with planar=True: two actions and 16 + 2 preview + 2 delay
     observations.

@@ -11,9 +11,10 @@ from .holding import Controller, vector_env
 
 
 class Grasp(Controller):
-    """All tendons of a `Gripper` tightened over a time, then the hub lifted by a force
-    stiffness (height to go of the ball) - damping velocity, and the usual ball's weight. Settings
-    are those of the best return on 64 training episodes in the plane.
+    """Grasps with a `Gripper`: tightens all tendons over a time, then lifts the hub.
+
+    The force on the hub is stiffness (height to go of the ball) - damping velocity, and the usual
+    ball's weight. Settings are those of the best return on 64 training episodes in the plane.
 
     Args:
         grip: of the tendons' range, in [0, 1]

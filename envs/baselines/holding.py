@@ -199,8 +199,10 @@ class FeedForward:
 
 
 class Static(Controller):
-    """The action that holds the target in static equilibrium, where the target is when the action
-    acts; none where the task has no target, or no constant action holds it.
+    """The action that holds the target in static equilibrium.
+
+    The target is taken where it is when the action acts. The action is zero if the task has no
+    target, or if no constant action holds it.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
@@ -233,9 +235,11 @@ def pd(gains: Tensor, gap: Tensor, velocity: Tensor, hold: Tensor) -> Tensor:
 
 
 class PD(Static):
-    """`pd` of the task's `tracking_error`, around the holding action: of the gap between tip and
-    target (where there is none, the tip's place at the start) and the rate at which it changes;
-    where a hub turns, of its angle and rate. Actions that the error does not tell of are the
+    """Proportional and derivative feedback around the holding action, on the task's
+    `tracking_error`.
+
+    The error is the gap between tip and target (without one, the tip's place at the start) and its
+    rate; if a hub turns, its angle and rate. Actions that the error does not concern are the
     holding ones.
 
     Args:

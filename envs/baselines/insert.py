@@ -11,10 +11,12 @@ from .holding import Controller, vector_env
 
 
 class Insert(Controller):
-    """Forces stiffness (wanted - place) - damping velocity on the carriage of a `Peg`, by its
-    place: over the hole as high as it started, and once the tip is within `near` of the axis, or
-    below the plate's upper side, down to the target. Settings are those of the best return on 64
-    training episodes in the plane.
+    """Inserts the rod of a `Peg` by forces stiffness (wanted - place) - damping velocity on its
+    carriage.
+
+    The wanted place is over the hole, as high as the start. Once the tip is within `near` of the
+    axis, or below the plate's upper side, it goes down to the target. Settings are those of the
+    best return on 64 training episodes in the plane.
 
     Args:
         stiffness: N/m

@@ -103,28 +103,29 @@ def times(matrix: Tensor, vector: Tensor) -> Tensor:
 
 
 class LQR(Controller):
-    """u = hold - K [z - z_hold; actions still to act - hold], with K from the discrete Riccati
-    equation.
+    """Linear quadratic regulator about the holding action: u = hold - K [z - z_hold; actions still
+    to act - hold].
 
-    z is the whole state of the beam (displacements, turns and rates of all nodes), read off the
-    simulation. The model is `tb.linearize` about an equilibrium, at the usual parameters, exact
-    over control intervals with the action held, and with the delay in it; z_hold and hold are those
-    of the nonlinear equilibria along the target's path, with the rates at which they follow each
-    other. The cost is
+    K solves the discrete Riccati equation. z is the whole state of the beam (displacements, turns
+    and rates of all nodes), read off the simulation. The model is `tb.linearize` about an
+    equilibrium, at the usual parameters. It is exact over control intervals with the action held,
+    and includes the delay. The state z_hold and action hold are the nonlinear equilibria along the
+    target's path, with the rates at which they follow each other. The cost is
 
         sum  |tip - target|^2 / (0.1 L)^2 + speed_weight |tip velocity|^2 / (L omega)^2 + effort
              |u - hold|^2
 
     Args:
         effort, speed_weight: of the cost
-        latency: intervals by which the model has actions act later than the env's delay; None =
-            their mean where the env draws one
-        schedule: models about the equilibria of so many held actions (odd), from -1 to 1 along each
-            action, between which gains are interpolated at `hold`; 1 = about that without action
+        latency: intervals by which actions act later in the model than the env's delay; None =
+            their mean if the env draws one
+        schedule: number of models (odd) along each action, about the equilibria of held actions
+            from -1 to 1; gains are interpolated between them at `hold`. 1 = one model, without
+            action
 
     Raises:
         ValueError: for a task whose targets no constant action holds (a hub or a hinge turns:
-            `JointLQR`), and for another number than these.
+            `JointLQR`), and for numbers out of these ranges.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
@@ -258,15 +259,18 @@ class LQR(Controller):
 
 
 class JointLQR(Controller):
-    """u = -K [z - z_rest; actions still to act], of a task whose hinges rest at any angle: z is the
-    state in the coordinates of `tb.linearize` about the start, at the usual parameters, z_rest that
-    of the arm at rest where the targets want its hinges, at their rates (`Task.resting`). The cost
-    is that of `LQR`.
+    """Linear quadratic regulator of a task whose hinges rest at any angle: u = -K [z - z_rest;
+    actions still to act].
+
+    z is the state in the coordinates of `tb.linearize` about the start, at the usual parameters.
+    z_rest is the arm at rest with its hinges at the targets' angles and rates (`Task.resting`). The
+    cost is that of `LQR`.
 
     Args:
-        effort, speed_weight: of the cost; half turns want 0.5 or more (a cheaper action asks for
-            more than there is, and overshoots), targets that the arm is never far from less
-        latency: intervals by which the model has actions act later than the env's delay
+        effort, speed_weight: of the cost. Half turns need an effort of 0.5 or more: a cheaper
+            action asks for more than there is, and overshoots. Targets that stay near the arm need
+            less
+        latency: intervals by which actions act later in the model than the env's delay
 
     Raises:
         ValueError: for a task without hinges that rest anywhere.

@@ -47,20 +47,21 @@ class Noise:
 
 
 class LQG(LQR):
-    """LQR on the estimate of a steady Kalman filter, which sees the observation alone: z of the
-    same linear models, from the env's sensors and the actions that it gave. It starts at the true
-    state: at rest, undeflected.
+    """LQR on the estimate of a steady Kalman filter, which reads the observation alone.
 
-    With a `disturbance` above 0 the filter takes what its model does not explain for a constant
-    addition to the actions, and the feedback takes that off again: integral action, as many as
-    there are actions, which does not wind up at their limits. What no action resembles (another
-    stiffness of the whole beam) leaves an offset all the same.
+    It estimates z of the same linear models, from the env's sensors and its own actions. It starts
+    at the true state: at rest, undeflected.
+
+    With a `disturbance` above 0 the filter assumes that a constant addition to the actions explains
+    the misfit of its model, and the feedback subtracts it. This is integral action, one for each
+    action, which does not wind up at their limits. Errors that no action resembles (another
+    stiffness of the whole beam) leave an offset all the same.
 
     Args:
         effort, speed_weight, latency, schedule: as in `LQR`
-        action: standard deviation of the white noise that the filter reckons with on each action;
-            on each reading it is the env's `noise`, at least 1e-3
-        disturbance: standard deviation by which the disturbance changes in an interval; 0 = none
+        action: standard deviation of the white noise on each action in the filter; on each reading
+            it is the env's `noise`, at least 1e-3
+        disturbance: standard deviation of the change of the disturbance in an interval; 0 = none
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
@@ -128,10 +129,11 @@ class LQG(LQR):
 
 
 class JointLQG(JointLQR):
-    """JointLQR on the estimate of an extended Kalman filter, which sees the observation alone: the
-    env's sensors, and the errors of the hinges' angles and rates (`Task.tracking_error`), which the
-    tasks' observations tell. Its model is that of JointLQR, whose coordinates turn with the arm;
-    readings and their derivatives are those of the estimate itself. It starts at the true state.
+    """JointLQR on the estimate of an extended Kalman filter, which reads the observation alone.
+
+    It uses the env's sensors, and the errors of the hinges' angles and rates in the observation
+    (`Task.tracking_error`). Its model is JointLQR's, whose coordinates turn with the arm. Readings
+    and their derivatives are evaluated at the estimate itself. It starts at the true state.
 
     Args:
         effort, speed_weight, latency: as in `JointLQR`

@@ -17,23 +17,25 @@ from .trajectory import TipWay, within_bounds
 
 
 class MPC(Controller):
-    """Model predictive control: at each interval a Gauss-Newton step on the actions of the next
-    ones, within their bounds, from the plan of the interval before (the real-time iteration of
-    Diehl, Bock and Schloeder 2005), and the first of them is given. The cost is the task's: of the
-    tip's way, and of the actions. A step is one rollout, one sweep for all of its derivatives and
-    one quadratic program: a few milliseconds for a beam of few elements (docs/environments.md).
+    """Model predictive control: a Gauss-Newton step on the next actions in each interval.
 
-    It reads the whole state of the beam off the simulation and knows the targets over its horizon;
-    its model is the beam at the usual parameters. Actions that are still to act are in it.
-    Informed, it knows more than any controller can: the parameters of each episode, of the beam and
-    of what lies between, so that its model is exact. What it returns says what there is to be had.
+    It starts from the plan of the interval before, keeps actions within their bounds, and gives the
+    first one (the real-time iteration of Diehl, Bock and Schloeder 2005). The cost is the task's,
+    of the tip's path and of the actions. A step is one rollout, one sweep for all of its
+    derivatives and one quadratic program: a few milliseconds for a beam of few elements
+    (docs/environments.md).
+
+    It reads the whole state of the beam off the simulation and knows the targets over its horizon.
+    Its model is the beam at the usual parameters, with actions that are still to act. Informed, it
+    knows more than a controller can: each episode's parameters, of the beam and of sensors and
+    actuators. Its model is then exact, and its return shows how much there is to gain.
 
     Args:
         horizon: intervals
         iterations: Gauss-Newton steps an interval
         terminal: weight of the last gap, beside those before it
         damping: of the steps, beside the largest entry on the diagonal of their matrix
-        informed: whether the model is that of each episode's own parameters
+        informed: whether the model has each episode's own parameters
 
     Raises:
         ValueError: for a task with a memory beside its beam, a horizon that is not longer than the

@@ -21,13 +21,14 @@ ACCURACY = 1e-5  # of a return, beside its size: what a step must promise to go 
 
 
 class Optimum(Controller):
-    """A local optimum of each episode's return over all its actions, by direct single shooting:
-    damped Gauss-Newton steps (Levenberg and Marquardt) with exact derivatives, each a quadratic
-    program solved within the bounds, from the actions of a guess and from random ones around them,
-    each episode by itself; the best is played. No proven bound: `gap` and `spread` say how far it
-    has come.
+    """A local optimum of each episode's return over all its actions: a reference with knowledge of
+    the future.
 
-    The env must have an end. It knows the episodes' own parameters, and the future.
+    It uses direct single shooting: damped Gauss-Newton steps (Levenberg and Marquardt) with exact
+    derivatives. Each step is a quadratic program solved within the bounds. Each episode starts from
+    the actions of a guess and from random ones around them, and plays the best. It is no proven
+    bound: `gap` and `spread` say how far it converged. The env must have an end. It knows the
+    episodes' own parameters.
 
     Args:
         guess: controller whose actions are the first start; None = the holding actions
@@ -35,9 +36,9 @@ class Optimum(Controller):
         starts: how many
         seed: of the random ones
 
-    After `begin`: cost (n,), what the plans cost; gap (n,), by how much the quadratic model there
-    still promises to lower it; spread (n,), of the costs that different starts ended at; steps, the
-    env steps that were played.
+    After `begin`: cost (n,) of the plans; gap (n,), the decrease that the quadratic model there
+    still promises; spread (n,) of the costs at the ends of different starts; steps, the env steps
+    that were played.
 
     Raises:
         ValueError: for an env without end, no iterations or starts, and for what `TipWay` refuses.

@@ -31,16 +31,17 @@ class ExplicitStepper:
     """Advances states of a scene by intervals of `dt` seconds with torchdiffeq; called like
     `Stepper`.
 
-    scene    what is simulated
-    dt       s, the interval over which inputs are held
-    method   a name of torchdiffeq; a fixed-step one makes options={"step_size": s} steps
-    form     "nodal", "minimal" or "block_rate"; states are `State`, or `MixedState` in the two
-             mixed forms. Each interval starts from a state made consistent with the loads on it,
-             for inputs jump between intervals
-    rtol, atol, options, adjoint, project, solver: as in `simulate`
+    An explicit method needs steps of about 3 over the top frequency of the mesh, so the section
+    must be soft. The step of `Stepper` does not depend on the stiffness.
 
-    An explicit method needs steps of about 3 over the top frequency of the mesh, so it wants a soft
-    section: see `Stepper` for one whose step does not depend on the stiffness.
+    Args:
+        scene: the scene
+        dt: s, the interval over which inputs are held
+        method: a name of torchdiffeq; a fixed-step one makes options={"step_size": s} steps
+        form: "nodal", "minimal" or "block_rate"; states are `State`, or `MixedState` in the two
+            mixed forms. Inputs jump between intervals, so each interval starts from a state made
+            consistent with its loads
+        rtol, atol, options, adjoint, project, solver: as in `simulate`
 
     Raises:
         ValueError: for an unknown form or method, a dt that is not positive, or a scene that the

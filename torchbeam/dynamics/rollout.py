@@ -26,17 +26,21 @@ from .stepper import Stepper
 def rollout(
     stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] | None = None, **more: Any
 ) -> State:
-    """States (steps, ...) after each of so many steps of a stepper, from a state on: the same as
-    calling it so many times, with one call of native code where the compiled engine takes the
-    scene. What the stepper was made of is not made anew.
+    """Many steps of a stepper in one call: the states (steps, ...) after each of them.
+
+    It gives the same as so many calls of the stepper, but native code makes all steps at once where
+    the compiled engine takes the scene. It makes no new stepper.
 
     Args:
         inputs: by name, in a dictionary or by keyword: (..., size) held throughout; a function of
-            t, taken where the method takes its loads; or `PerInterval`, (..., steps, size), each
-            held over a step
+            t, evaluated where the method evaluates its loads; or `PerInterval`, (..., steps, size),
+            each held over a step
 
-    Differentiable as the steps are. A sample that fails keeps its last good state, with a status.
-    Raises ValueError for what `Stepper` refuses, and for values for another number of steps.
+    It is differentiable as the steps are. A sample that fails keeps its last good state, with a
+    status.
+
+    Raises:
+        ValueError: as `Stepper`, and for values for another number of steps.
 
     Examples:
         >>> stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.01)

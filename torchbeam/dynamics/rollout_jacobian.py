@@ -36,22 +36,26 @@ def rollout_jacobian(
     *,
     every: int = 1,
 ) -> tuple[Tensor, Tensor]:
-    """What is read of the states after every so many steps of a `rollout`, and its derivatives:
-    sensitivities of the trajectory, exact as gradients are, by one sweep of native code for all
-    rows.
+    """Readings along a `rollout`, and their derivatives by a tensor: the sensitivities of a
+    trajectory.
+
+    They are exact as gradients are; one sweep of native code finds all rows.
 
     Args:
         steps, inputs: as in `rollout`, with gradient from `by` to them, to the state or the scene
-        read: of states (S, ...) that follow each other, (S, ..., r); each by itself. It may hold
-            what is made of `by`, such as a scene
-        by: requires gradient
+        read: function of the states (S, ...) after every `every` steps -> (S, ..., r), each state
+            by itself. It may hold objects made of `by`, such as a scene
+        by: the tensor; requires gradient
         every: a divisor of steps: S is their quotient
 
-    Returns (S, ..., r), and (S, r, *by.shape): derivatives of the sums over the samples, which are
-    those of each where `by` has a row for each. Constants: no derivatives go through them.
+    Returns:
+        Readings (S, ..., r) and derivatives (S, r, *by.shape) of their sums over the samples. If
+        `by` has a row for each sample, these are each sample's derivatives. Both are constants: no
+        derivatives go through them.
 
-    Raises ValueError as `rollout` does, where `by` does not require a gradient, where `every` does
-    not divide the steps, for readings of another shape, and within `torch.inference_mode()`.
+    Raises:
+        ValueError: as `rollout` does; if `by` does not require a gradient, or `every` does not
+            divide the steps; for readings of another shape, and within `torch.inference_mode()`.
 
     Examples:
         >>> stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.01)

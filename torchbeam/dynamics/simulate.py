@@ -33,27 +33,28 @@ OF_ALL = "form", "inputs", "throw", "accuracy"  # keywords that are no options o
 
 
 class StepOptions:
-    """Of implicit methods, whose steps have a given length or, with `rtol` or `atol`, are adaptive.
+    """Options of implicit methods, with steps of a given length or, with `rtol` or `atol`, adaptive
+    ones.
 
     Args:
         step: s, of implicit methods; each interval of t is split into ceil(interval/step) equal
             steps. None: the shortest interval, or 1/200 of the whole, whichever is less.
-        rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`). The
-            largest error of a position over the run is to be at most atol m + rtol times the length
-            of the beam, that of a rotation rtol + atol/length rad (see `Tolerance`; measured on
-            positions; rotations in undamped twist were off by up to 4.1 of it); numbers, or (...).
-            Of torchdiffeq's: numbers, None = 1e-6 and 1e-8.
-        events: with adaptive steps: a function of the state that gives one number (...) a sample,
-            of that sample alone, or a list of such: a sample stops where one crosses zero, and
+        rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`);
+            numbers, or (...). They bound the largest error over the run: of a position by atol m +
+            rtol times the length of the beam, of a rotation by rtol + atol/length rad (see
+            `Tolerance`). The error is measured on positions; rotations in undamped twist were off
+            by up to 4.1 of it. Of torchdiffeq's methods: numbers, None = 1e-6 and 1e-8.
+        events: with adaptive steps: a function of the state that returns one number (...) a sample,
+            of that sample alone, or a list of such. A sample stops where one crosses zero, and
             `sol.event` says which, when and how.
         max_steps: adaptive steps in a run, at most.
         first_step: s, of adaptive steps; None = found by a trial.
         engine, lumped, conserve, rho_inf, tolerance, iterations, halvings: of implicit methods, see
             `Stepper`.
-        checkpoint: keep the graph at sqrt(steps) instants and compute the rest again in backward:
-            long horizons then fit in memory, for one more forward. Nothing under
-            torch.autograd.forward_ad, whose derivatives go forward with the steps: they are right,
-            and need no memory of the past.
+        checkpoint: keep the graph at sqrt(steps) instants and compute the rest again in backward.
+            Long horizons then fit in memory, for one more forward run. It does nothing under
+            torch.autograd.forward_ad, whose derivatives go forward with the steps and need no
+            memory of the past.
         progress: called with (steps done, steps in all) after each step of a given length.
     """
 
@@ -103,47 +104,50 @@ def simulate(
     throw: bool = False,
     accuracy: Any = None,
 ) -> Solution:
-    """Motion of a scene at the instants t.
+    """Simulate a scene: its motion at the instants t.
 
     Methods: None is "midpoint" of the nodal form and "dopri5" of the others.
-    "midpoint" (implicit, mean strain, second order), "midpoint4" (of fourth order, see
-    `torchbeam.dynamics.midpoint4`) and "generalized_alpha" are of the nodal form, by steps of a
-    given length or, but for the last, by adaptive ones, each sample's own. Any method of
-    torchdiffeq is explicit, of any form: it steps with the highest frequency of the mesh, so stiff,
-    long or batched scenes want "midpoint"; one of fixed steps that are longer than that makes
-    energy, and a sample of the nodal form then gets a status and keeps the last output before. An
-    option that the method does not have is refused.
+
+    - "midpoint" (implicit, mean strain, second order), "midpoint4" (fourth order, see
+      `torchbeam.dynamics.midpoint4`) and "generalized_alpha" belong to the nodal form. Steps have a
+      given length. The first two also make adaptive steps, separate for each sample.
+    - All methods of torchdiffeq are explicit and take any form. They follow the highest frequency
+      of the mesh, so stiff, long or batched scenes need "midpoint". Longer fixed steps create
+      energy. A sample of the nodal form then gets a status and keeps its last output.
+
+    Options that a method does not have are refused.
 
     Args:
-        scene: what is simulated; its tensors may carry gradient, and everything is differentiable.
-        t: (time,) s, strictly increasing; the first is that of the initial state. A tensor is of
+        scene: its tensors may carry gradient, and everything is differentiable.
+        t: (time,) s, strictly increasing; the first is the time of the initial state. A tensor has
             the scene's dtype; NumPy's numbers may be more precise, and are rounded to it.
-        initial: a state of the form; None = undeformed and at rest. What supports hold has to be
-            where they have it at t[0], see `Support`, and at rest where neither they nor frame a
-            move: `rest`, `equilibrium`, `State.from_nodes` and states of a solution are. What is
-            off by rounding is put there. Of a state of another time than t[0] frame a turns on
-            until then, see `State.frame`.
+        initial: a state of the form; None = undeformed and at rest. Supported nodes must be where
+            their supports are at t[0], see `Support`, and at rest if neither the supports nor frame
+            a move. States of `rest`, `equilibrium`, `State.from_nodes` and solutions are. Rounding
+            errors are corrected. If the state is of another time than t[0], frame a turns on until
+            then, see `State.frame`.
         method: by name, see above.
-        form: "nodal" (energy consistent, the work horse), "minimal" or "block_rate" (the
+        form: "nodal" (energy consistent, for everything), "minimal" or "block_rate" (the
             index-reduced derivation).
-        inputs: of the scene, by name: (..., size) held throughout; a function of t: "midpoint"
-            takes it at mid step, "midpoint4" at that of each solve, "generalized_alpha" at its end;
-            or, for these, `PerInterval`: values (..., time - 1, size), each held over one of the
-            intervals of t.
-        throw: raise where a sample fails; otherwise `sol.status` and a warning say so, and it keeps
-            its last good state.
+        inputs: of the scene, by name: (..., size) held throughout; a function of t; or for implicit
+            methods `PerInterval`, values (..., time - 1, size), each held over one interval of t.
+            "midpoint" evaluates a function at mid step, "midpoint4" at each solve,
+            "generalized_alpha" at the end.
+        throw: raise if a sample fails; otherwise `sol.status` and a warning say so, and the sample
+            keeps its last good state.
         accuracy: of the whole motion, in place of method and step: relative, as of `converge`, of
-            positions and axes of the middle and the tip; or what `converge` gave. The beam is made
-            anew on the mesh that is chosen, `initial` is None or a function of its scene. The
-            search is made once (it takes some runs; logging shows them) and holds for scenes of
-            the same structure whose numbers are off by no more than half. Of scenes of one beam.
+            positions and axes of the middle and the tip; or a result of `converge`. The beam gets a
+            new mesh, so `initial` is None or a function of its scene. The search is made once (it
+            takes some runs; logging shows them). It holds for scenes of the same structure whose
+            numbers differ by no more than half. Of scenes of one beam.
 
     Returns:
         `Solution`: the states at t, status (...) of the samples, statistics.
 
     Raises:
-        ValueError: for a t that does not increase, an unknown form or method, an option that the
-        method does not have. RuntimeError: with `throw`, where a sample fails.
+        ValueError: for a t that does not increase, an unknown form or method, or an option that the
+            method does not have.
+        RuntimeError: with `throw`, if a sample fails.
 
     Examples:
         >>> solution = tb.simulate(scene, torch.linspace(0, 0.1, 11), step=0.01)

@@ -42,43 +42,41 @@ HALVINGS = 6  # a failed step is made again in at most 2^6 parts
 
 
 class Stepper:
-    """Advances states of a scene by steps of `dt` seconds with the nodal form's implicit step.
+    """Advances states of a scene by implicit steps of `dt` seconds (nodal form).
 
     Args:
-        scene: what is simulated; its tensors may carry gradient. Stiffness, mass, damping and
-            geometry are taken once, here: make another Stepper after a change of them, or for a
-            second backward pass by them
+        scene: its tensors may carry gradient. Stiffness, mass, damping and geometry are taken once,
+            here: make another Stepper after a change of them, or for a second backward pass by them
         dt: s: a number, or a tensor (0-dim), which may carry gradient
         method: "midpoint": the mean-strain step (second order, unconditionally stable in practice,
-            keeps momentum) "midpoint4": five such steps in one, or, where damping is strong, four:
-            fourth order, see `torchbeam.dynamics.midpoint4` "generalized_alpha": balance at the end
-            of the step, high frequencies damped (second order; stress and reaction are then those
-            at the end); the state remembers accelerations, `begin` starts them
-        rho_inf: of generalized_alpha: what a step leaves of an infinitely fast motion, 1 (nothing
-            is lost) to 0
-        lumped: mass at the nodes alone, as the explicit form has it; by default neighbours are
-            coupled, which makes the error of the translational inertia fourth order
+            keeps momentum). "midpoint4": fourth order, five such steps in one, or four where
+            damping is strong, see `torchbeam.dynamics.midpoint4`. "generalized_alpha": balance at
+            the end of the step, high frequencies damped (second order). Its stress and reaction are
+            at the end of the step; its state remembers accelerations, which `begin` starts
+        rho_inf: of generalized_alpha: share of an infinitely fast motion that is left after a step,
+            1 (nothing is lost) to 0
+        lumped: mass at the nodes alone, as in the explicit form. By default neighbours are coupled,
+            which makes the error of the translational inertia fourth order
         conserve: scale the velocities after each step so that the energy balance closes exactly:
-            for long undamped runs. Of what nothing holds, without its rigid motion, so that
+            for long undamped runs. A piece that nothing holds keeps its rigid motion, so its
             momentum and angular momentum stay; its steps are eager
-        tolerance: of the scaled residual, default 1e-8 in float64 and 1e-4 in float32; one below
-            256 rounding errors of a number (6e-14, 3e-5) counts as that
+        tolerance: of the scaled residual, default 1e-8 in float64 and 1e-4 in float32. A tolerance
+            below 256 rounding errors of a number (6e-14, 3e-5) counts as that
         iterations: at most this many in a Newton solve (12 where its step can still be made in
             parts; twice as many where contacts have friction)
         halvings: a failed step is made again in 2, 4, ... 2^halvings parts
         engine: "eager": torch operations. "compiled": native code for many samples at once on the
-            CPU (by llvmlite), the same answers up to rounding, and gradients
-            (reverse mode); compiled at the first step. Made eagerly there: forward mode,
-            torch.func, gradients where strains are impossible or next to, some of the parts of a
-            failed step. What a user's function of the motion closes over is taken here, once.
-            "auto": compiled where llvmlite is installed and the scene is taken, a user's function
-            of the motion as long as what it reads stays as it was; else eager, of which a
-            SlowPathWarning tells (`describe` says which, and why; the environment variable
-            TORCHBEAM_ENGINE says otherwise)
+            CPU (by llvmlite), with the same answers up to rounding and gradients in reverse mode;
+            the first step compiles. Eager even then: forward mode, torch.func, gradients where
+            strains are impossible or nearly so, some parts of a failed step. Values that a user's
+            function of the motion reads are taken once, here. "auto": compiled if llvmlite is
+            installed and native code takes the scene, user's functions as long as the values that
+            they read stay. Otherwise eager, with a SlowPathWarning; `describe` says which, and why.
+            The environment variable TORCHBEAM_ENGINE changes "auto"
 
     Raises:
-        ValueError: for an unknown method, a step that is not positive, a scene that the nodal form
-            does not take, or that the engine does not.
+        ValueError: for an unknown method, a step that is not positive, or a scene that the nodal
+            form or the engine does not take.
 
     Examples:
         >>> stepper = tb.Stepper(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.01)
@@ -145,9 +143,10 @@ class Stepper:
 
     @property
     def engine(self) -> str | None:
-        """What has made its steps so far: "native", "eager" or "mixed" (as where parts of a failed
-        step are eager); None before the first. The trial step by which generalized alpha starts
-        does not count.
+        """The engine of its steps so far: "native", "eager" or "mixed"; None before the first.
+
+        Mixed steps have, for example, failed steps whose parts are eager. The trial step by which
+        generalized alpha starts does not count.
         """
         return self.solver.use.engine
 
@@ -257,21 +256,27 @@ class Stepper:
         *,
         dt: float | Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """A (..., n, n) and B (..., n, m) of the step from `state`: dz = A dz + B du of the state
-        after it and that before, in the coordinates z of a linear model: what iterative LQR, an
-        extended Kalman filter or Gauss-Newton steps want.
+        """Derivatives of one step from `state`: dz = A dz + B du.
+
+        dz are changes of the state after and before the step, in the coordinates z of a linear
+        model. Iterative LQR, extended Kalman filters and Gauss-Newton steps use them.
 
         Args:
             u: (..., m) the inputs side by side, as in the scene's order; or by name, in a
                 dictionary; None without inputs
             model: of `linearize`, of the same scene (discrete or reduced too): its `departure` is
-                z, at any state; where z does not tell all of a state (a reduced model), the rest
-                follows the model's own motion
+                z, at any state. If z does not determine a state (a reduced model), the rest follows
+                the model's own motion
             dt: another length for this step
 
-        Exact as gradients are, by the native code where steps are made by it; constants themselves.
-        A sample that fails stands still: A = 1, B = 0. Raises ValueError as a step does, and for
-        generalized_alpha, whose states remember more than z.
+        Returns:
+            A (..., n, n) and B (..., n, m), exact as gradients are, and constants themselves.
+            Native code makes them where it makes the steps. A failed sample stands still: A = 1, B
+            = 0.
+
+        Raises:
+            ValueError: as a step does, and for generalized_alpha, whose states remember more than
+                z.
         """
         if type(self.method).begin is not Method.begin:
             raise ValueError(

@@ -50,14 +50,14 @@ class Critical:
     """The first loss of stability along a load path; leading axes are batch axes.
 
     Args:
-        factor: (...) of the load; NaN where it stays stable. Differentiable, but for LOST
-        kind: (...) int: DIVERGENCE = 1, FLUTTER = 2; STABLE = 0 up to the highest factor; LOST = 3:
-            stable up to where the way up ends (a limit point, see `path`)
-        frequency: (...) rad/s of the motion that begins: 0 of a divergence
+        factor: (...) of the load; NaN if it stays stable. Differentiable, except for LOST
+        kind: (...) int: DIVERGENCE = 1; FLUTTER = 2; STABLE = 0, up to the highest factor; LOST =
+            3, stable up to the end of the path (a limit point, see `path`)
+        frequency: (...) rad/s of the motion that begins; 0 for a divergence
         shape: (..., N+1, 6) of that motion (real part), displacement and spin, frame a; its largest
             entry is 1
-        factors: (P, ...) the load path that was looked at
-        eigenvalue: (P, ..., count) complex, 1/s: along it, the slowest
+        factors: (P, ...) the load path
+        eigenvalue: (P, ..., count) complex, 1/s, along the path, the slowest
 
     Examples:
         >>> column = lambda P: tb.Scene(
@@ -113,36 +113,36 @@ def critical_load(
     engine: str = "auto",
     inputs: dict[str, Any] | None = None,
 ) -> Critical:
-    """The smallest load factor between `lowest` and `highest` at which the equilibrium loses its
-    stability.
+    """The smallest load factor at which the equilibrium loses its stability: buckling or flutter.
 
     Args:
         scene: factor -> Scene, for a factor (points, ...) that broadcasts with the batch axes of
             the scene's own tensors; or a Scene with inputs, whose values are multiplied by the
             factor
-        points: factors looked at first, evenly; a loss that is made good before the next one is
+        lowest, highest: factors between which it is looked for
+        points: factors tried first, evenly spaced; a loss that ends before the next one is
             overlooked
-        count: eigenvalues looked at, the slowest; they hold flutter of no faster ones
-        tolerance: relative, of the bracket, some roundings at least; what is left after
-            interpolation in it is about its square
+        count: eigenvalues computed, the slowest; faster flutter is not seen
+        tolerance: relative, of the bracket, some roundings at least. Interpolation in it leaves
+            about its square
         engine: of the equilibria, see `equilibrium`
         inputs: by name, (..., size): at factor 1
 
-    Where the scene has damping, even of the value 0, or turns, flutter is a real part that grows,
-    else two frequencies that meet (and half as many unknowns); for a value of 0 the frequency at
-    flutter is one of two that are about to, off by 4e-4.
-
-    Scenes in single precision are solved in double and the answer is rounded, as in `modes`.
-
-    The path is that of `equilibrium`: past a point of buckling it keeps to the branch it is on,
-    each from the factor before (but where supports turn), whatever load steps would come to. At
-    a limit point it ends, or leaps; `path` finds those more quickly. O(N) a factor along one beam
-    of more than 96 unknowns without damping; dense, O(N^3), of anything else, and where the few
-    eigenvalues of a long one do not converge.
+    - **Flutter.** If the scene has damping, even of the value 0, or turns, flutter is a real part
+      that grows. Otherwise it is two frequencies that meet (with half as many unknowns). For
+      damping of the value 0 the frequency at flutter is one of two that are about to meet, off by
+      4e-4.
+    - **Path.** Equilibria are found one from the other, as by `equilibrium`, except where supports
+      turn. Past a point of buckling the path keeps to its branch. At a limit point it ends or
+      leaps; `path` finds such points more quickly.
+    - **Cost.** O(N) a factor along one beam of more than 96 unknowns without damping. Otherwise,
+      and where the few eigenvalues of a long one do not converge, it is dense, O(N^3).
+    - **Precision.** Scenes in single precision are solved in double and the answer is rounded, as
+      in `modes`.
 
     Raises:
-        ValueError: for what the nodal form does not take, a range that is empty, rigid motions that
-            nothing holds, or a scene that is unstable at `lowest`.
+        ValueError: for a scene that the nodal form does not take, an empty range, free rigid
+            motions, or a scene that is unstable at `lowest`.
 
     Examples:
         >>> column = lambda P: tb.Scene(

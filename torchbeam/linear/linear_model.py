@@ -27,8 +27,10 @@ BALANCING = 6  # sweeps over the scales of z before an exponential
 
 @dataclass(frozen=True)
 class Linear:
-    """State-space model z' = A z + B du, dy = C z + D du, or with `dt`, z_{k+1} = A z_k + B du_k;
-    du and dy are departures of inputs and sensors from the equilibrium.
+    """A linear state-space model: z' = A z + B du, dy = C z + D du, about an equilibrium.
+
+    With `dt` it is z_{k+1} = A z_k + B du_k. du and dy are departures of inputs and sensors from
+    the equilibrium.
 
     Args:
         A: (..., n, n)
@@ -37,17 +39,18 @@ class Linear:
         D: (..., p, m)
         state: the equilibrium
         output: (..., p): readings of the sensors there
-        inputs: name -> its columns of B and D;  outputs: each sensor's rows of C and D
-        reads: (..., n, 2 w (N+1) + Z) z of the nodes' moves (m, rad; frame a), their rates, w a
-            node in `space`, and Z internal states
+        inputs: name -> its columns of B and D
+        outputs: each sensor's rows of C and D
+        reads: (..., n, 2 w (N+1) + Z), z of the nodes' moves (m, rad; frame a), their rates, and Z
+            internal states; w is the number of moves a node in `space`
         moves: (..., 2 w (N+1) + Z, n) the moves of z, with reads @ moves = 1
         chart: coordinates of a state as moves of the nodes, see `departure`
         dt: s, of a model in discrete time; else None
-        mass: (..., n/2, n/2) where z = [q; q'] and undamped frequencies are those of K - omega^2
-            mass; else None
+        mass: (..., n/2, n/2) if z = [q; q'] and undamped frequencies follow from K - omega^2 mass;
+            else None
 
-    z = [q_1; q_1'], or [q_1; q_0; q_1'] where coordinates without inertia are damped: m, rad, m/s,
-    rad/s; behind them the departures of `State.internal`, where loads have internal states.
+    z = [q_1; q_1'], or [q_1; q_0; q_1'] if coordinates without inertia are damped: m, rad, m/s,
+    rad/s. Departures of `State.internal` follow, if loads have internal states.
 
     Examples:
         >>> model = tb.linearize(
@@ -97,16 +100,17 @@ class Linear:
         return self.chart
 
     def departure(self, state: State) -> Tensor:
-        """State vector z (..., n) of a state of the beam: what a feedback of the whole state reads.
+        """State vector z (..., n) of a state of the beam: the argument of a state feedback.
 
-        Measured along the beam: the turn and the place of the node that holds it (the first
-        support's, else node 0) and the strains of the elements, as moves of the linear model. A
-        turn of the whole beam is then a turn of the model, however far, and a strain a strain; to
-        first order it is the difference of the nodes' places and axes. z is exact in the
-        kinematics; A and B are those of the model's own state. Linearise about the state that is to
-        be reached: the departure vanishes there, and A, B are right where they have to hold. Where
-        they change on the way (gravity, loads that do not turn with the beam), schedule models
-        about several states.
+        It is measured along the beam, as moves of the linear model. These are turn and place of the
+        node that holds it (the first support's, else node 0), and the strains of the elements. A
+        turn of the whole beam is then a turn of the model, however far, and a strain a strain. To
+        first order z is the difference of the nodes' places and axes. z is exact in the kinematics;
+        A and B belong to the model's own state.
+
+        Linearise about the state that is to be reached. The departure vanishes there, and A and B
+        are right there. If they change on the way (gravity, loads that do not turn with the beam),
+        schedule models about several states.
 
         Raises:
             ValueError: for a state of another form, mesh or dtype.
@@ -117,12 +121,14 @@ class Linear:
         ]
 
     def state_at(self, z: Tensor) -> State:
-        """The state with the departure z (..., n), the inverse of `departure`: what supports hold
-        stays where the model has it, and where z does not tell all (a reduced model, turns without
-        inertia) the rest follows the model's own motion.
+        """The state with the departure z (..., n): the inverse of `departure`.
 
-        Stress and reaction are zero, as in `State.from_nodes`: a step finds them. First derivatives
-        are exact. Raises ValueError for a z of another size, or one that no state has.
+        Supported nodes stay where the model has them. If z does not determine the state (a reduced
+        model, turns without inertia), the rest follows the model's own motion. Stress and reaction
+        are zero, as in `State.from_nodes`: a step finds them. First derivatives are exact.
+
+        Raises:
+            ValueError: for a z of another size, or a z that no state has.
         """
         z = finite("z", as_tensor(z, self.A.dtype, self.A.device))
         axis_last("z", z, self.A.shape[-1])
@@ -149,8 +155,9 @@ class Linear:
         return self.charted.place(instance("a state", state, State))
 
     def discrete(self, dt: float) -> Linear:
-        """Model in discrete time, with the inputs held over steps of dt (s): exact, by the
-        exponential of [[A, B], [0, 0]] dt, whether or not A is singular.
+        """The model in discrete time, with the inputs held over steps of dt (s).
+
+        It is exact, by the exponential of [[A, B], [0, 0]] dt, whether or not A is singular.
 
         Raises:
             ValueError: for a model in discrete time or a dt that is not positive.
@@ -170,16 +177,21 @@ class Linear:
         )
 
     def reduced(self, count: int, *, static: bool = False) -> Linear:
-        """Reduced model of the `count` slowest modes: those of the undamped beam where K and D are
-        symmetric (z = their amplitudes, normalised by mass, and rates), else those of A itself,
-        each pair as its real and imaginary part.
+        """Reduced model of the `count` slowest modes.
+
+        If K and D are symmetric, these are the modes of the undamped beam: z are their amplitudes,
+        normalised by mass, and rates. Otherwise they are the modes of A, each pair as its real and
+        imaginary part.
 
         Args:
-            static: keep the response to a steady input exact: what the other modes add to it goes
-                into D
+            static: keep the response to a steady input exact: the contribution of the other modes
+                goes into D
 
-        Derivatives want distinct frequencies. Raises ValueError for a model in discrete time, for
-        more modes than there are, and for rigid motions (A singular) where K is not symmetric.
+        Derivatives need distinct frequencies.
+
+        Raises:
+            ValueError: for a model in discrete time, for more modes than there are, and for rigid
+                motions (A singular) if K is not symmetric.
         """
         self._continuous("reduced")
         boolean("static", static)
@@ -203,10 +215,10 @@ class Linear:
         return small
 
     def response(self, omega: float | Tensor) -> Tensor:
-        """Frequency response C (s I - A)^-1 B + D at s = i omega, complex:
-        (*omega's axes, ..., p, m); omega in rad/s.
+        """Frequency response C (s I - A)^-1 B + D at s = i omega, complex.
 
-        In discrete time exp(i omega dt) stands for s. Not finite at an undamped resonance.
+        Its shape is (*omega's axes, ..., p, m), with omega in rad/s. In discrete time s is exp(i
+        omega dt). It is not finite at an undamped resonance.
         """
         omega = finite("omega", as_tensor(omega, self.A.dtype, self.A.device))
         omega = omega.reshape(*omega.shape, *[1] * self.A.ndim)

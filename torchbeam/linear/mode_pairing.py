@@ -18,12 +18,12 @@ from .modes import Modes
 
 @dataclass(frozen=True)
 class PairedModes:
-    """Computed modes in the order of k measured ones, at the instruments' channels.
+    """Computed modes in the order of k measured ones, read at the instruments' channels.
 
     Args:
-        frequency: (..., k) rad/s, and damping_ratio (..., k)
-        shape: (..., k, channels), each scaled by the factor that brings it nearest to the measured
-            one
+        frequency: (..., k) rad/s
+        damping_ratio: (..., k)
+        shape: (..., k, channels), each scaled nearest to the measured one
         mac: (..., k) modal assurance of each pair, 1 = the same shape
         index: (..., k) places among the computed modes
 
@@ -44,11 +44,12 @@ class PairedModes:
 
 
 def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
-    """Modal assurance criterion (..., n, m) of shapes a (..., n, channels) and b
-    (..., m, channels), real or complex:
-    |a^H b|^2 / (a^H a  b^H b), 1 where they are the same but for a factor, 0 where they are
-                        orthogonal, or one of them is zero
-    at all channels. (Allemang and Brown 1982, Proc. 1st IMAC, 110.)
+    """Modal assurance criterion of two sets of shapes: how alike they are, 0 to 1.
+
+    It is |a^H b|^2 / (a^H a  b^H b) over all channels. Shapes a are (..., n, channels) and b (...,
+    m, channels), real or complex; the result is (..., n, m). It is 1 for shapes that are equal up
+    to a factor, and 0 for orthogonal ones, or if one is zero. (Allemang and Brown 1982, Proc. 1st
+    IMAC, 110.)
 
     Raises:
         ValueError: for another number of channels.
@@ -78,26 +79,29 @@ def modal_assurance(a: Tensor, b: Tensor) -> Tensor:
 
 
 def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> PairedModes:
-    """The computed mode of each measured shape: pairs of the largest modal assurance, each mode in
-    one pair.
+    """The computed mode of each measured shape, by the largest modal assurance; each mode has one
+    pair.
 
     Args:
-        modes: of `tb.modes`, (...) of them, as many as there are measured ones or, so that none is
-            missed, more
+        modes: of `tb.modes`, (...) of them, at least as many as measured; more, so that none is
+            missed
         shapes: (k, channels) measured, of any scale, real or complex
-        read: Modes.shape (..., count, N+1, 6) -> (..., count, channels): what the instruments see;
-            `lambda x: x[..., 2::2, 2]` reads the deflection z of every second node
+        read: Modes.shape (..., count, N+1, 6) -> (..., count, channels): the readings of the
+            instruments; `lambda x: x[..., 2::2, 2]` reads the deflection z of every second node
 
-    Frequencies and shapes are differentiable, with the pairs as they are. A computed shape has no
-    scale of its own: it gets the one (modal scale factor) of least squares, so that
-    `shape - shapes` is what no scale mends, and takes one number from the data of each mode, two
-    where they are complex (`fitted` of `Measurement`). Where `shapes` are real, so is `shape`.
-    Where two computed frequencies meet their shapes mix, and neither is like a measured one: see
-    `mac`, which is then far below 1.
+    - **Scale.** A computed shape has no scale of its own. It gets the modal scale factor, by least
+      squares, so `shape - shapes` is the misfit at the best scale. This uses up one number of each
+      mode's data, two if they are complex (`fitted` of `Measurement`). If `shapes` are real, so is
+      `shape`.
+    - **Derivatives.** Frequencies and shapes are differentiable at fixed pairs.
+    - **Mixed shapes.** Where two computed frequencies meet their shapes mix, and neither resembles
+      a measured one. Their `mac` is then far below 1.
+    - **Order.** The best pairs are made first, for each sample by itself. A mode that no channel
+      sees is paired last.
 
-    The pairs are made the best first, for each sample by itself. A mode that no channel sees is
-    paired last. Raises ValueError for fewer computed modes than measured ones, other channels, or a
-    measured shape that is zero.
+    Raises:
+        ValueError: for fewer computed modes than measured ones, other channels, or a measured shape
+            that is zero.
 
     Examples:
         >>> free = tb.Scene(beam)

@@ -106,10 +106,10 @@ def modes(
     inputs: dict[str, Any] | None = None,
     accuracy: Any = None,
 ) -> Modes:
-    """Natural frequencies, damping ratios and shapes of the nodal form.
+    """Natural frequencies, damping ratios and mode shapes (nodal form).
 
     Args:
-        state: an equilibrium of the scene; None = the one under its loads at time t (s)
+        state: an equilibrium of the scene; None = the equilibrium under its loads at time t (s)
         count: pairs of eigenvalues, the slowest first; an overdamped pair counts as two
         normalize: of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2,
             their largest entry real
@@ -118,27 +118,23 @@ def modes(
         accuracy: relative, of the magnitudes of the eigenvalues: on a mesh of its own choice, see
             `simulate`
 
-    Follower loads are in K: flutter is a positive real part, divergence a positive eigenvalue
-    without frequency. Sections without rotary inertia are taken as they are. An infinite stiffness
-    is a very large one here: its own modes, far above those of the finite stiffnesses, mean
-    nothing.
-
-    An undamped beam under conservative loads takes a symmetric solver, and with more than 96
-    unknowns subspace iteration, O(N); anything else a dense unsymmetric one, O(N^3). Eigenvalues
-    and shapes are differentiable; where they are repeated (equal bending in two planes) there is no
-    derivative of one by itself, and asking for it raises a RuntimeError.
-
-    A scene in single precision is solved in double, and the answer rounded: stretching is so much
-    stiffer than bending that float32 would lose the slowest modes. Where its functions give single
-    precision whatever they are asked in, all is single, with a warning.
-
-    Internal states of loads are unknowns of their own, in the dense solver. The motions that they
-    add decay without oscillating, often slowly: where loads have such states, what does so comes
-    last, behind what oscillates or grows.
+    - **Loads.** Follower loads are in K: flutter is a positive real part, divergence a positive
+      eigenvalue without frequency.
+    - **Sections** without rotary inertia are taken as they are. An infinite stiffness is a very
+      large one here; its own modes, far above the others, mean nothing.
+    - **Cost.** An undamped beam under conservative loads has a symmetric solver, and with more than
+      96 unknowns subspace iteration, O(N). Everything else has a dense unsymmetric solver, O(N^3).
+    - **Derivatives.** Eigenvalues and shapes are differentiable. Repeated ones (equal bending in
+      two planes) have no derivative by themselves, and asking for it raises a RuntimeError.
+    - **Precision.** A scene in single precision is solved in double, and the answer rounded:
+      stretching is so much stiffer than bending that float32 would lose the slowest modes. If its
+      functions return only single precision, all is single, with a warning.
+    - **Internal states** of loads are unknowns of the dense solver. Their motions decay without
+      oscillating, often slowly. Where loads have such states, all decaying motions come last.
 
     Raises:
-        ValueError: for more modes than the mesh has, a state that moves or is no equilibrium, or
-            what the nodal form does not take.
+        ValueError: for more modes than the mesh has, a state that moves or is no equilibrium, or a
+            scene that the nodal form does not take.
 
     Examples:
         >>> modes = tb.modes(tb.Scene(beam), count=2)

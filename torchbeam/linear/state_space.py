@@ -55,32 +55,34 @@ def linearize(
     lumped: bool = False,
     inputs: dict[str, Any] | None = None,
 ) -> Linear:
-    """Linear model of the nodal form's small motions about an equilibrium, from the scene's
-    `Input`s to sensors.
+    """Linear model of small motions about an equilibrium, from the scene's `Input`s to sensors
+    (nodal form).
 
     Args:
-        state: an equilibrium of the scene under its loads at time t (s) and `inputs`; None = that
-            one
-        outputs: one sensor or several: state -> (..., p), of one sample axis at most after the
-            batch axes; stress and reaction are those that go with the move and its rate (a reaction
-            without the inertia of the root's own element)
+        state: an equilibrium of the scene under its loads at time t (s) and `inputs`; None = found
+            here
+        outputs: one sensor or several: state -> (..., p), with at most one sample axis after the
+            batch axes. Stress and reaction are those of the move and its rate (a reaction lacks the
+            inertia of the root's own element)
         lumped: as in `Stepper`
         inputs: by name, (..., size), at the equilibrium
 
-    Of a structure z are moves that joints leave free, a choice of the nodes' by which the others
-    follow; angles and travels that are prescribed stand as they do at t. Forces of joints are
-    those of the motion, with the inertia of what they move.
+    - **Structures.** z are moves that joints leave free, a selection of the nodes' moves; the
+      others follow. Prescribed angles and travels stay as they are at t. Forces of joints include
+      the inertia of the parts that they move.
+    - **Size.** Dense, n = 12 a free node. Differentiable.
+    - **Loads.** A load that turns with the beam is in A. An infinite stiffness is a very large one
+      here.
+    - **Precision.** A scene in single precision is solved in double, and the model rounded.
 
-    A scene in single precision is solved in double, and the model rounded.
-
-    Dense: n = 12 a free node. Differentiable. A load that turns with the beam is in A. An infinite
-    stiffness is a very large one here. Raises ValueError for what the nodal form does not take, for
-    a derivative by a rotary inertia that is 0, or by damping of what has none, where an input is a
-    moment on such a turn (which would follow the input's rate), for a state that moves or is no
-    equilibrium (where that could bend the beam by 1e-3 rad), for a
-    joint's coordinate that is an `Input`, which would act by its acceleration, for damping that
-    leaves a coordinate without inertia undamped, where internal states of loads follow the rate of
-    one that is undamped, or within torch.func.vmap.
+    Raises:
+        ValueError: for a scene that the nodal form does not take, within torch.func.vmap, and for a
+            state that moves or is no equilibrium (by a force that could bend the beam by 1e-3 rad).
+            For a derivative by a rotary inertia that is 0, or by damping of a coordinate without
+            damping. For an input that is a moment on a turn without inertia, which would follow the
+            input's rate. For a joint's coordinate that is an `Input`, which would act by its
+            acceleration. For damping that leaves a coordinate without inertia undamped, or internal
+            states that follow the rate of one.
 
     Examples:
         >>> driven = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))])

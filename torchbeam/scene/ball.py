@@ -37,23 +37,27 @@ def _matrix(name: str, value: Any) -> Tensor | np.ndarray:
 
 @dataclass(frozen=True)
 class Ball(Joint):
-    """b turns about a point of a, in any way: by the rotation vector phi rad, as seen from a, zero
-    as drawn, and less than half a turn. Its numbers are in axes that turn with a, those of frame a
-    as drawn. What acts in the joint acts on b, and its opposite on a.
+    """Ball joint: b turns about a point of a, in any direction.
+
+    The coordinate is the rotation vector phi (rad) of b as seen from a. It is zero at rest and less
+    than half a turn. All numbers are in axes that turn with a, and are frame a's axes at rest.
+    Moments of the joint act on b, and their opposites on a.
 
     Args:
         stiffness: K, N m/rad: one number, or (..., 3, 3), symmetric: the energy phi K phi/2
         damping: (...) c, N m s/rad: the moment -c omega, of the spin omega of b against a
-        friction: (...) mu, N m: -mu omega/sqrt(|omega|^2 + s^2), Coulomb's law regularised with
-        slip_speed: (...) s, rad/s: far slower, it creeps
-        axis: (..., 3), frame a, as drawn; of any length: the direction of b that swings
-        limit: (...) rad, less than pi: a cone about `axis`, beyond which a moment rises to the
-        limit_stiffness: (...) N m/rad, smoothly over a hundredth of the cone's opening
+        friction: (...) mu, N m: -mu omega/sqrt(|omega|^2 + s^2), regularised Coulomb friction
+        slip_speed: (...) s, rad/s; the joint creeps at speeds far below it
+        axis: (..., 3), frame a, undeformed; of any length: the direction of b that swings
+        limit: (...) rad, less than pi: half opening of a cone about `axis`; a moment rises beyond
+            it
+        limit_stiffness: (...) N m/rad of that moment, which rises smoothly over a hundredth of the
+            opening
         torque: (..., 3) N m on b, its opposite on a: numbers, a function of t, or an `Input`
 
     Raises:
         ValueError: for a negative number, a stiffness that is not symmetric or has a negative
-            eigenvalue, friction without a slip speed, a limit without a stiffness.
+            eigenvalue, friction without a slip speed, or a limit without a stiffness.
 
     Examples:
         >>> arms = {"upper": beam, "lower": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}

@@ -36,19 +36,24 @@ from .stations import STATIONS, of_elements
 
 @dataclass(frozen=True)
 class Beam(BeamRows):
-    """A chain of N elements between N + 1 nodes, undeformed, at rest; node 0 is the root, node -1
-    the tip.
+    """A beam at rest: a chain of N elements between N + 1 nodes; node 0 is the root, node -1 the
+    tip.
 
-    nodes       (..., N+1, 3) m, frame a
-    frames      (..., N+1, 4) unit quaternions: section axes of the nodes -> frame a
-    elements    (..., N, 4) unit quaternions: section axes of the elements (C^ab) -> frame a
-    length      (..., N) m, of each element along the reference axis
-    compliance  (..., N or 1, 6, 6) and mass (..., N or 1, 6, 6): as in `Section`, per element
-    rigid, coupled, offset, rotary: as in `Section`; curved: whether node and element axes differ
-    order       of the elements: 1, or 2 (see `Beam.straight`), with 2 N + 1 nodes and two stations
-                an element: what has an axis of N above then has one of 2 N, each station standing
-                for half of its element
-    linked_interpolation: see `linked`
+    Make it by `straight`, `arc`, `curve` or `from_nodes`.
+
+    Args:
+        nodes: (..., N+1, 3) m, frame a
+        frames: (..., N+1, 4) unit quaternions: section axes of the nodes -> frame a
+        elements: (..., N, 4) unit quaternions: section axes of the elements (C^ab) -> frame a
+        length: (..., N) m, of each element along the reference axis
+        compliance: (..., N or 1, 6, 6), of each element as in `Section`
+        mass: (..., N or 1, 6, 6), likewise
+        rigid, coupled, offset, rotary: as in `Section`
+        curved: whether node and element axes differ
+        order: of the elements, 1 or 2 (see `Beam.straight`). Of order 2 there are 2 N + 1 nodes and
+            two stations an element. Axes of N above then have length 2 N, each station for half of
+            its element
+        linked_interpolation: see `linked`
 
     Examples:
         >>> blade = tb.Beam.straight(
@@ -99,15 +104,17 @@ class Beam(BeamRows):
         return STATIONS[self.order].axes(frames)
 
     def linked(self) -> Beam:
-        """This beam, whose elements bend between their nodes as loads at these would bend them: of
-        fourth order in bending where displacements are small, at no cost.
+        """This beam with linked interpolation: a smaller bending error of coarse meshes, at no
+        cost.
 
-        The displacement across an element is quadratic, linked to the rotations of its nodes
-        (linked interpolation, Tessler and Dong 1981): the shear compliance of an element of length
-        h gets its residual bending flexibility h^2/(12 EI) (MacNeal 1978). Mass and loads along the
-        beam are integrated by Gregory's end-corrected rule, see `nodal.mass`; mass is lumped.
-        From four elements on it pays; stretching and twist stay of second order. Rigid elements are
-        exact bars, as without. Not for the mixed forms.
+        Elements bend between their nodes as loads at the nodes would bend them. Bending of small
+        displacements then has fourth order. Use it from four elements on; stretching and twist keep
+        second order. Rigid elements stay exact bars. The mixed forms do not take it.
+
+        The displacement across an element is quadratic and linked to the rotations of its nodes
+        (Tessler and Dong 1981). The shear compliance of an element of length h gets its residual
+        bending flexibility h^2/(12 EI) (MacNeal 1978). Gregory's end-corrected rule integrates mass
+        and loads along the beam; mass is lumped.
 
         Raises:
             ValueError: for elements of order 2, which have a displacement of their own between
@@ -137,20 +144,19 @@ class Beam(BeamRows):
 
         Args:
             length: (...) m
-            section: one `Section`, whose batch axes are the beam's; along the beam a sequence of
-                one per element, or a function of the arc length s (..., m) m that gives one
-                `Section` with a last batch axis m: a taper, or `Stations`
+            section: one `Section`, whose batch axes are the beam's. Along the beam: a sequence of
+                one for each element, `Stations`, or a function of the arc length s (..., m) m that
+                returns one `Section` with a last batch axis m
             direction: (..., 3) of the beam, frame a
-            up: (..., 3): the section's z axis is `up` made square to it; None = frame a's z (y,
-                where the beam runs along z)
+            up: (..., 3): the section's z axis is `up` made square to the beam; None = frame a's z
+                (y, if the beam runs along z)
             root: (..., 3) m, position of node 0, frame a
-            twist: rad by which the section axes at rest are turned about the beam: a number (...)
-                for that of the tip, growing evenly from none at the root, all its axes those of a
-                batch; or, along the beam, a function of s (..., m) m that gives (..., m), a `Table`
-                for one
-            order: 1: elements of two nodes. 2: of three, with a node in the middle of each and two
-                stations of stress, whose error falls with the fourth power of their length: few of
-                them do where the solution is smooth
+            twist: rad, turn of the section axes at rest about the beam. A number (...) is the turn
+                at the tip, growing evenly from zero at the root; all axes of a tensor are batch
+                axes. Along the beam: a `Table`, or a function of s (..., m) m that returns (..., m)
+            order: 1: elements of two nodes. 2: elements of three nodes, one in the middle, with two
+                stations of stress. Their error falls with the fourth power of their length, so few
+                suffice where the solution is smooth
 
         Raises:
             ValueError: for a length that is not positive, fewer than one element, `up` along
@@ -192,16 +198,18 @@ class Beam(BeamRows):
     ) -> Beam:
         """A beam that is curved and twisted at rest, of `elements` elements of equal arc length.
 
-        length     (...) m, along the axis
-        curvature  (..., 3) 1/m in section axes: rate of twist, of turning about y and about z.
-                   Constant (an arc, a helix), or a function of s (..., m) m that gives (..., m, 3):
-                   then of each element's middle, and constant over it; of order 2 of two Gauss
-                   points between neighbouring nodes, which lie where the curve has them to fourth
-                   order
-        section, direction, up, root, order: as in `straight`, direction and up at node 0
+        Args:
+            length: (...) m, along the axis
+            curvature: (..., 3) 1/m in section axes: twist, and bending about y and z. Constant (an
+                arc, a helix), or a function of s (..., m) m that returns (..., m, 3). The function
+                is evaluated in the middle of each element, and its value is constant over the
+                element. Of order 2 it is evaluated at two Gauss points between neighbouring nodes,
+                which then lie on the curve to fourth order
+            section, root, order: as in `straight`
+            direction, up: as in `straight`, at node 0
 
-        Over a length h of constant curvature k the axes turn by exp(h ~k) and the axis advances by
-        the integral of exp(s ~k) e1, exactly. No element may turn by pi.
+        Over a length h of constant curvature k the axes turn by exp(h ~k). The axis advances by the
+        integral of exp(s ~k) e1, exactly. No element may turn by pi.
 
         Raises:
             ValueError: for a length that is not positive, fewer than one element, or elements that
@@ -246,25 +254,27 @@ class Beam(BeamRows):
         order: int = 1,
         up: Value | None = None,
     ) -> Beam:
-        """A chain through `nodes` (..., N+1, 3) m; elements are the chords. Of order 2, through
-        (..., 2 N + 1, 3) nodes: elements are the parabolas through three of them, of which the
-        second is to be about half way. (A corner between two parabolas is rounded over the elements
-        beside it, with an error of first order; chords are of second order there.)
+        """A beam through given nodes (..., N+1, 3) m.
+
+        Elements of order 1 are the chords. Elements of order 2 need (..., 2 N + 1, 3) nodes. They
+        are parabolas through three nodes, the second about half way. A corner between two parabolas
+        is rounded over the elements beside it, with an error of first order; chords have second
+        order there.
 
         Args:
             frames: (..., N, 3, 3) section axes of the elements as columns, frame a, the first along
-                the chord; without them they are carried from each element to the next without twist
-                (parallel transport, at corners too). Of order 2 those of the nodes, (..., 2 N + 1,
-                3, 3), the first along the tangent, and likewise
-            up: (..., 3), without frames: z of the first is `up` made square to it. None = frame a's
-                z (y, where the beam starts along z). Nodes and `up` that are turned together turn
-                the axes
+                the chord. Of order 2 axes of the nodes, (..., 2 N + 1, 3, 3), the first along the
+                tangent. None = axes go from element to element without twist (parallel transport,
+                at corners too)
+            up: (..., 3), without frames: the first z axis is `up` made square to it. None = frame
+                a's z (y, if the beam starts along z). If nodes and `up` turn together, the axes
+                turn with them
 
         Raises:
-            ValueError: for fewer than two nodes, coinciding neighbours, frames that are left-handed
-                or whose x axis leaves the chord, frames and up, or a chain that turns back on
-                itself at a node, without frames; of order 2 for a number of nodes that is even, or
-                a midside node off the middle.
+            ValueError: for fewer than two nodes, coinciding neighbours, or both frames and up. For
+                frames that are left-handed or whose x axis leaves the chord. Without frames, for a
+                chain that turns back on itself at a node. Of order 2, for an even number of nodes,
+                or a midside node off the middle.
         """
         check_order(order)
         dtype, device = dtype_with(section, nodes, frames, up)
@@ -314,9 +324,11 @@ class Beam(BeamRows):
         root: Value = (0.0, 0.0, 0.0),
         order: int = 1,
     ) -> Beam:
-        """A planar circular arc that starts along `direction` and turns about `up`
-        (counter-clockwise) by `angle` (rad, up to 2 pi) with the given radius (m); the section's z
-        axis is `up`. Nodes lie on the arc, elements have the arc's length. order: as in `straight`.
+        """A beam along a planar circular arc.
+
+        It starts along `direction` and turns about `up`, counter-clockwise, by `angle` (rad, up to
+        2 pi) at the given radius (m). The section's z axis is `up`. Nodes lie on the arc, and
+        elements have the arc's length. order: as in `straight`.
 
         Raises:
             ValueError: for a radius or angle that is not positive, an angle above 2 pi or fewer

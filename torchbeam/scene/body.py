@@ -18,21 +18,21 @@ from .effects.point_mass import PointMass
 
 @dataclass(frozen=True)
 class Body(Tree):
-    """A rigid body, a node of its own at its centre of mass.
+    """A rigid body: one node at its centre of mass.
 
     Args:
         mass: (...) kg
-        inertia: about the centre, kg m^2: one number for a body that has the same about every axis;
-            (..., 3) principal moments or (..., 3, 3), in the body's axes, as `PointMass` takes it.
-            None = a point, which something has to keep from turning
-        position: (..., 3) m of the centre, frame a, as drawn
-        rotation: (..., 3, 3) the body's axes as columns, frame a, as drawn; None = those of frame a
-        surface: what of it is solid for a `Contact`: a `Sphere`, `Capsule`, `Cylinder` or `Box` in
-            the body's axes, which moves with it; None = a ball of the contact's radius
+        inertia: kg m^2 about the centre, in the body's axes: one number (the same about every
+            axis), (..., 3) principal moments, or (..., 3, 3), as in `PointMass`. None = a point,
+            which something must keep from turning
+        position: (..., 3) m of the centre at rest, frame a
+        rotation: (..., 3, 3) the body's axes at rest as columns, frame a; None = frame a's axes
+        surface: solid shape for a `Contact`, moving with the body: a `Sphere`, `Capsule`,
+            `Cylinder` or `Box` in the body's axes; None = a ball of the contact's radius
 
     Raises:
-        ValueError: for a mass that is not positive, an inertia that no body has, axes that are
-            no rotation, or a surface that is none of these, or moves by itself.
+        ValueError: for a mass that is not positive, an impossible inertia, or axes that are no
+            rotation. For a surface of another kind, or with a motion of its own.
 
     Examples:
         >>> hub = tb.Body(mass=0.5, inertia=0.001, position=(1.0, 0, 0))

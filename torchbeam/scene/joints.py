@@ -22,7 +22,7 @@ SQUARE = {torch.float64: 1e-6, torch.float32: 1e-5}  # cosine between axes that 
 
 @dataclass(frozen=True)
 class Weld(Joint):
-    """Nothing is left free: b moves with a as drawn, at whatever distance and angle.
+    """Rigid joint: b moves with a, at the distance and angle of the undeformed structure.
 
     Examples:
         >>> column = tb.Beam.straight(
@@ -47,22 +47,27 @@ def _second(joint: DrivenJoint) -> int:
 
 @dataclass(frozen=True)
 class DrivenJoint(Joint):
-    """Base of joints with an axis, and with a coordinate q, an angle in rad, counted over turns, or
-    a travel in m; zero as drawn. What acts in the joint acts on b, and its opposite on a. Where
-    there are two coordinates, laws are in pairs (..., 2), limits (..., 2, 2); 0 of what is not
-    there.
+    """Base of joints with an axis and a coordinate q.
 
-    axis             (..., 3), frame a, as drawn; of any length
-    stiffness        (...) k, N m/rad or N/m: the effort -k q
-    damping          (...) c, N m s/rad or N s/m: -c q'
-    friction         (...) mu, N m or N: -mu q'/sqrt(q'^2 + s^2), Coulomb's law regularised with
-    slip_speed       (...) s, rad/s or m/s: far slower, it creeps
-    limits           (..., 2) lowest and highest q, beyond which an effort rises to the
-    limit_stiffness  (...) N m/rad or N/m, smoothly over a hundredth of the range between them
-    GIVEN            names of the effort, and of the coordinate, that may be given, by coordinate
+    q is an angle in rad, counted over turns, or a travel in m. It is zero in the undeformed
+    structure. Efforts of the joint act on b, and their opposites on a. With two coordinates, laws
+    are pairs (..., 2) and limits (..., 2, 2), with 0 for an absent one.
 
-    Raises ValueError for a negative number, friction without a slip speed, limits without a
-    stiffness or in the wrong order, and for what acts along a coordinate that is prescribed.
+    Args:
+        axis: (..., 3), frame a, undeformed; of any length
+        stiffness: (...) k, N m/rad or N/m: the effort -k q
+        damping: (...) c, N m s/rad or N s/m: -c q'
+        friction: (...) mu, N m or N: -mu q'/sqrt(q'^2 + s^2), regularised Coulomb friction
+        slip_speed: (...) s, rad/s or m/s; the joint creeps at speeds far below it
+        limits: (..., 2) lowest and highest q; an effort rises beyond them
+        limit_stiffness: (...) N m/rad or N/m of that effort, which rises smoothly over a hundredth
+            of the range
+
+    `GIVEN` names the effort and the coordinate that may be given, for each coordinate.
+
+    Raises:
+        ValueError: for a negative number, friction without a slip speed, limits without a stiffness
+            or in the wrong order, or an effort along a prescribed coordinate.
     """
 
     axis: Value = leaf(1, default=(1.0, 0.0, 0.0), size=3, copied=True, name=VECTOR)
@@ -121,7 +126,7 @@ class DrivenJoint(Joint):
 
 @dataclass(frozen=True)
 class Hinge(DrivenJoint):
-    """b turns about an axis of a.
+    """Revolute joint: b turns about an axis of a.
 
     Args:
         torque: N m about the axis on b, its opposite on a: a number, a function of t, or an `Input`
@@ -148,7 +153,7 @@ class Hinge(DrivenJoint):
 
 @dataclass(frozen=True)
 class Slider(DrivenJoint):
-    """b slides along an axis of a, and does not turn.
+    """Prismatic joint: b slides along an axis of a, and does not turn.
 
     Args:
         force: N along the axis on b, its opposite on a: a number, a function of t, or an `Input`
@@ -172,14 +177,17 @@ class Slider(DrivenJoint):
 
 @dataclass(frozen=True)
 class Cylindrical(DrivenJoint):
-    """b slides along an axis of a, and turns about it. What acts on the turn and on the travel are
-    those of a `Hinge` and of a `Slider`, in pairs (turn, travel); 0 of what is not there.
+    """Cylindrical joint: b slides along an axis of a, and turns about it.
+
+    Laws are as in `Hinge` and `Slider`, in pairs (turn, travel), with 0 for an absent one.
 
     Args:
         stiffness, damping, friction, slip_speed, limit_stiffness: (..., 2)
         limits: (..., 2, 2) lowest and highest angle, lowest and highest travel
-        torque, angle: N m about the axis on b, or rad, prescribed
-        force, travel: N along the axis on b, or m, prescribed
+        torque: N m about the axis on b
+        angle: rad, prescribed, in place of a torque
+        force: N along the axis on b
+        travel: m, prescribed, in place of a force
 
     Raises:
         ValueError: as `DrivenJoint`, and for an angle beside a torque, a travel beside a force.
@@ -207,15 +215,17 @@ class Cylindrical(DrivenJoint):
 
 @dataclass(frozen=True)
 class Universal(DrivenJoint):
-    """b turns about two axes that stay at right angles: `axis`, which is fixed in a, and `second`,
-    fixed in b. What acts on the two turns are those of a `Hinge`, in pairs (about axis, about
-    second); 0 of what is not there.
+    """Universal joint: b turns about two axes that stay at right angles.
+
+    `axis` is fixed in a, `second` is fixed in b. Laws are as in `Hinge`, in pairs (about axis,
+    about second), with 0 for an absent one.
 
     Args:
-        second: (..., 3), frame a, as drawn; of any length
+        second: (..., 3), frame a, undeformed; of any length
         stiffness, damping, friction, slip_speed, limit_stiffness: (..., 2)
         limits: (..., 2, 2) lowest and highest angle, of each
-        torque, angle: N m about `axis` on b, or rad, prescribed
+        torque: N m about `axis` on b
+        angle: rad about `axis`, prescribed, in place of a torque
         second_torque, second_angle: likewise about `second`
 
     Raises:
@@ -258,8 +268,10 @@ class Universal(DrivenJoint):
 
 @dataclass(frozen=True)
 class Distance(Joint):
-    """The distance of a point of a from one of b stays as drawn: a rigid rod with a ball at either
-    end. With the ground `at` is the point there.
+    """A rigid rod with a ball at either end: it keeps the distance of a point of a from a point of
+    b.
+
+    The length is the distance in the undeformed structure. For the ground, `at` is the point there.
 
     Examples:
         >>> rod = tb.Distance(

@@ -61,38 +61,39 @@ class Precision(Sorted["torch.dtype | None", torch.dtype]):
 
 @dataclass(frozen=True)
 class Scene(Tree):
-    """Scene: a beam with supports and effects; only what is named exists.
+    """A beam, or a structure of beams and bodies, with its supports and effects.
+
+    Effects that are not named do not act.
 
     Args:
-        beam: `Beam`; or, of a structure, beams and bodies by their names: {"arm": Beam, "hub":
-            Body}. A node is then (name, node) or the name of a body wherever one is meant
-        effects: loads, damping, point masses ..., see `torchbeam.scene.effects`
-        frame: `Frame`, None = frame a is inertial
-        root: `RootMotion` of the clamp at node 0, None = it stays where the beam has it
-        plane: None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node;
-            what acts out of it is left out where it is a function or an input, and refused where it
-            is a number. "auto": in a plane if the beam, its sections and all numbers lie in one and
-            nothing else acts. A gradient by what would leave the plane is 0
-        supports: `Support`s; None = a clamp at node 0, in a structure none; () = free
+        beam: a `Beam`; for a structure beams and bodies by their names, {"arm": Beam, "hub": Body}.
+            A node is then (name, node), or the name of a body
+        effects: loads, damping, point masses and others, see `torchbeam.scene.effects`
+        frame: `Frame`, the motion of frame a; None = frame a is inertial
+        root: `RootMotion` of the clamp at node 0; None = it stays where the beam has it
+        plane: None = 3D. "xy" or "xz": solved in that plane of frame a with three unknowns a node.
+            Loads out of the plane are ignored if they are functions or inputs, and refused if they
+            are numbers. "auto": in a plane if the beam, its sections and all numbers lie in one and
+            nothing else acts. Gradients by quantities out of the plane are 0
+        supports: list of `Support`; None = a clamp at node 0, in a structure none; () = free
         small: small displacements and rotations: linear about the undeformed beam. A state holds
             rotations below pi
-        joints: `Weld`, `Hinge` and others between the parts of a structure, or a part and the
-            ground
-        dtype: in which its motion is computed, None = torch.float64. All numbers, arrays and
-            tensors are taken to it (a gradient comes back in the dtype of its tensor), as is what
-            functions return; functions get it. torch.float32: for long runs of big batches whose
-            accuracy of four digits or so will do. Equilibria, paths, modes, critical loads and
-            linear models are computed in double all the same, and rounded
+        joints: `Weld`, `Hinge` and others, between parts of a structure or a part and the ground
+        dtype: precision of the motion; None = torch.float64. All numbers, arrays, tensors and
+            results of functions are converted to it; functions get it. A gradient has the dtype of
+            its tensor. torch.float32 is for long runs of big batches, with an accuracy of about
+            four digits. Equilibria, paths, modes, critical loads and linear models are computed in
+            double all the same, and rounded
 
-    Sorted once, here: `loads`, `bodies` (point masses, and those of a structure's bodies),
-    `eigenstrains`, `tendons`, `pairs` (contacts of two parts), `interactions`,
-    `damping` (one `Damping` or None),
-    `inputs` (name -> size). `supports` stay in the order given, their nodes counted from the root.
+    The scene sorts its effects once: `loads`, `bodies` (point masses, and bodies of a structure),
+    `eigenstrains`, `tendons`, `pairs` (contacts of two parts), `interactions`, `damping` (one
+    `Damping` or None), `inputs` (name -> size). `supports` keep their order, with nodes counted
+    from the root.
 
     Raises:
-        ValueError: for an object without a kind, two dampings, a node that does not exist, numbers
-            of other than single and double precision, two inputs of one name with different sizes,
-            two supports of one node, what leaves the plane, or joints that do not fit (see
+        ValueError: for an object without a kind, two dampings, a missing node, or numbers of other
+            than single and double precision. For two inputs of one name with different sizes, two
+            supports of one node, or numbers out of the plane. For joints that do not fit (see
             `joints_of`).
 
     Examples:

@@ -42,20 +42,24 @@ class Section(Tree):
 
     Args:
         compliance: (..., 6, 6) S, symmetric: [gamma; kappa] = S [F; M]. Rows and columns [F1 F2 F3
-            M1 M2 M3]; units 1/N, 1/(N m), 1/(N m^2). A zero row and column declares that strain
+            M1 M2 M3]; units 1/N, 1/(N m), 1/(N m^2). A zero row and column makes that strain
             impossible.
         mass: (..., 6, 6) symmetric: [P; H] = mass [V; Omega]. Units kg/m, kg, kg m.
 
-    Leading axes are batch axes. `rigid` tells which strains are impossible, `coupled` whether the
-    compliance has more than its diagonal, `offset` whether the centre of mass lies off the
-    reference axis (mass couples V and Omega) and `rotary` whether the section resists rotation. A
-    matrix that comes as a tensor has them all, whatever its numbers: a gradient may be asked for
-    where they are 0. One of plain numbers has what is not 0; a section made in another way, what
-    that way asks for.
+    Leading axes are batch axes. Four attributes say which terms are present:
+
+    - `rigid`: which strains are impossible;
+    - `coupled`: whether the compliance has more than its diagonal;
+    - `offset`: whether the centre of mass is off the reference axis (mass couples V and Omega);
+    - `rotary`: whether the section resists rotation.
+
+    A matrix in a tensor has all terms, whatever its numbers, because a gradient may be asked for
+    where they are 0. A matrix of plain numbers has the terms that are not 0. A section made in
+    another way has the terms that its arguments ask for.
 
     Raises:
-        ValueError: for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity,
-            or a rotary inertia that no body has (one principal moment above the sum of the others).
+        ValueError: for a wrong shape, an asymmetric matrix, a negative diagonal, NaN or infinity.
+            For an impossible rotary inertia (one principal moment above the sum of the others).
 
     Examples:
         >>> strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
@@ -118,13 +122,13 @@ class Section(Tree):
         return broadcast_shapes(self.compliance.shape[:-2], self.mass.shape[:-2])
 
     def rotated(self, angle: Value) -> Section:
-        """The same section turned about x by `angle` (...) rad: what lay along its y axis now lies
-        at `angle` from the y axis of the beam, towards z. For principal axes that are not the
-        beam's, or a twist in steps.
+        """The same section turned about x by `angle` (...) rad.
+
+        A point on its y axis moves to `angle` from the beam's y axis, towards z. Use it for
+        principal axes that differ from the beam's, or for a twist in steps.
 
         Raises:
-            ValueError: where one of the two shears, or of the two bendings, is impossible and the
-                other is not.
+            ValueError: if only one of the two shears, or of the two bendings, is impossible.
         """
         if self.rigid[1] != self.rigid[2] or self.rigid[4] != self.rigid[5]:
             raise ValueError(
@@ -142,20 +146,21 @@ class Section(Tree):
         )
 
     def shifted(self, y: Value = 0.0, z: Value = 0.0) -> Section:
-        """The same section described about another reference axis, which runs through the point
-        (0, y, z) (...) m of its own axes: the beam's nodes then lie there, and its loads act there.
-        With r = (0, y, z), what is known about the new axis is
+        """The same section described about another reference axis.
+
+        The new axis runs through the point (0, y, z) (...) m of the section's own axes. Nodes then
+        lie there, and loads act there. With r = (0, y, z), quantities about the new axis are
 
             gamma' = gamma + kappa x r      kappa' = kappa      F' = F      M' = M - r x F
             V' = V + Omega x r
 
-        so that bending and extension are coupled, and mass couples V and Omega. Exact for a
-        straight beam without twist; for a curved one the length of the axis changes too, and the
-        beam's nodes must be those of the new axis.
+        so bending and extension are coupled, and mass couples V and Omega. This is exact for a
+        straight beam without twist. On a curved beam the length of the axis changes too, and the
+        beam's nodes must lie on the new axis.
 
         Raises:
-            ValueError: where a strain is impossible: about another axis that is a constraint
-                between strains.
+            ValueError: if a strain is impossible: about another axis that is a constraint between
+                strains.
         """
         if any(self.rigid):
             raise ValueError(
@@ -199,12 +204,14 @@ class Section(Tree):
                 z)
             mass: (...) kg/m
             inertia: (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar
-                one is their sum.
+                inertia is their sum.
 
         math.inf makes a strain impossible. A pair is a Python list or tuple of two, whose entries
-        may have batch axes; all axes of a tensor or an array are batch axes, whatever their
-        lengths: where its last one is to be the pair, `EI=EI.unbind(-1)`. Raises ValueError for a
-        stiffness that is not positive or a mass or inertia that is negative.
+        may have batch axes. All axes of a tensor or an array are batch axes, whatever their
+        lengths. If its last axis is the pair, write `EI=EI.unbind(-1)`.
+
+        Raises:
+            ValueError: for a stiffness that is not positive, or a mass or inertia that is negative.
         """
         numbers = dict(EA=EA, GA=GA, GJ=GJ, EI=EI, mass=mass, inertia=inertia)
         dtype, device = common_dtype(*numbers.values())

@@ -81,8 +81,7 @@ WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.1739
 
 @dataclass(frozen=True)
 class Table(Tree):
-    """A number along the beam: straight lines between the places s, the first and the last value
-    held outside.
+    """A number along the beam, from a table: linear between its places, constant outside.
 
     Args:
         s: (..., n) m, arc length from the root, strictly increasing
@@ -131,22 +130,23 @@ class Table(Tree):
 
 @dataclass(frozen=True)
 class Stations(Tree):
-    """Sections at places along a beam, in place of one section:
-    `Beam.straight(length, elements, Stations(s, sections))`.
+    """Sections at places along a beam, in place of one section.
+
+    Use it as `Beam.straight(length, elements, Stations(s, sections))`.
 
     Args:
         s: (n,) or (..., n) m, arc length from the root, strictly increasing; the beam lies between
             the first and the last
         section: a sequence of n `Section`, or one whose last batch axis is n
 
-    Between stations the 6x6 stiffness and the 6x6 mass run along straight lines. Not the
-    compliance: where a height tapers, EI goes like its p-th power, p = 1 to 4, and over a relative
-    change x of the height from station to station straight lines in EI err by p (p - 1) x^2/8, in
-    1/EI by p (p + 1) x^2/8. A strain that is impossible must be so at every station.
+    The 6x6 stiffness and the 6x6 mass are linear between stations, the compliance is not. Where a
+    height tapers, EI grows as its p-th power, p = 1 to 4. With a relative change x of the height
+    from station to station, linear EI errs by p (p - 1) x^2/8, linear 1/EI by p (p + 1) x^2/8. A
+    strain that is impossible must be so at every station.
 
     Raises:
         ValueError: for places that do not increase, another number of sections, or a strain that is
-            impossible at some.
+            impossible at some stations only.
 
     Examples:
         >>> thick = tb.Section.rectangle(0.03, 0.004, E=69e9, nu=0.33, rho=2700.0)

@@ -58,10 +58,11 @@ class Frame(Tree):
 
 @dataclass(frozen=True)
 class RootMotion(Tree):
-    """Motion of the clamp in frame a: functions t -> (..., 3), or values (..., 3) of a clamp that
-    stands elsewhere than the beam has node 0; `Accelerogram` is a function, of a shaker or an
-    earthquake. Rates of functions are taken by forward mode: they are written in torch operations
-    on t (torch.sin(t), not math.sin(t)), else a ValueError says so.
+    """Prescribed motion of the clamp at node 0, in frame a: functions t -> (..., 3).
+
+    Values (..., 3) move the clamp once from the beam's node 0. `Accelerogram` is a function, of a
+    shaker or an earthquake. Forward mode gives the rates of functions, so write them in torch
+    operations on t (torch.sin(t), not math.sin(t)). Others are refused with a ValueError.
 
     Args:
         displacement: of node 0 from its place in the beam, m
@@ -88,28 +89,28 @@ class RootMotion(Tree):
 
 @dataclass(frozen=True)
 class Support(Tree):
-    """Support: prescribed position and rotation components of a node.
+    """Support: holds components of the position and rotation of a node.
 
     Args:
         node: counts from the root, -1 is the tip; in a structure (name, node), or the name of a
             body
-        position: the components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
+        position: components in frame a that are held: "xyz" all, "yz" a slide along x, "" none
         rotation: "xyz" all; two letters: a hinge about the third axis of frame a; "": a pin. One
-            letter, a fork, where rotations are small (`small=True`) or in a plane; in space the
-            axes of the two turns that it leaves move, and a `Universal` to the ground holds it
-        displacement: (..., 3) m of the held components from where the beam has the node, frame a: a
-            value, or a function of t for a support that moves. None = none
+            letter is a fork, for small rotations (`small=True`) or in a plane. In space the axes of
+            its two free turns move: use a `Universal` to the ground
+        displacement: (..., 3) m of the held components from the beam's node, frame a: a value, or a
+            function of t for a moving support. None = none
         turn: (..., 3) rad, likewise: rotation vector from the node's axes in the beam, frame a;
-            wants rotation="xyz"
+            needs rotation="xyz"
 
-    What is held is where the beam has the node, displaced and turned so, in statics and in motion,
-    whatever a start has there: an equilibrium looks for its shape from there, a motion refuses a
-    start that is elsewhere, or that moves where nothing does (see `simulate`). Values that do not
-    change are no motion: what takes supports that stand takes them.
+    The support holds the beam's node, displaced and turned so, in statics and in motion, whatever
+    the start. An equilibrium starts its search from there. A motion refuses a start at another
+    place, or with a velocity where the support stands (see `simulate`). A constant displacement is
+    no motion.
 
     Raises:
-        ValueError: for other letters, or a motion of what is not held; in a scene in space for one
-            letter.
+        ValueError: for other letters, or a motion of a component that is not held; in a scene in
+            space for one letter.
 
     Examples:
         >>> hinge, roller = (

@@ -28,29 +28,29 @@ from .sensor import XYZ, check_scene, nodes_of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodeAcceleration(_OfNode):
-    """Acceleration (..., 3) m/s^2 of a node against inertial space, in the axes of frame a: not
-    what an accelerometer reads, unless `proper` says so (a beam at rest under its weight has none).
-    At the instant of the state: of its positions, velocities and loads at that time, by the nodal
-    form's own mass,
+    """Acceleration (..., 3) m/s^2 of a node against inertial space, in the axes of frame a.
 
-        M a
-            = loads - internal forces (strain and strain rate)
-                - what the spin makes of masses off the axis
+    An accelerometer reads it with `proper`; without, a beam at rest under its weight has zero. It
+    follows from positions, velocities and loads at the instant of the state, by the nodal form's
+    own mass and a block tridiagonal solve:
 
-    a block tridiagonal solve; absolute, where frame a or a support moves. (After an implicit step
-    it is that at the end of the step; the step itself ran on the mean.)
+        M a = loads - internal forces (strain and strain rate)
+              - forces of the spin on masses off the axis
+
+    It is absolute where frame a or a support moves. (After an implicit step it is the acceleration
+    at the end of the step; the step itself uses the mean.)
 
     Args:
         scene: whose loads act
-        inputs: by name, (..., size), where the scene has some
+        inputs: by name, (..., size), if the scene has some
         body: in the axes of the node's section
-        proper: less gravity g (..., 3) m/s^2, in inertial axes as in `Gravity`, which turn against
-            a frame that turns: what an accelerometer reads; None = not
+        proper: gravity g (..., 3) m/s^2, which is subtracted as an accelerometer does, in inertial
+            axes as in `Gravity`, which turn against a frame that turns; None = no subtraction
         lumped: as in `Stepper`
 
     Raises:
-        ValueError: for a scene that the nodal form does not take, or one with joints, tendons, or
-            parts that touch each other, an infinite stiffness (the acceleration then follows from
+        ValueError: for a scene that the nodal form does not take, or with joints, tendons, or parts
+            that touch each other. For an infinite stiffness (the acceleration then follows from
             constraints that a state does not hold), or a state of another form.
 
     Examples:

@@ -218,8 +218,10 @@ class _Strains(_Along):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Strain(_Strains):
-    """gamma (..., 3): extension, and shear along y and z, of the reference axis, section axes; by
-    the kinematics, see `_Strains`. station, beam, element: where, see `_Along`.
+    """Strain gamma (..., 3) of the reference axis: extension, and shear along y and z, section
+    axes.
+
+    It follows from the kinematics, see `_Strains`. station, beam, element: where, see `_Along`.
 
     Examples:
         >>> tb.sensors.Strain(0.05, beam)(solution.state).shape  # extension, two shears
@@ -234,8 +236,9 @@ class Strain(_Strains):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Curvature(_Strains):
-    """kappa (..., 3) 1/m: twist, and bending about y and about z, section axes; by the kinematics,
-    see `_Strains`. station, beam, element: where, see `_Along`.
+    """Curvature kappa (..., 3) 1/m: twist, and bending about y and about z, section axes.
+
+    It follows from the kinematics, see `_Strains`. station, beam, element: where, see `_Along`.
 
     Examples:
         >>> tb.sensors.Curvature(0.0, beam)(solution.state)[-1]  # 1/m, at the root
@@ -250,9 +253,10 @@ class Curvature(_Strains):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Gauge(_Strains):
-    """Reading (..., 1) of a strain gauge along the beam, on the fibre at (y, z) m of the section:
-    gamma1 + z kappa2 - y kappa3; by the kinematics, see `_Strains`. station, beam, element: where,
-    see `_Along`.
+    """Reading (..., 1) of a strain gauge along the beam, on the fibre at (y, z) m of the section.
+
+    It is gamma1 + z kappa2 - y kappa3 and follows from the kinematics, see `_Strains`. station,
+    beam, element: where, see `_Along`.
 
     Examples:
         >>> gauge = tb.sensors.Gauge(0.05, beam, z=0.001)  # 5 cm from the root, on the upper side
@@ -279,8 +283,10 @@ class Gauge(_Strains):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stress(_Along):
-    """Stress resultants (..., 6) N and N m, section axes: the state's own, after an implicit step
-    its mean over the step, damping included. station, beam, element: where, see `_Along`.
+    """Stress resultants (..., 6) N and N m, section axes, as the state has them.
+
+    After an implicit step they are means over the step, damping included. station, beam, element:
+    where, see `_Along`.
 
     Examples:
         >>> tb.sensors.Stress(0.05, beam)(tb.equilibrium(scene))  # N and N m, in section axes

@@ -170,8 +170,12 @@ class OfContact(OfScene):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactForce(OfContact):
-    """Force (..., 3) N of an obstacle on the beam, or of the second part on the first, frame a,
-    friction included. Raises ValueError for a SelfContact, whose forces sum up to nothing.
+    """Force (..., 3) N of an obstacle on the beam, or of the second part on the first, frame a.
+
+    Friction is included.
+
+    Raises:
+        ValueError: for a SelfContact, whose forces sum up to zero.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
@@ -199,8 +203,12 @@ class ContactForce(OfContact):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactForces(OfContact):
-    """The same on each of the N elements along which it acts, (..., N, 3). Raises ValueError for a
-    contact of two parts, or of a body.
+    """Force (..., N, 3) N of an obstacle on each of the N elements along which it acts, frame a.
+
+    Friction is included.
+
+    Raises:
+        ValueError: for a contact of two parts, or of a body.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
@@ -234,8 +242,10 @@ class ContactForces(OfContact):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactGap(OfContact):
-    """Smallest gap (..., 1) m between the surfaces of the beam and of an obstacle, or of two parts,
-    at the points of its contact: where it falls below the thickness, they begin to touch.
+    """Smallest gap (..., 1) m between the surfaces in contact, at the points of its contact.
+
+    The surfaces are the beam's and the obstacle's, or those of two parts. They begin to touch when
+    the gap falls below the thickness.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
@@ -254,9 +264,9 @@ class ContactGap(OfContact):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactPressure(OfContact):
-    """What presses in all, whatever its direction (N), and the mean gap (m) that it keeps, weighted
-    by it (..., 2): of a beam that touches itself each pair of places counts once; 0 where nothing
-    touches.
+    """Total pressing force (N), whatever its direction, and mean gap (m) weighted by it, (..., 2).
+
+    In a beam that touches itself each pair of places counts once. 0 if nothing touches.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
@@ -279,9 +289,10 @@ class ContactPressure(OfContact):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactSlip(OfContact):
-    """Of a contact with friction: the mean speed (m/s) at which surfaces that touch slip, weighted
-    by their pressure, and the share of the pressure that is on what sticks, below the slip speed
-    (..., 2); 0 where nothing touches.
+    """Slip of a contact with friction: mean speed (m/s), and share of the pressure that sticks,
+    (..., 2).
+
+    The speed is weighted by pressure. A place sticks below the slip speed. 0 if nothing touches.
 
     Examples:
         >>> floor = tb.Contact(
@@ -314,11 +325,13 @@ class ContactSlip(OfContact):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactPoints(OfContact):
-    """Each place of a contact by itself (..., n, 7): where its surface is (x, y, z in m), the force
-    there (N) on the beam, or on the first part, and the gap (m) to what is nearest, inf where
-    nothing is across it. Of an obstacle these are the points of each element, of a body its own or
-    its corners; of two beams places along the first, then along the second, of each of which half
-    of the force is; they sum up to `ContactForce`.
+    """Place, force and gap at each place of a contact, (..., n, 7).
+
+    The first three numbers are the surface's place (x, y, z in m), the next three the force there
+    (N) on the beam or the first part. The last is the gap (m) to the nearest surface, inf if
+    nothing is across. Places of an obstacle are the points of each element, of a body its own or
+    its corners. Of two beams they are places along the first, then along the second, with half of
+    the force on each. Forces sum up to `ContactForce`.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)

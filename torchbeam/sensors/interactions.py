@@ -54,8 +54,11 @@ class _OfCoordinate(_OfJoint):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointCoordinate(_OfCoordinate):
-    """Angle rad of a hinge, counted over turns, or travel m of a slider (..., 1), zero as drawn; of
-    joints with several coordinates one `component`, of a `Ball` that of its rotation vector.
+    """Coordinate of a joint (..., 1): angle rad of a hinge, counted over turns, or travel m of a
+    slider.
+
+    It is zero in the undeformed structure. Of joints with several coordinates it is one
+    `component`, of a `Ball` a component of the rotation vector.
 
     Examples:
         >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))])
@@ -71,7 +74,9 @@ class JointCoordinate(_OfCoordinate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointRate(_OfCoordinate):
-    """Its rate (..., 1), of a `Ball` a component of the spin of its parts against each other.
+    """Rate of a joint's coordinate (..., 1): rad/s or m/s.
+
+    Of a `Ball` it is a component of the spin of its parts against each other.
 
     Examples:
         >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(("door", 0), None, axis=(0, 0, 1))])
@@ -119,8 +124,9 @@ class _OfTendon(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TendonTension(_OfTendon):
-    """Tension (..., 2) N of a tendon's first stretch and of its last: over a step its mean, as
-    friction leaves it.
+    """Tension (..., 2) N of a tendon's first stretch and of its last.
+
+    Over a step it is the mean, with the effect of friction.
 
     Examples:
         >>> rope = tb.Tendon([(None, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0)

@@ -56,11 +56,10 @@ class _OfNode(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NodePosition(_OfNode):
-    """Position (..., 3) m of a node, frame a.
+    """Position (..., 3) m of a node, frame a; with a reference its displacement.
 
     Args:
-        reference: what is taken off: (..., 3) m, or a state whose reading it is (the reading is
-            then a displacement)
+        reference: subtracted from the position: (..., 3) m, or a state, whose position it is
 
     Examples:
         >>> moved = tb.sensors.NodePosition(2, reference=tb.rest(scene))
@@ -116,8 +115,9 @@ class NodeVelocity(_OfNode):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spin(_OfNode):
-    """Angular velocity (..., 3) rad/s of a node: absolute, in the axes of frame a, or with `body`
-    in those of its section (what a gyroscope there reads).
+    """Angular velocity (..., 3) rad/s of a node: absolute, in the axes of frame a.
+
+    With `body` it is in the axes of the section, as a gyroscope there reads.
 
     Examples:
         >>> gyroscope = tb.sensors.Spin(-1, body=True)
@@ -190,11 +190,11 @@ class Angles(_Turned):
 
     Args:
         kind: "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll): turn about z,
-            then about the new y, then about the section's own x, along the beam; yaw and roll in
-            (-pi, pi], pitch in [-pi/2, pi/2]. Where the section's x stands along z (pitch =
-            +-pi/2), yaw and roll turn about the same axis: yaw is then taken as zero, and
-            derivatives mean nothing "vector": the rotation vector, axis times angle, |.| <= pi; it
-            jumps where the angle passes pi
+            then about the new y, then about the section's own x, along the beam. Yaw and roll are
+            in (-pi, pi], pitch in [-pi/2, pi/2]. If the section's x points along z (pitch =
+            +-pi/2), yaw and roll turn about the same axis; yaw is then zero, and derivatives mean
+            nothing. "vector": the rotation vector, axis times angle, |.| <= pi; it jumps where the
+            angle passes pi
 
     Examples:
         >>> tb.sensors.Angles(-1)(solution.state).shape  # rad: roll, pitch, yaw of the tip

@@ -29,27 +29,25 @@ def observe(
 
     Args:
         solution: `Solution` of any form, with instants t (time,)
-        sensor: of `tb.sensors`, or a function of the states that gives (time, ..., *shape)
-        times: (times,) s in any order, or (times, ...) of each sample; NaN: nothing is read, the
-            reading is NaN
+        sensor: of `tb.sensors`, or a function of the states that returns (time, ..., *shape)
+        times: (times,) s in any order, or (times, ...) of each sample; a NaN gives the reading NaN
         delay: (...) s by which the readings lag: at the time s the motion of s - delay is read.
-            What that finds before the first instant is the reading there, at rest (its rate is
-            zero); what it finds behind the last is NaN
+            Before the first instant the reading is the first one, at rest (its rate is zero); after
+            the last it is NaN
         rate: the reading's derivative by time, per s. Of `NodeVelocity` it is the acceleration in
             the axes of frame a
 
-    Between two instants a reading is the cubic of both values and slopes (Hermite), the slopes
-    those of the polynomial through the five nearest instants: errors h^4/384 y''''
-    (of a rate h^3/125 y''''), and one continuous derivative. Differentiable by the solution, by
-    times and by delay, in both modes. Where the motion has a kink between two instants
-    (a force that begins) the order is lost there; instants at the kinks bring it back but for the
-    slopes next to them.
+    A reading between two instants is the cubic of both values and slopes (Hermite). Slopes come
+    from the polynomial through the five nearest instants. Errors are h^4/384 y'''' (of a rate
+    h^3/125 y''''), and there is one continuous derivative. It is differentiable by the solution, by
+    times and by delay, in both modes. A kink of the motion between two instants (a force that
+    begins) lowers the order. Instants at the kinks restore it, except for the slopes next to them.
 
     Stress and reactions are means over a step of an implicit method, which lag by half of it:
-    `delay=-step/2` takes that back.
+    `delay=-step/2` corrects that.
 
     Raises:
-        ValueError: for times beyond the trajectory where there is no delay, and for other shapes.
+        ValueError: for times beyond the trajectory without a delay, and for other shapes.
 
     Examples:
         >>> times = torch.tensor([0.013, 0.05, 0.0777])  # s, of a clock of its own

@@ -20,9 +20,11 @@ from ..math import quaternions as quat
 
 
 class Pose(NamedTuple):
-    """rotation (..., 3, 3) and position (..., 3) m of a body: its point p is at rotation p +
-    position; residual (..., points, 3) m, by which measured points lie beside it (NaN where none
-    was).
+    """Pose of a rigid body, by `pose_from_points`.
+
+    The body's point p is at rotation p + position, with rotation (..., 3, 3) and position (..., 3)
+    m. residual (..., points, 3) m is the distance of measured points from it (NaN for a missing
+    one).
 
     Examples:
         >>> corners = torch.tensor([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
@@ -37,19 +39,21 @@ class Pose(NamedTuple):
 
 
 def pose_from_points(points: Value, measured: Value) -> Pose:
-    """Pose of a rigid body whose `points` were `measured`, by least squares (absolute orientation;
-    Kabsch 1976, Acta Cryst. A32, 922; Umeyama 1991, IEEE TPAMI 13, 376): three markers of a base,
-    or of a gripper, give what `Support`, `RootMotion` and `SensorFrame` take.
+    """Pose of a rigid body from measured points of it, by least squares.
+
+    Three markers of a base, or of a gripper, give arguments for `Support`, `RootMotion` and
+    `SensorFrame`. (Absolute orientation; Kabsch 1976, Acta Cryst. A32, 922; Umeyama 1991, IEEE
+    TPAMI 13, 376.)
 
     Args:
         points: (..., n, 3) m, in the body's axes, three or more that are on no line
-        measured: (..., n, 3) m; NaN where a point was not seen: it does not count
+        measured: (..., n, 3) m; NaN = not seen, and does not count
 
     Differentiable by both, through the condition that the sum of squares is least.
 
     Raises:
-        ValueError: for fewer than three points seen, or points on a line, of which the rotation is
-            not told.
+        ValueError: for fewer than three points seen, or points on a line, whose rotation is
+            undetermined.
 
     Examples:
         >>> triangle = torch.tensor([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])

@@ -20,8 +20,8 @@ from .sensor import XYZ
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Position(_Along):
-    """Position (..., 3) m, frame a, of a point that moves with a section: what motion capture sees
-    of a marker.
+    """Position (..., 3) m, frame a, of a point that moves with a section, like a motion capture
+    marker.
 
     Args:
         station: (...) m, arc length from the root at rest, 0 to the beam's length
@@ -29,10 +29,10 @@ class Position(_Along):
         point: (..., 3) m, in section axes (x along the beam), from the axis
         on: name of the beam, in a structure, whose `Scene` is then given as the beam
 
-    Between two nodes the axis is the cubic of their positions and tangents (Hermite), the tangents
-    those of the mean strain between them, which is an arc to the fourth order in the nodes'
-    distance; sections turn evenly from one node to the other. Differentiable by the state, the
-    station and the point. Its rate, by `observe(rate=True)`, is the point's velocity.
+    Between two nodes the axis is the cubic of their positions and tangents (Hermite). The tangents
+    are those of the mean strain between the nodes, an arc to the fourth order in their distance.
+    Sections turn evenly from one node to the other. It is differentiable by the state, the station
+    and the point. Its rate, by `observe(rate=True)`, is the point's velocity.
 
     Raises:
         ValueError: for a station beyond the beam, and as `Strain` does.

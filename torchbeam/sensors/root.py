@@ -20,8 +20,10 @@ from .sensor import XYZ, OfScene, Sensor
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootForce(Sensor):
-    """Force (..., 3) N of the support at node 0 on the beam, frame a: the state's own
-    (see `State`); on: name of the beam, in a structure. ValueError without one.
+    """Force (..., 3) N of the support at node 0 on the beam, frame a, as the state has it (see
+    `State`).
+
+    on: name of the beam, in a structure. ValueError without such a support.
 
     Examples:
         >>> tb.sensors.RootForce()(tb.equilibrium(scene))[2]  # N
@@ -41,8 +43,10 @@ class RootForce(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootMoment(Sensor):
-    """Moment (..., 3) N m of the support at node 0 on the beam, frame a: the state's own
-    (see `State`); on: name of the beam, in a structure. ValueError without one.
+    """Moment (..., 3) N m of the support at node 0 on the beam, frame a, as the state has it (see
+    `State`).
+
+    on: name of the beam, in a structure. ValueError without such a support.
 
     Examples:
         >>> tb.sensors.RootMoment()(tb.equilibrium(scene))  # N m
@@ -62,8 +66,10 @@ class RootMoment(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootReaction(Sensor):
-    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a: the
-    state's own (see `State`); on: name of the beam, in a structure. ValueError without one.
+    """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a.
+
+    They are the state's own (see `State`). on: name of the beam, in a structure. ValueError without
+    such a support.
 
     Examples:
         >>> tb.sensors.RootReaction()(tb.equilibrium(scene)).shape  # force N, moment N m
@@ -83,8 +89,9 @@ class RootReaction(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reaction(Sensor):
-    """Force and moment (..., 6) N and N m of one of the scene's supports on the beam, frame a: the
-    state's own (see `State`).
+    """Force and moment (..., 6) N and N m of one of the scene's supports on the beam, frame a.
+
+    They are the state's own (see `State`).
 
     Args:
         support: its place in `scene.supports`, which are in the order given
@@ -113,9 +120,10 @@ class Reaction(Sensor):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RootSpringLoad(OfScene):
-    """Force and moment (..., 6) N and N m of an elastic clamp (`RootSpring`) on the beam, frame a,
-    at the instant of the state: what `RootReaction` is of a clamp. Such a scene has no support
-    whose reaction a state could hold.
+    """Force and moment (..., 6) N and N m of an elastic clamp (`RootSpring`) on the beam, frame a.
+
+    It is at the instant of the state. Such a scene has no support whose reaction `RootReaction`
+    could read.
 
     Raises:
         ValueError: for a scene without a RootSpring, or a state of another form.

@@ -21,13 +21,12 @@ from .sensor import OfScene, nodes_of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SectionForces(OfScene):
-    """Stress resultants (..., N, 3, 6) [F1 F2 F3 M1 M2 M3] N and N m at the start, the middle and
-    the end of each element, in section axes: what diagrams of section forces show.
+    """Section forces of each element at its start, middle and end, as diagrams show them.
 
-    Between its nodes an element is in balance with the loads along it, so that forces are linear
-    and moments quadratic there (F' + f = 0, M' + x' x F + m = 0; Reissner, "On one-dimensional
-    large-displacement finite-strain beam theory", 1973). `Stress` gives the element's mean. Inertia
-    counts at nodes alone.
+    Shape (..., N, 3, 6): [F1 F2 F3 M1 M2 M3] N and N m, section axes. An element is in balance with
+    the loads along it: forces are linear and moments quadratic between its nodes. (F' + f = 0, M' +
+    x' x F + m = 0; Reissner, "On one-dimensional large-displacement finite-strain beam theory",
+    1973.) `Stress` gives the element's mean. Inertia counts at nodes alone.
 
     Args:
         scene: whose loads along beams count

@@ -30,14 +30,16 @@ XYZ = ("x", "y", "z")
 
 
 class Sensor:
-    """Base of all sensors; a subclass has `name`, `unit`, `labels` and `read(state)`, and `shape`
-    if that is no vector. One that is a dataclass may declare checks of its fields, see `leaf`.
+    """Base of all sensors.
+
+    A subclass has `name`, `unit`, `labels` and `read(state)`, and `shape` if its reading is no
+    vector. A dataclass may declare checks of its fields, see `leaf`.
 
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
         of_part: whether `on` has to name a part of a structure
-        transforms_as: "point" or "vector" where the reading is three numbers of one in the axes of
-            frame a, which a `SensorFrame` turns; None = other axes, or no vector
+        transforms_as: "point" or "vector" if the reading is such three numbers in the axes of frame
+            a, which a `SensorFrame` turns; None = other axes, or no vector
 
     Examples:
         >>> class Reach(tb.sensors.Sensor):

@@ -17,23 +17,23 @@ FIELDS = ("origin", "tilt")  # that may be parameters
 
 @dataclass(frozen=True, eq=False)
 class SensorFrame:
-    """A rigid transform between frame a, in which a model says positions, and the axes of what
-    measures them: a point x is read as R^T (x - origin), a vector (displacement, velocity, spin,
-    acceleration) as R^T v, with R = rotation exp(tilt).
+    """A rigid transform from frame a, the model's axes, to the axes of an instrument.
+
+    A point x is read as R^T (x - origin), a vector (displacement, velocity, spin, acceleration) as
+    R^T v, with R = rotation exp(tilt).
 
     Args:
-        origin: (..., 3) m, frame a, of the sensors' frame; or the name of a parameter (3,) that is
-            it
-        rotation: (..., 3, 3), the sensors' axes as columns, frame a, as they were meant to stand;
-            None = those of frame a
-        tilt: (..., 3) rad, a rotation vector in the sensors' axes, by which they stand otherwise;
-            or the name of a parameter (3,)
+        origin: (..., 3) m, frame a, of the sensors' frame; or the name of a parameter (3,)
+        rotation: (..., 3, 3), the intended axes of the sensors as columns, frame a; None = frame
+            a's axes
+        tilt: (..., 3) rad, a rotation vector in the sensors' axes, the deviation from the intended
+            axes; or the name of a parameter (3,)
 
-    What gravity and the beam do tells a tilt, for these are not given with the sensors' axes. An
-    origin is told apart from the `point` of a marker only as far as its section turns.
+    A tilt is identified from gravity and the beam, which are not given in the sensors' axes. An
+    origin is distinguished from the `point` of a marker only as far as its section turns.
 
     Raises:
-        ValueError: for a rotation that is none, or names that are no text.
+        ValueError: for a matrix that is no rotation, or names that are no text.
 
     Examples:
         >>> mocap = tb.SensorFrame(rotation=[[0, 0, 1.0], [1, 0, 0], [0, 1, 0]], tilt="tilt")

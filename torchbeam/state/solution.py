@@ -17,11 +17,13 @@ from .reduced import ReducedStates
 
 
 class Energy(NamedTuple):
-    """(time, ...) J: kinetic, strain, and the work of the loads since the start (None where it was
-    not asked for). Strain energy is that of the strain less the eigenstrain (`Actuation`).
-    Undamped, kinetic + strain - work is constant, but for what a change of the eigenstrain brings
-    in. By a compliance matrix with a zero on its diagonal `strain` has no derivative, and asking
-    for it raises NotImplementedError: what so stiff a strain stores alternates from step to step.
+    """Energies over time, (time, ...) J: kinetic, strain, and work of the loads since the start.
+
+    Work is None if it was not asked for. Strain energy is the energy of the strain less the
+    eigenstrain (`Actuation`). Undamped, kinetic + strain - work is constant, except for changes of
+    the eigenstrain. With a compliance matrix that has a zero on its diagonal, `strain` has no
+    derivative. Asking for it raises NotImplementedError, because the energy of so stiff a strain
+    alternates from step to step.
 
     Examples:
         >>> (
@@ -48,7 +50,7 @@ class Event(NamedTuple):
 
 @dataclass
 class Stats:
-    """Solver statistics. Counters that a method does not have stay None.
+    """Statistics of a solver. Counters that a method does not have stay None.
 
     Args:
         steps: time steps (implicit: of the grid; adaptive: of the sample with most, in the last
@@ -56,15 +58,14 @@ class Stats:
         evaluations: right-hand-side evaluations
         iterations: Newton iterations, (steps, ...) per step and sample
         drift: largest violation of the undifferentiated equations, (...) (block rate form)
-        lengths: s, adaptive steps (steps, ...) of each sample, of which 1/2^level (...) were made;
-            0 behind its last
-        level: see `lengths`
-        rejected: adaptive steps that were made again, (...)
-        error: m, (...), the largest error of a position over the run as the solution found it
+        lengths: s, adaptive steps (steps, ...) of each sample; 0 after its last
+        level: (...), each of these steps was made in 2^level parts
+        rejected: number of adaptive steps that were made again, (...)
+        error: m, (...), largest error of a position over the run, as estimated by the solution
             itself
         reason: one sentence per kind of failure that occurred: status -> sentence
-        engine: what made the steps: "native"; "eager" (torch operations); "mixed", as where parts
-            of a failed step are eager
+        engine: engine of the steps: "native"; "eager" (torch operations); "mixed", for example if
+            parts of a failed step are eager
 
     Examples:
         >>> solution.stats.steps, solution.stats.iterations.shape  # Newton iterations by step
@@ -89,11 +90,11 @@ class Solution:
 
     Args:
         t: (time,) s
-        states: the states, see `state`, or `ReducedStates`: who asks for the tip alone does not pay
-            for all of them
-        energies: `Energy`, or what gives it: who does not ask for it does not pay for it
+        states: the states, see `state`, or `ReducedStates`, which are computed as far as they are
+            read
+        energies: `Energy`, or a function that computes it when it is read
         stats: `Stats`
-        event: `Event`, where a sample was to stop at one
+        event: `Event`, if samples could stop at one
 
     Examples:
         >>> solution.tip.position.shape, solution.nodes.shape  # time first

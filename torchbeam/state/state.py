@@ -105,26 +105,26 @@ class State(Instant):
         spin: Value | None = None,
         t: float = 0.0,
     ) -> State:
-        """The scene's beam bent into a curve, to start a motion or an equilibrium from.
+        """The scene's beam bent into a curve: a start for a motion or an equilibrium.
 
         Args:
             nodes: (..., N+1, 3) m, frame a
             frames: section axes as columns, frame a: (..., N+1, 3, 3) of the nodes, or (..., N, 3,
-                3) of the elements (those of the nodes are then half way, as in `Beam.from_nodes`).
-                None = those that the beam has, carried to the curve without twist: parallel
-                transport by second-order tangents, from a root that turns no more than its tangent
-                asks for. The undeformed nodes give the undeformed axes
-            twist: rad by which the axes are turned about the curve beside that: a number (...) at
-                the tip, growing evenly from none at the root; or a function of s (..., N+1) m that
-                gives (..., N+1)
+                3) of the elements (node axes are then half way, as in `Beam.from_nodes`). None =
+                the beam's axes, carried to the curve without twist. Carrying is parallel transport
+                by second-order tangents, from a root that turns only with its tangent. The
+                undeformed nodes give the undeformed axes
+            twist: rad, a further turn of the axes about the curve: a number (...) at the tip,
+                growing evenly from zero at the root; or a function of s (..., N+1) m that returns
+                (..., N+1)
             velocity: (..., N+1, 3) m/s, absolute, frame a. None = at rest in frame a
-            spin: (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow the nodes,
-                where those have a velocity and `frames` were not given; else at rest in frame a
-            t: s, when what supports hold is where they have it
+            spin: (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow moving
+                nodes, without `frames`; else at rest in frame a
+            t: s, the time for the places of supports
 
-        The axes that supports hold are those of the supports, unless `frames` were given; nodes
-        that supports hold are to be given where they are. Stress and reactions are zero: a motion
-        finds them, an equilibrium starts without. Differentiable and batched.
+        At supports the axes are the supports' own, unless `frames` are given. Nodes at supports
+        must be given where these hold them. Stress and reactions are zero: a motion finds them, an
+        equilibrium starts without. Differentiable and batched.
 
         Raises:
             ValueError: for other shapes, frames that are no rotations, frames with a twist, or a
@@ -147,9 +147,11 @@ class State(Instant):
 
     @property
     def element_axes(self) -> Tensor:
-        """(..., N, 3, 3): axes of the elements as columns, frame a, half way between those of their
-        nodes: frame B, in which the stress is given. Of elements of order 2 (..., 2 N, 3, 3),
-        between neighbouring nodes; `Beam.station_axes` has those of the stress.
+        """Axes of the elements as columns (..., N, 3, 3), frame a, half way between the axes of
+        their nodes.
+
+        This is frame B, in which the stress is given. Of elements of order 2 (..., 2 N, 3, 3),
+        between neighbouring nodes; `Beam.station_axes` has the axes of the stress.
         """
         return quat.matrix(quat.half_way(self.rotation[..., :-1, :], self.rotation[..., 1:, :]))
 
@@ -189,8 +191,13 @@ class State(Instant):
         return replace(self, **rows, **none, supports=supports, rest_shape=shape)
 
     def node(self, index: Any) -> Point:
-        """One node's motion, in frame a; counted from the root, -1 is the tip; of a structure
-        (name, node), or the name of a body. Raises ValueError where there is none such.
+        """The motion of one node, in frame a.
+
+        It is counted from the root, -1 is the tip; in a structure (name, node), or the name of a
+        body.
+
+        Raises:
+            ValueError: for a missing node.
         """
         if self.parts or isinstance(index, (str, tuple)):
             return self.row(row_of(self.parts, index))
@@ -261,11 +268,15 @@ def plain(state: State) -> State:
 
 
 def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tensor = 0.0) -> State:
-    """The scene's beam undeformed and at rest in frame a, with the scene's batch axes
-    (or those given). What supports hold is where they have it at the time t s (0-dim, or one of
-    each sample), and moves with them. A frame that turns has turned since t = 0, when it coincides
-    with the inertial axes. Raises ValueError for what is no scene, batch axes or time; MemoryError
-    for more samples than there is memory for.
+    """The scene's beam undeformed and at rest in frame a.
+
+    It has the scene's batch axes, or those given. At the time t s (0-dim, or one of each sample)
+    supported nodes are where their supports are, and move with them. A frame that turns has turned
+    since t = 0, when it coincides with the inertial axes.
+
+    Raises:
+        ValueError: for an object that is no scene, and for impossible batch axes or times.
+        MemoryError: for more samples than there is memory for.
 
     Examples:
         >>> state = tb.rest(scene)

@@ -40,8 +40,10 @@ def _chosen(name: str, elements: Any) -> Any:
 
 @dataclass(frozen=True)
 class Actuation(Effect):
-    """Intrinsic curvature and strain of a beam bent by tendons, piezo patches, heat: [F; M] = S^-1
-    (strain - intrinsic).
+    """Intrinsic curvature and strain: the shape of the unloaded beam under piezo patches, tendons
+    or heat.
+
+    [F; M] = S^-1 (strain - intrinsic).
 
     Args:
         curvature: (..., 3) 1/m, twist and bending about y and z, frame B: numbers, a function of t,
@@ -51,7 +53,7 @@ class Actuation(Effect):
         on: name of a beam of a structure; None = all
 
     Raises:
-        ValueError: where neither is given, or an element does not exist.
+        ValueError: if neither is given, or an element does not exist.
 
     Examples:
         >>> bent = tb.Scene(

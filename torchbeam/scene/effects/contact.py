@@ -42,51 +42,54 @@ def _other_radius(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Contact(ContactTerms):
-    """Contact of a beam with an obstacle, or of two parts of a structure, per length of the beam:
+    """Contact of a beam with an obstacle, or of two parts of a structure, with or without friction.
+
+    The force per length of the beam is
 
         p n - friction p s,    p = force (y/thickness)^2 (1 + ...),    y = thickness - gap
 
-    `Contact(obstacle, ...)`, in a structure `Contact("arm", obstacle, ...)` for the part of that
-    name, or without a name for all beams; `Contact("arm", "strut", ...)` of two beams, or of a beam
-    and a body. A body without a `surface` is a ball of the radius about its centre, and forces on
-    it are in N where those along a beam are in N/m; one with a surface is touched by beams along
-    them, by balls, and touches planes in its corners, each of which has this law, in N.
+    with the gap between the surfaces, the normal n and the direction of slip s. The law begins at a
+    gap of `thickness`. It reaches `force` where the surfaces meet, at gap 0, and rises linearly
+    from there, by 2 force/thickness for each metre. At rest under a force per length q the gap is
+    thickness (1 - (q/force)^(1/2)). Where q is above `force` it is -(q/force - 1) thickness/2.
 
-    The gap is that of the beam's surface, at the `radius` about
-    its axis; from `thickness` down it is pressed apart with a force per length that rises to
-    `force` where surfaces meet, at gap 0, and from there on linearly, by 2 force/thickness for each
-    metre. At rest under a force per length q the gap is thickness (1 - (q/force)^(1/2)), and below
-    -(q/force - 1) thickness/2 where q is above `force`.
+    - `Contact(obstacle, ...)`: the beam, in a structure all beams;
+    - `Contact("arm", obstacle, ...)`: one part of a structure;
+    - `Contact("arm", "strut", ...)`: two beams, or a beam and a body.
 
-    thickness  (...) m; None = a tenth of the smallest radius, without one of that of a round
-               section with the beam's EI and EA
-    force      (...) N/m; or in its place `stiffness` (...) N/m^2, 2 force/thickness. None = four
-               times the weight per length and 16 EI/L^3, of the heavier beam; in N four times
-               that of the body. `describe` says the numbers
-    radius     (...) m of the beam's surface; None or the number 0: its axis; a `Table` of it by
-               the arclength from the root where the beam tapers: the surface is then that of balls
-               about the axis, a cone of the half angle asin(dr/ds)
-    other_radius  (...) m of the second part's, or a `Table`; None = the same
-    friction   (...) mu of Coulomb's law; None or the number 0: none
-    slip_speed (...) m/s, from which on friction is mu p against the slip; below it surfaces creep
-               under a share x of that by slip_speed (1 - (1 - x)^(1/2)). Wanted with friction
-    damping    (...) s: p is multiplied by a + (1 + a^2)^(1/2), a = damping (rate of approach)/
-               thickness, which never pulls; None or the number 0: none
-    points     of an element at which surfaces may meet: what is smaller than the distance
-               between two of them can slip through there. None = two, Gauss's, against obstacles;
-               between beams in equal parts, as many as a patch of two that cross wants
-    push_out   whether a motion may start inside of the obstacle, which then pushes the beam out,
-               with the energy that it has there
+    A body without a `surface` is a ball of the radius about its centre; its forces are in N, not
+    N/m. A body with a surface touches beams along them, balls, and planes in its corners. Each
+    corner has this law, in N.
 
-    In a midpoint step it is the
-    difference of its potential over that of the gap, so that a rebound without friction and damping
-    keeps the energy; friction is that of the slip, and of the pressure, in the middle of the step
-    itself.
+    Args:
+        thickness: (...) m; None = a tenth of the smallest radius. Without a radius, of the radius
+            of a round section with the beam's EI and EA
+        force: (...) N/m, or N for bodies. None = four times the weight per length and 16 EI/L^3, of
+            the heavier beam; for bodies four times the body's weight. `describe` prints it
+        stiffness: (...) N/m^2, in place of `force`: 2 force/thickness
+        radius: (...) m of the beam's surface; None or the number 0: its axis. Of a tapered beam a
+            `Table` of the arc length from the root. Its surface is then the surface of balls about
+            the axis, a cone of the half angle asin(dr/ds)
+        other_radius: (...) m of the second part's, or a `Table`; None = the same
+        friction: (...) mu of Coulomb's law; None or the number 0: none
+        slip_speed: (...) m/s, needed with friction. Above it friction is mu p against the slip.
+            Below it, under a share x of that, surfaces creep by slip_speed (1 - (1 - x)^(1/2))
+        damping: (...) s: p is multiplied by a + (1 + a^2)^(1/2), a = damping (rate of
+            approach)/thickness, which never pulls; None or the number 0: none
+        points: number of places of an element at which surfaces may meet. A smaller thing can slip
+            through between two of them. None = two Gauss points against obstacles; between beams
+            equal parts, enough for the patch of two beams that cross
+        push_out: whether a motion may start inside the obstacle. The obstacle then pushes the beam
+            out, with the energy of the contact there
+
+    In a midpoint step the force is the difference of its potential over the difference of the gap.
+    A rebound without friction and damping therefore keeps the energy. Friction uses slip and
+    pressure in the middle of the step.
 
     Raises:
-        ValueError: for what is no obstacle, a thickness or slip speed that is not above 0, negative
-            numbers, both force and stiffness, friction without a slip speed, or a radius that has
-            no room in a tube; in a scene for parts that are not there, and where nothing says the
+        ValueError: for an object that is no obstacle, a thickness or slip speed not above 0,
+            negative numbers, or both force and stiffness. For friction without a slip speed, or a
+            radius without room in a tube. In a scene for missing parts, and where nothing gives the
             thickness or the force.
 
     Examples:

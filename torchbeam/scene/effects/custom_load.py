@@ -80,48 +80,48 @@ class Load(LoadEffect):
     `function(position, rotation, velocity, spin, t, **named)` -> (force, moment).
 
     Args:
-        function: position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity (...,
-            3) m/s absolute, spin (..., 3) rad/s, all in frame a; t (0-dim) s. Returns force and
-            moment (..., 3) in frame a, N and N m, per metre along the beam, tensors or sequences of
-            numbers; None = absent. Written in torch operations; what it returns for a site of a
-            sample depends on these alone: which others come in the same call is the engine's
-            choice, so that a mean over them, or their number, is no number of the physics. Where
-            samples stand at different times it is called once for each of these.
+        function: takes position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity
+            (..., 3) m/s absolute, spin (..., 3) rad/s, all in frame a; t (0-dim) s. Returns force
+            and moment (..., 3) in frame a, N and N m, per metre along the beam: tensors or
+            sequences of numbers; None = absent. Write it in torch operations. Its result at a site
+            of a sample may depend only on the arguments there, because the engine chooses which
+            sites and samples share a call. If samples stand at different times, it is called once
+            for each time.
         node: counts from the root, -1 is the tip; None = along the beam, force and moment per
-            metre, where the arguments are (..., sites, ...). To be said, unless `on` or "s" tell
-            that it is along the beam: left out it is the tip, as before, with a FutureWarning; from
-            the next minor version on it is along the beam, as with `Drag` and `Gravity`
+            metre, with arguments (..., sites, ...). Give it, unless `on` or "s" already say that
+            the load is along the beam. Without it the load acts on the tip, with a FutureWarning;
+            from the next minor version on it will act along the beam, as `Drag` and `Gravity` do
         inputs: `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as
             many axes as the motion
-        values: parameters by name, numbers or tensors, which the function takes by that name: (...)
-            at a node; along the beam one for each element (..., N), for each node (..., N+1) or for
-            all (..., 1), handed over as (..., sites), where a node takes the mean of its elements
-            by their lengths
-        internal: how many internal states z it has (actuator lag, inflow), along the beam at each
-            site; the function then takes `z` by name, (..., internal) or (..., sites, internal)
+        values: parameters by name, numbers or tensors, which the function takes by that name. At a
+            node (...). Along the beam one for each element (..., N), for each node (..., N+1) or
+            for all (..., 1). The function gets (..., sites), where a node has the mean of its
+            elements by their lengths
+        internal: number of internal states z (actuator lag, inflow), along the beam at each site.
+            The function then takes `z` by name, (..., internal) or (..., sites, internal)
         rate: z' = rate(z, position, rotation, velocity, spin, t, **named), 1/s of z, z by its
             place; z starts at zero
-        of: what the function and the rate depend on, of "position", "rotation", "velocity", "spin":
-            the others are given as None, and their derivatives are not taken. Empty: a load of t,
-            inputs, values and z. Handed over by name are "acceleration" (..., 3) m/s^2 and
-            "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the beam the
-            arclength "s" (..., sites) m from the root
+        of: quantities that the function and the rate read, of "position", "rotation", "velocity",
+            "spin". The others are given as None, and not differentiated. Empty: a load of t,
+            inputs, values and z. Given by name are "acceleration" (..., 3) m/s^2 and
+            "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the beam the arc
+            length "s" (..., sites) m from the root
         on: along the beam: name of a beam of a structure; None = all
 
-    The tangent comes by automatic differentiation. In an implicit step z is taken at mid step,
-    linearly implicit,
+    Automatic differentiation gives the tangent. An implicit step takes z at mid step, linearly
+    implicit,
 
         z_mid = z_n + (I - dt/2 dg/dz)^-1 dt/2 g(z_n, ...),    z_{n+1} = 2 z_mid - z_n
 
-    which for a linear law is the midpoint rule, and is stable for any lag (Rosenbrock 1963). An
-    equilibrium, and each of a `path`, has z where it comes to rest. A load of accelerations adds
-    mass, its derivative by them; an explicit method wants it linear in them. In `State.internal`
-    the loads' states stand one load after the other, (sites x internal) row by row.
+    For a linear law this is the midpoint rule; it is stable for any lag (Rosenbrock 1963). An
+    equilibrium, and each of a `path`, has z at rest. The derivative of a load by accelerations is
+    an added mass; an explicit method needs a load that is linear in them. `State.internal` has the
+    states of one load after the other, (sites x internal) row by row.
 
     Raises:
         ValueError: for internal states without a rate, a rate without them, unknown names in `of`,
-            "s" at a node, or two arguments of one name; when it acts, for a function that returns
-            anything but force and moment of the right shape.
+            "s" at a node, or two arguments of one name. When it acts, for a result that is not a
+            force and a moment of the right shape.
 
     Examples:
         >>> jet = tb.Load(lambda x, R, v, w, t: (-0.5 * v, None), node=-1)  # N: at the tip

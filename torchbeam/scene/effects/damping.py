@@ -23,11 +23,11 @@ class Damping(Effect):
 
     Args:
         tau: (...) s, one value; or six in a Python sequence, one for each strain [gamma1..3,
-            kappa1..3]: then the damping matrix is D^1/2 S^-1 D^1/2 with D = diag(tau), which is
-            symmetric and never pumps energy.
-        six: whether tau (..., 6) has a value for each strain. Default: a sequence has, a tensor or
-            an array is one value with batch axes, six samples as well as five.
-        on: name of a beam of a structure; None = all. Each beam may have one of its own
+            kappa1..3]. The damping matrix of six is D^1/2 S^-1 D^1/2 with D = diag(tau), which is
+            symmetric and never adds energy.
+        six: whether tau (..., 6) has a value for each strain. Default: true for a sequence. A
+            tensor or an array is one value with batch axes, six samples as well as five.
+        on: name of a beam of a structure; None = all. Each beam may have its own damping
 
     Raises:
         ValueError: for a negative tau, and for a sequence of another length.
@@ -58,16 +58,18 @@ class Damping(Effect):
 
 @dataclass(frozen=True)
 class MassDamping(LoadEffect):
-    """Mass-proportional damping: force and moment -alpha R Mass R^T [velocity; spin], against the
-    absolute motion, of all that has mass: per length of the beam, and of each `PointMass` at its
-    node.
+    """Mass-proportional damping, against the absolute motion of all masses.
+
+    Force and moment are -alpha R Mass R^T [velocity; spin], per length of the beam and of each
+    `PointMass` at its node. A rigid motion is damped too: this models the air around a beam, not
+    the beam.
 
     Args:
         alpha: (...) 1/s; a free vibration decays as exp(-alpha t / 2), whatever its frequency
         on: name of a beam or a body of a structure; None = all
 
-    A rigid motion is damped too: it models the air around a beam, not the beam. Raises ValueError
-    for a negative alpha.
+    Raises:
+        ValueError: for a negative alpha.
 
     Examples:
         >>> aired = tb.Scene(beam, [tb.MassDamping(alpha=2.0)])  # 1/s
@@ -108,23 +110,24 @@ class MassDamping(LoadEffect):
 def rayleigh(
     frequency: Sequence[Value] | Tensor, ratio: Sequence[Value] | Tensor
 ) -> tuple[MassDamping, Damping]:
-    """Rayleigh damping, a pair of `MassDamping` and `Damping`, for given damping ratios of two
-    modes, or nearest in the sum of squares to those of more: ratio = alpha/(2 w) + tau w/2
-    (Rayleigh 1877).
+    """Rayleigh damping with given damping ratios of two modes: a pair of `MassDamping` and
+    `Damping`.
+
+    The ratio is alpha/(2 w) + tau w/2 (Rayleigh 1877). For more than two modes it is fitted in the
+    least squares of the ratios.
 
     Args:
         frequency: two or more w, rad/s, (...) each; or (..., n), as in `modes(scene).frequency`
-        ratio: of each mode, likewise; 1 = critical. A mode between two is damped less than they
-            are, modes beyond them more
+        ratio: of each mode, likewise; 1 = critical. A mode between two has less damping than both,
+            modes beyond them have more
 
-    Which modal damping a beam can have: this one, whatever the way it moves; and, for kinds of
-    motion that strain it in different ways, a tau of their own: `Damping` of six values damps
-    stretching, shear, torsion and bending about y and z by tau w/2 each, with w the frequency of
-    the mode meant. A damping matrix made of the modes themselves would tie every node to every
-    other, and would hold for small motions about one shape alone.
+    A beam can also have a tau for each kind of strain. `Damping` of six values damps stretching,
+    shear, torsion and bending about y and z by tau w/2 each, with w the frequency of the mode. A
+    damping matrix made of the modes themselves is not offered. It would tie every node to every
+    other, and hold only for small motions about one shape.
 
     Raises:
-        ValueError: for fewer than two different frequencies, and where the fit takes a negative
+        ValueError: for fewer than two different frequencies, or if the fit has a negative
             coefficient: the ratios are then too different for the frequencies.
 
     Examples:

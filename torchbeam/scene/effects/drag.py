@@ -38,16 +38,17 @@ def _flow(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Drag(LoadEffect):
-    """Quadratic drag per unit length (Morison et al. 1950; across and along the axis after Taylor
-    1952):
+    """Quadratic fluid drag per unit length, across and along the axis, and added mass.
 
         f = -1/2 rho d (C_n |v_n| v_n + pi C_t |v_t| v_t) - C_a rho pi d^2/4 a_n,
         v = velocity - flow
 
-    with v_t along the section's x axis, the normal of the deformed cross-section, v_n across it,
-    and a_n across it of the acceleration: the flow is uniform and steady where there is an added
-    mass. The axis of the beam leaves that normal by the shear strain, an angle that is small unless
-    the beam is soft in shear; so much of v_t counts as v_n, and the other way round
+    (Morison et al. 1950; across and along the axis after Taylor 1952.)
+
+    The component v_t is along the section's x axis, the normal of the deformed cross-section; v_n
+    is across it. The acceleration a_n is across it too, so the flow must be uniform and steady if
+    there is an added mass. The beam's axis deviates from that normal by the shear strain. The angle
+    is small unless the beam is soft in shear; by it v_t and v_n mix.
 
     Args:
         density: (...) kg/m^3 of the fluid
@@ -64,8 +65,8 @@ class Drag(LoadEffect):
     alone.
 
     Raises:
-        ValueError: for a negative density, diameter or coefficient, or an added mass in a flow that
-            is a function or an Input (whose own acceleration would push as well).
+        ValueError: for a negative density, diameter or coefficient. For an added mass in a flow
+            that is a function or an Input, whose own acceleration would push as well.
 
     Examples:
         >>> swim = tb.Scene(beam, [tb.Drag(density=1000.0, diameter=0.03, flow=(0, 0, 0.5))])

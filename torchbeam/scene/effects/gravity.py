@@ -16,9 +16,10 @@ from .values import Inputs, load_value, value_at
 
 @dataclass(frozen=True)
 class Gravity(LoadEffect):
-    """Uniform acceleration g (..., 3) m/s^2, in inertial axes that coincide with frame a at t = 0.
+    """Gravity: weight by a uniform acceleration g.
 
     Args:
+        g: (..., 3) m/s^2, in inertial axes that coincide with frame a at t = 0
         on: name of a beam or a body of a structure; None = all
 
     Examples:

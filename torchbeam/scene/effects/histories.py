@@ -14,8 +14,8 @@ from ...core.validation import Value, as_tensor, common_dtype, finite, increasin
 
 @dataclass(frozen=True)
 class History(FunctionOfTime):
-    """A load's value as a function of t: straight lines between samples, the first and the last
-    held outside.
+    """A load's value from samples: straight lines between them, constant before the first and after
+    the last.
 
     Args:
         t: (n,) s, strictly increasing
@@ -51,17 +51,19 @@ class History(FunctionOfTime):
 
 @dataclass(frozen=True)
 class Accelerogram(FunctionOfTime):
-    """A displacement (..., 3) m as a function of t whose acceleration is sampled: the record of a
-    shaker or an earthquake, for `RootMotion(displacement=...)`.
+    """A displacement (..., 3) m from a sampled acceleration: the record of a shaker or an
+    earthquake.
+
+    Use it as `RootMotion(displacement=...)`.
 
     Args:
         t: (n,) s, strictly increasing
         acceleration: (..., n, 3) m/s^2, frame a: straight lines between the samples
 
     Displacement and velocity are zero at the first sample and before; after the last the velocity
-    stays. A cubic between samples, exact: u = u_k + v_k h + a_k h^2/2 + (a_{k+1} - a_k) h^3/(6 dt).
-    Differentiable in t and in both tensors. A record with an offset drifts as its square: take the
-    offset off before.
+    stays. Between samples the displacement is an exact cubic, u = u_k + v_k h + a_k h^2/2 +
+    (a_{k+1} - a_k) h^3/(6 dt). Differentiable in t and in both tensors. A record with an offset
+    drifts as its square: subtract the offset first.
 
     Examples:
         >>> t = torch.linspace(0, 1, 201)  # s, a record of 200 Hz

@@ -33,34 +33,35 @@ MOST, MOST_UNKNOWNS = 6, 6  # nodes, and unknowns
 
 @dataclass(frozen=True)
 class Interaction(LoadEffect):
-    """Base of what acts between nodes. A class of one's own says what it pushes them by; its
-    tangent, its gradients, batches, equilibria, modes and native code follow.
+    """Base of forces between nodes.
+
+    A class of your own returns the forces; tangent, gradients, batches, equilibria, modes and
+    native code follow.
 
     Args:
-        nodes: two to six nodes, each as wherever a node is meant; not those inside of elements of
-            order 2
+        nodes: two to six nodes, each as elsewhere in a scene; not nodes inside elements of order 2
 
-    Its `wrench(point, t, inputs)` gives force and moment (..., n, 3) on the n nodes: N and N m,
-    frame a, None = absent. The fields of `point` that it `depends` on have an axis of the nodes
-    (position (..., n, 3), R (..., n, 3, 3); velocity, spin, absolute, frame a), its own leaves have
-    not. In equilibria it is raised with the loads.
+    **Forces.** `wrench(point, t, inputs)` returns force and moment (..., n, 3) on the n nodes: N
+    and N m, frame a, None = absent. The fields of `point` named in `depends` have an axis of the
+    nodes: position (..., n, 3), R (..., n, 3, 3); velocity, spin, absolute, frame a. The class's
+    own leaves have not. Equilibria raise it with the loads.
 
-    A class with `unknowns`, one to six (in a plane three), has so many numbers of its own, which
-    its `residual(point, t, inputs)` (..., unknowns), m or rad, determines: it is zero at the end of
-    a step, of whose `point` position, R and `own` (..., unknowns) are known. Its wrench is that of
-    the constraint residual = 0, by whose forces `own` it pulls against what makes the residual
-    grow, N or N m; a class may write another one. It is there whatever the loads are, and does no
-    work but for what the constraint bends in a step.
+    **Unknowns.** A class with `unknowns`, one to six (in a plane three), has so many numbers of its
+    own. Its `residual(point, t, inputs)` (..., unknowns), m or rad, is zero at the end of a step.
+    It gets position, R and `own` (..., unknowns) of the `point` there. By default the wrench is the
+    constraint force of residual = 0: `own`, N or N m, pulls against growth of the residual. A class
+    may write another wrench. It acts whatever the loads are, and does work only by the curvature of
+    the constraint in a step.
 
-    A class with a `memory` of so many numbers has them kept by `State.memory`: at the end of a
-    step, in an equilibrium too, `remember(point, t, inputs)` (..., memory) gives them, of a point
-    with those of its start, 0 at first (`internal`), its length `dt`, places and turns at its end,
-    and velocities and own unknowns as they act. The wrench knows them as `internal`, too.
+    **Memory.** A class with a `memory` keeps so many numbers in `State.memory`. At the end of a
+    step, and in an equilibrium, `remember(point, t, inputs)` returns them, (..., memory). Its point
+    has the numbers at the start, 0 at first (`internal`), the length of the step `dt`, places and
+    turns at its end, and velocities and own unknowns as they act. The wrench gets `internal`, too.
 
     Raises:
-        ValueError: for fewer than two nodes, or more than six, one twice, or one that is not there.
-        TypeError: when the class is defined, for one that depends on an acceleration, or has
-            unknowns and no residual, or more than six, or a memory that nothing fills.
+        ValueError: for fewer than two nodes, more than six, one twice, or a missing one.
+        TypeError: when the class is defined: if it depends on an acceleration, has unknowns without
+            a residual or more than six, or a memory without `remember`.
 
     Examples:
         >>> @dataclass(frozen=True)

@@ -32,8 +32,10 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True)
 class LoadPoint:
-    """Point where a load acts at one instant (of an implicit step: its middle), frame a:
-    (..., sites, ...) along the beam, (...) at one node.
+    """Place and motion at which a load is evaluated, at one instant (of an implicit step: its
+    middle), frame a.
+
+    Shapes are (..., sites, ...) along the beam, (...) at one node.
 
     Args:
         R: (..., 3, 3) section axes -> frame a
@@ -41,22 +43,22 @@ class LoadPoint:
             along the beam
         position: (..., 3) m
         velocity: (..., 3) m/s absolute
-        spin: (..., 3) rad/s absolute angular velocity, frame a's axes: None unless the effect reads
-            them
-        acceleration: (..., 3) m/s^2 and angular_acceleration (..., 3) rad/s^2, absolute, likewise;
-            None also where they are not known: an explicit form takes the derivative by them as a
-            mass
-        s: (..., sites) m, arclength of the sites from the root; only along the beam
+        spin: (..., 3) rad/s absolute angular velocity, frame a's axes; None unless the effect reads
+            it
+        acceleration: (..., 3) m/s^2, absolute, likewise; None also if unknown: an explicit form
+            takes the derivative by it as a mass
+        angular_acceleration: (..., 3) rad/s^2, likewise
+        s: (..., sites) m, arc length of the sites from the root; only along the beam
         axes: (..., 3, 3) inertial axes -> frame a at this instant; None = they coincide
-        support: node 0's prescribed pose, for effects that want it (`wants_support`)
+        support: node 0's prescribed pose, for effects with `wants_support`
         internal: (..., z), along the beam (..., sites, z): internal states of this effect at the
-            start of the step, or at this instant where there is no step
+            start of the step, or at this instant without a step
         dt: (...) s, length of the step whose middle this is; None = there is no step
         elements: of the beam; only along it
-        frame: velocity m/s of frame a and its angular velocity rad/s (..., 3), in its axes, each
-            None = it has none, for effects that want them (`wants_frame`)
-        told: (..., sites, 6) what the last iteration tells friction of each point where surfaces
-            rub, see `contact_law.telling`; None = its derivative is the tangent
+        frame: velocity m/s and angular velocity rad/s of frame a (..., 3), in its axes, each None =
+            zero; for effects with `wants_frame`
+        told: (..., sites, 6) state of friction from the last iteration at each point, see
+            `contact_law.telling`; None = the tangent is the derivative
         own: (..., u) own unknowns of an `Interaction`
 
     Examples:
@@ -116,22 +118,25 @@ OWN = "own"
 
 
 class LoadEffect(Tree):
-    """Base of all effects; what is asked of them is answered by attributes, these unless a class
-    has its own. A load declares what its wrench depends on (`depends`); its tangent comes by
-    automatic differentiation unless it writes its own. What is no load has another `kind`.
+    """Base of all effects.
+
+    A load declares the quantities that its wrench depends on (`depends`). Automatic differentiation
+    gives its tangent, unless the class writes one. Effects other than loads have another `kind`.
+    Attributes have the defaults here unless a class sets them.
 
     Attributes:
         kind: "load", "strain", "inertia" or "eigenstrain": see `torchbeam.scene.effects`
         node: number of the node that it acts on, a class's attribute or a field; None = along the
             beam
         on: name of the part of a structure along which it acts, a field of effects without a node;
-            None = of all of them
-        inputs: `Input`s that it takes beside those in its leaves
-        by_place: of one without a node: whether it differs along the beam
-        by_mass: whether it acts on what has mass, bodies as well; else on beams alone, per length
+            None = all parts
+        inputs: `Input`s that it takes beside the inputs in its leaves
+        by_place: of an effect without a node: whether it differs along the beam
+        by_mass: whether it acts on all masses, bodies included; else on beams alone, per length
 
-    Raises TypeError, when the class is defined, for a field `node` without a value: it would take
-    None from here.
+    Raises:
+        TypeError: when the class is defined, for a field `node` without a value, which would take
+            None from here.
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -194,16 +199,18 @@ class LoadEffect(Tree):
         return self.depends
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        """Force and moment in frame a, N and N m (per metre along the beam); None where absent. t
-        is 0-dim, or (...) where the samples stand at different times: see
+        """Force and moment in frame a, N and N m (per metre along the beam); None = absent.
+
+        t is 0-dim, or (...) if the samples stand at different times: see
         `functions_of_time.at_time`.
         """
         raise NotImplementedError
 
     def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
-        """Derivative (..., 6, 3) of [force; moment] by each name the wrench depends on: by
-        displacement, by the spin s that turns R into (1 + ~s) R, by velocity, by angular velocity
-        and by the accelerations, all in frame a.
+        """Derivative (..., 6, 3) of [force; moment] by each name that the wrench depends on.
+
+        The names are displacement, spin s (which turns R into (1 + ~s) R), velocity, angular
+        velocity and the accelerations, all in frame a.
         """
         names = [name for name in MOTION if name in self.depends]
         return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), point, names)

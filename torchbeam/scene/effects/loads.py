@@ -61,12 +61,12 @@ class PointLoad(LoadEffect):
 
     Args:
         node: its number, of a structure (name, number) or the name of a body
-        force: (..., 3) N: numbers, a function of t, an `Input`, a `History`; dead: it keeps its
+        force: (..., 3) N: numbers, a function of t, an `Input`, a `History`. A dead load keeps its
             direction in frame a
         moment: (..., 3) N m, the same
-        follower: whether both turn with the section that they act on
+        follower: whether both turn with their section
         offset: (..., 3) m from the node to where the force acts, section axes; None = at the node.
-            Of a body, node = (name, point in its axes) says the same
+            On a body, node = (name, point in its axes) says the same
 
     Examples:
         >>> pushed = tb.Scene(
@@ -137,14 +137,13 @@ class TipLoad(PointLoad):
 
 @dataclass(frozen=True)
 class LineLoad(LoadEffect):
-    """Force (N/m) and moment (N) per unit length along the whole beam: the same everywhere,
-    `Along(function)` of s and t, or `PerElement(values)`.
+    """Force (N/m) and moment (N) per unit length along the whole beam.
 
     Args:
-        force: (..., 3) N/m: numbers, a function of t, an `Input`, `Along`, `PerElement`; dead: it
-            keeps its direction in frame a
+        force: (..., 3) N/m: numbers, a function of t, an `Input`, `Along(function)` of s and t, or
+            `PerElement(values)`. A dead load keeps its direction in frame a
         moment: (..., 3) N, the same
-        follower: whether both turn with the sections that they act on
+        follower: whether both turn with their sections
         on: name of a beam of a structure; None = all
 
     Examples:

@@ -87,13 +87,16 @@ def _of_points(method: Callable[[Any, Tensor], Any]) -> Callable[[Any, Tensor], 
 
 @dataclass(frozen=True)
 class Obstacle(Tree):
-    """Base of all obstacles. drift m/s of its `place` and turning rad/s (..., 3): None = it stands.
+    """Base of all obstacles.
+
+    An obstacle moves by the drift, m/s, of its `place` and by its turning (..., 3) rad/s; None = it
+    stands.
 
     Attributes:
         PLACE: name of the field about which it turns
-        passes: whether a beam could be on its other side, beyond what is solid
-        of_bodies: whether it may be the surface of a body, which has a `reach`, then, and may be
-            made of other numbers (`in_body`); one that touches planes has `corners`
+        passes: whether a beam could be on its other side, beyond the solid
+        of_bodies: whether it may be the surface of a body. It then has a `reach`, and may be made
+            of other numbers (`in_body`); if it touches planes it has `corners`
 
     Examples:
         >>> @dataclass(frozen=True)

@@ -24,11 +24,12 @@ SIGNS = tuple((x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0
 
 @dataclass(frozen=True)
 class Plane(Obstacle):
-    """All that lies below a plane.
+    """A half space: all points below a plane are solid.
 
     Args:
-        point: (..., 3) m on it, or a function of t; one that moves along the plane makes it a belt
-        normal: (..., 3) of any length, away from what is solid, or a function of t
+        point: (..., 3) m on it, or a function of t; a point that moves along the plane makes it a
+            belt
+        normal: (..., 3) of any length, away from the solid, or a function of t
 
     Examples:
         >>> floor = tb.Plane(point=(0, 0, -0.1), normal=(0, 0, 1))
@@ -125,14 +126,14 @@ class Sphere(Rounded):
 
 @dataclass(frozen=True)
 class Cylinder(Rounded):
-    """A round bar without end, or with `inside` all that is outside of a tube.
+    """A round bar of infinite length, or with `inside` the outside of a tube.
 
     Args:
         point: (..., 3) m on its axis, or a function of t
         axis: (..., 3) of any length, or a function of t
         radius: (...) m
         inside: whether the beam is inside
-        spin: (...) rad/s by which it turns about its axis; None = it does not
+        spin: (...) rad/s of its turn about its axis; None = it does not turn
 
     Examples:
         >>> tube = tb.Cylinder(point=(0, 0, 0), axis=(1, 0, 0), radius=0.02, inside=True)
@@ -184,9 +185,13 @@ class Cylinder(Rounded):
 
 @dataclass(frozen=True)
 class Capsule(Rounded):
-    """A round bar with round ends: all that is nearer than `radius` (...) m to the line from a to b
-    (..., 3) m, each a function of t, or not. Where the bar goes over to its ends the distance has a
-    jump in its curvature, and none in its direction.
+    """A round bar with round ends: all points nearer than the radius to a line from a to b.
+
+    The curvature of the distance jumps where the bar meets its ends; its direction does not.
+
+    Args:
+        a, b: (..., 3) m, the ends of the line, or functions of t
+        radius: (...) m
 
     Examples:
         >>> bar = tb.Capsule(a=(0.8, -0.1, -0.1), b=(0.8, 0.1, -0.1), radius=0.05)
@@ -239,9 +244,9 @@ class Box(Obstacle):
     Args:
         centre: (..., 3) m, or a function of t
         size: (..., 3) m, from side to side along its axes
-        rounding: (...) m, radius of its edges, below half of its smallest size; no deeper in the
-            box does a contact know which side is near
-        rotation: (..., 3) rad, the rotation vector of its axes; None = those of frame a
+        rounding: (...) m, radius of its edges, below half of its smallest size. A contact deeper in
+            the box than this does not know which side is near
+        rotation: (..., 3) rad, the rotation vector of its axes; None = frame a's axes
 
     Examples:
         >>> table = tb.Box(centre=(0.5, 0, -0.2), size=(1.0, 1.0, 0.1), rounding=0.01)

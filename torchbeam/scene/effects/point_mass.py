@@ -32,23 +32,23 @@ class PointMass(Effect):
     """A rigid body at a node.
 
     Args:
-        mass: (...) kg; or its 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section
-            axes: then it is the whole
-        inertia: (..., 3) principal or (..., 3, 3) moments about its own centre, kg m^2, section
-            axes; None = a point. A sequence of three has principal moments; a tensor whose shape
-            ends in (3, 3) has matrices: principal moments of three bodies in one tensor go by
+        mass: (...) kg; or the 6x6 mass matrix (..., 6, 6) about the node, [velocity; spin], section
+            axes, without inertia and offset
+        inertia: kg m^2, section axes: (..., 3) principal or (..., 3, 3) moments about its own
+            centre; None = a point. A sequence of three has principal moments. A tensor whose shape
+            ends in (3, 3) has matrices; principal moments of three bodies in one tensor go by
             `torch.diag_embed`
         offset: (..., 3) m of its centre from the node, section axes; None = at the node. On a body,
             node = (name, point in its axes) says the same
         node: counts from the root, -1 is the tip
 
-    Weight acts on it where the scene has `Gravity`. After construction mass is (...), offset
-    (..., 3) or None, inertia (..., 3, 3) or None, whichever way they were given.
+    It has weight if the scene has `Gravity`. After construction mass is (...), offset (..., 3) or
+    None, inertia (..., 3, 3) or None, whichever way they were given.
 
     Raises:
-        ValueError: for a negative mass, an inertia that is not symmetric, has a negative principal
-            moment or one above the sum of the others, or a 6x6 matrix that no rigid body has (a
-            mass that depends on the direction).
+        ValueError: for a negative mass, an asymmetric inertia, or an impossible one (a principal
+            moment that is negative or above the sum of the others). For a 6x6 matrix that no rigid
+            body has (a mass that depends on the direction).
 
     Examples:
         >>> tipped = tb.Scene(beam, [tb.PointMass(0.1)])  # kg, at the tip

@@ -17,10 +17,12 @@ class SelfContact(ContactTerms):
 
     Args:
         on: name of the beam in a structure
-        apart: how many radii two places are apart along the beam, at least, where they may touch
+        apart: least distance along the beam, in radii, of two places that may touch
 
-    The rest as of `Contact`; a radius is wanted. Raises ValueError as `Contact` does, without a
-    radius, or for `apart` that is not above 0.
+    Other arguments are those of `Contact`; a radius is needed.
+
+    Raises:
+        ValueError: as `Contact` does, without a radius, or for `apart` that is not above 0.
 
     Examples:
         >>> coil = tb.Scene(

@@ -40,23 +40,25 @@ def _order(order: int) -> int:
 
 @dataclass(frozen=True)
 class SmoothHistory(FunctionOfTime):
-    """A motion that was recorded with noise, as a smooth function of t: displacement of a `Support`
-    or `RootMotion`, the drive of a joint. A turn is a `SmoothRotation`.
+    """A smooth function of t from a motion that was recorded with noise.
+
+    Use it as the displacement of a `Support` or `RootMotion`, or as the drive of a joint. A turn is
+    a `SmoothRotation`.
 
     Args:
         t: (n,) s, strictly increasing, at any intervals
         values: (..., n, k); readings with a NaN are left out
-        sigma: standard deviation of the noise of a reading; None = what the record says
+        sigma: standard deviation of the noise of a reading; None = found from the record
 
-    Pieces of degree 5 with continuous acceleration, jerk and its rate, nearest to the readings in
-    squares over the noise and smooth: the integral of the squared jerk has the weight of the
-    largest restricted likelihood (Wood 2011, JRSS B 73, 3), the same for all columns. Before and
-    after the record its ends are held. Differentiable in t, and in `values` with the weight as it
-    is.
+    It has pieces of degree 5 with continuous acceleration, jerk and rate of jerk. They minimise the
+    squared residuals over the noise, plus a weight times the integral of the squared jerk. The
+    weight maximises the restricted likelihood (Wood 2011, JRSS B 73, 3), and is the same for all
+    columns. Before and after the record the value is constant. It is differentiable in t, and in
+    `values` at a fixed weight.
 
-    `deviation(order)` says how well the record tells the motion and its rates, `share` what that is
-    of accelerations, and so of the force on a mass that moves so: a UserWarning says so above 0.5.
-    `noise` is the deviation of a reading, given or found.
+    `deviation(order)` gives the uncertainty of the motion and its rates. `share` is the uncertainty
+    of accelerations, and so of the force on a mass that moves so, as a share; a UserWarning names
+    it above 0.5. `noise` is the deviation of a reading, given or found.
 
     Raises:
         ValueError: for fewer than 8 readings, or times that do not increase.
@@ -171,21 +173,23 @@ class SmoothHistory(FunctionOfTime):
 
 @dataclass(frozen=True)
 class SmoothRotation(SmoothHistory):
-    """Rotations that were recorded with noise as a smooth function of t that gives rotation vectors
-    (3,) rad: the `turn` of a `Support`, the `rotation` of a `RootMotion`.
+    """A smooth function of t from rotations that were recorded with noise; it returns rotation
+    vectors (3,) rad.
+
+    Use it as the `turn` of a `Support` or the `rotation` of a `RootMotion`.
 
     Args:
         t: (n,) s, strictly increasing
-        values: (n, 3, 3), quaternions (n, 4) w first, of any sign, or rotation vectors (n, 3); of
-            poses (n, 4, 4) `poses[:, :3, :3]`, with a `SmoothHistory` of `poses[:, :3, 3]`
-        sigma: rad, of a component of the small rotation that is the noise; None = what the record
-            says
-        reference: one rotation of the same form, from which they are counted, R = exp(phi)
+        values: (n, 3, 3), quaternions (n, 4) w first, of any sign, or rotation vectors (n, 3). Of
+            poses (n, 4, 4) take `poses[:, :3, :3]`, with a `SmoothHistory` of `poses[:, :3, 3]`
+        sigma: rad, of a component of the small rotation that is the noise; None = found from the
+            record
+        reference: one rotation of the same form from which they are counted, R = exp(phi)
             reference: the node's axes in the beam; None = no rotation
 
-    A `SmoothHistory` of quaternions, of unit size, so that any number of turns about any axis is
-    smooth; of the vectors of one rotation the shortest is given. `rate(1)`, `rate(2)` are angular
-    velocity and acceleration, frame a; deviations are rad, rad/s and rad/s^2.
+    It is a `SmoothHistory` of unit quaternions, so any number of turns about any axis is smooth. Of
+    the vectors of one rotation it returns the shortest. `rate(1)`, `rate(2)` are angular velocity
+    and acceleration, frame a. Deviations are rad, rad/s and rad/s^2.
 
     Raises:
         ValueError: as `SmoothHistory`; for neighbours that are a quarter of a turn apart, or more.

@@ -25,19 +25,21 @@ from .values import Inputs, Rate, load_value, value_at
 
 @dataclass(frozen=True)
 class Spring(LoadEffect):
-    """Spring between a node and a point: force -(k (|d| - length) + c d|d|/dt) d/|d|, d from the
-    point to the node, or to what has an offset from it.
+    """Spring between a node and a point.
+
+    The force is -(k (|d| - length) + c d|d|/dt) d/|d|. d goes from the point to the node, or to the
+    place at `offset` from it.
 
     Args:
         node: counts from the root, -1 is the tip
         stiffness: (...) k, N/m
         to: (..., 3) m, frame a, or a function t -> (..., 3): the point, which moves with frame a
-            and in it; None = where the scene draws what it holds
+            and in it; None = the initial place of the node or its offset
         length: (...) m unstretched; None, or the number 0, makes it linear: -k d - c d', d' the
             rate of d in frame a
-        damping: (...) c, N s/m; the point's rate is then the function's, by forward mode, so that
-            it is written in torch. None, or the number 0: none
-        offset: (..., 3) m from the node to where it pulls, section axes; None = at the node. Of a
+        damping: (...) c, N s/m; forward mode gives the rate of a point that is a function, so write
+            it in torch. None, or the number 0: none
+        offset: (..., 3) m from the node to where it pulls, section axes; None = at the node. On a
             body, node = (name, point in its axes) says the same
 
     Raises:
@@ -179,17 +181,16 @@ def _six(name: str, value: Value) -> Value:
 
 @dataclass(frozen=True)
 class RootSpring(LoadEffect):
-    """An elastic, damped clamp: node 0 hangs in its support by six springs, from the energy 1/2 d^T
-    k d + 1/2 phi^T k phi.
+    """An elastic, damped clamp: six springs between node 0 and its support.
+
+    Their energy is 1/2 d^T k d + 1/2 phi^T k phi, with the displacement d and the rotation vector
+    phi (|phi| < pi) of node 0 from its support. Both are in the support's axes, which are the
+    section's at rest. The support stays at the beam's node 0, or moves as the scene's root does.
 
     Args:
         stiffness: (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces,
             moments) of numbers, (..., 1) or triples (..., 3)
         damping: the same, N s/m and N m s/rad, on the motion against the support; None = none
-
-    d is the displacement and phi the rotation vector (|phi| < pi) of node 0 from its support, in
-    the support's axes, which are the section's at rest. The support stays where the beam has node
-    0, or moves as the scene's root does.
 
     Raises:
         ValueError: for a negative or infinite stiffness or damping.

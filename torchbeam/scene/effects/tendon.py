@@ -72,28 +72,31 @@ def _winch(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Tendon(Effect):
-    """A rope through eyelets, held at the last one and pulled at the first: straight in between,
-    without mass, and without force where it is slack.
+    """A rope through eyelets, pulled at the first and held at the last.
+
+    It is straight in between, has no mass, and no force where it is slack.
 
     Args:
         eyelets: at least two (node, (x, y, z)), in order; node None = a point of the ground
-        tension: (...) N at the first eyelet: a number, a function of t, or an `Input`, of which
-            what is negative is 0: a rope does not push
-        length: (...) m unstretched from the first eyelet to the last, as a winch gives it: the
-            same; None = as drawn. Instead of `tension`, with
-        stiffness: (...) N/m of the whole: the tension is stiffness times what it is too long by
-        friction: (...) mu at the eyelets between: the tension falls by exp(-mu angle) in the sense
-            in which the tendon slides (Euler and Eytelwein), None = none; with
-        slip_speed: (...) m/s: the sense is r/sqrt(r^2 + s^2) of the sliding rate r
+        tension: (...) N at the first eyelet: a number, a function of t, or an `Input`. Negative
+            values count as 0: a rope does not push
+        length: (...) m unstretched from the first eyelet to the last, as a winch gives it: a
+            number, a function of t, or an `Input`; None = the undeformed length. In place of
+            `tension`, with
+        stiffness: (...) N/m of the whole rope: the tension is stiffness times the excess of its
+            length
+        friction: (...) mu at the eyelets between: the tension falls by exp(-mu angle) in the
+            direction in which the tendon slides (Euler and Eytelwein), None = none; with
+        slip_speed: (...) m/s: the direction is r/sqrt(r^2 + s^2) of the sliding rate r
 
-    At rest, where nothing slides, friction is that of a tendon that has been pulled at its first
-    eyelet. Readings: `TendonTension`, `TendonLength` of `torchbeam.sensors`.
+    At rest nothing slides; friction then assumes that the tendon was pulled at its first eyelet.
+    Readings: `TendonTension`, `TendonLength` of `torchbeam.sensors`.
 
     Raises:
-        ValueError: for fewer than two eyelets, tension and length together or neither of tension
-            and stiffness, friction without a slip speed, negative numbers; in a scene for eyelets
-            that do not exist, lie within an element of order 2, are of one node, or coincide with
-            the next.
+        ValueError: for fewer than two eyelets, both tension and length, or neither tension nor
+            stiffness. For friction without a slip speed, or negative numbers. In a scene for
+            eyelets that do not exist, lie within an element of order 2, are all of one node, or
+            coincide with the next.
 
     Examples:
         >>> rope = tb.Tendon(
@@ -127,14 +130,14 @@ class Tendon(Effect):
 
     @classmethod
     def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
-        """Along the whole of a beam, from its root to its tip, through all ends of its elements.
+        """A tendon along the whole of a beam, from root to tip, through all ends of its elements.
 
         Args:
             beam: the `Beam`
             point: (..., 3) m in the section axes; or a function of the arc length s (m,) m that
-                gives (..., m, 3): a helix
+                returns (..., m, 3): a helix
             name: of the beam in a structure
-            given: what else a Tendon takes
+            given: other arguments of `Tendon`
         """
         instance("a beam", beam, Beam)
         s = beam.topology.arclength(beam.length)[..., :: beam.order]

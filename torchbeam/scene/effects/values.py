@@ -22,8 +22,10 @@ from ...core.validation import Value, as_tensor, axis_last, real, refusal, shown
 
 @dataclass(frozen=True)
 class Input(Placeholder):
-    """In place of a load's value: `size` numbers by `name`, given at each step (or call) and held
-    over it.
+    """An input of the scene: `size` numbers by `name`, given at each step (or call) and held over
+    it.
+
+    It stands in place of a load's value.
 
     Examples:
         >>> driven = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))])
@@ -85,8 +87,8 @@ class Along(ByPlace):
     """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per
     metre.
 
-    s (..., sites) m is the arclength from the root, t (0-dim) s. It may return a tensor or a
-    (nested) sequence.
+    s (..., sites) m is the arc length from the root, t (0-dim) s. The function returns a tensor or
+    a (nested) sequence.
 
     Examples:
         >>> load = tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, 0 * s, 2 * s), -1)))
@@ -118,11 +120,11 @@ def _rows(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class PerElement(ByPlace):
-    """A line load's value for each element: (..., N, 3) per metre, a function t -> (..., N, 3), or
-    an `Input` of size 3 N, the elements' components one element after the other.
+    """A line load's value for each element.
 
-    A node takes the mean of its two elements, by the lengths that they give it: all nodes together
-    bear what the elements do.
+    It is (..., N, 3) per metre, a function t -> (..., N, 3), or an `Input` of size 3 N with the
+    elements' components one element after the other. A node takes the mean of its two elements,
+    weighted by their lengths. All nodes together bear the load of all elements.
 
     Examples:
         >>> growing = tb.PerElement(
@@ -244,8 +246,10 @@ def input_at(value: Input, inputs: Inputs) -> Tensor:
 
 @dataclass(frozen=True)
 class PerInterval(Tree):
-    """An input's values (..., K, size), each held over one of the K intervals between output times,
-    or of the steps of a rollout. Given in place of an input's value.
+    """Values of an input (..., K, size), each held over one interval.
+
+    The K intervals are those between output times, or the steps of a rollout. It stands in place of
+    an input's value.
 
     Examples:
         >>> driven = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))])
