@@ -1,5 +1,5 @@
-"""Equilibria from a shape that is given: what it lacks in balance is taken away, in as many steps as
-it takes, and no load is lowered.
+"""Equilibria from a shape that is given: what it lacks in balance is taken away, in as many steps
+as that takes, and no load is lowered.
 """
 
 import math
