@@ -125,6 +125,11 @@ class Tendon(Effect):
             )
         together(self, ("friction", "slip_speed"))
 
+    def resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+        if self.stiffness is not None:
+            return length.square() * self.stiffness
+        return length * self.tension if torch.is_tensor(self.tension) else None
+
     @classmethod
     def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
         """Along the whole of a beam, from its root to its tip, through all ends of its elements.
