@@ -281,8 +281,8 @@ def _resistance(scene: Scene) -> Tensor | None:
     beam = scene.beam
     length, mass = beam.length.sum(-1), (beam.mass[..., 0, 0] * beam.length).sum(-1)
     mass = sum((body.mass for body in getattr(beam, "masses", ())), mass)
-    found = [joint.resistance(length) for joint in scene.joints]
-    found += [effect.resistance(length, mass) for effect in scene.effects]
+    found = [joint.turning_resistance(length) for joint in scene.joints]
+    found += [effect.turning_resistance(length, mass) for effect in scene.effects]
     found = [x.detach() for x in found if x is not None]
     if not found:
         return None

@@ -85,7 +85,7 @@ class Ball(Joint):
             raise refusal("a Ball with a limit of half a turn", "less")
         together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
 
-    def resistance(self, length: Tensor) -> Tensor | None:
+    def turning_resistance(self, length: Tensor) -> Tensor | None:
         return None if self.stiffness is None else self.stiffness.abs().amax((-1, -2))
 
     def law(self, coordinate: int) -> CoordinateLaw:

@@ -139,7 +139,7 @@ class Joint(Tree):
         """What acts along a coordinate; nothing, where it is none of its `coordinates`."""
         return CoordinateLaw()
 
-    def resistance(self, length: Tensor) -> Tensor | None:
+    def turning_resistance(self, length: Tensor) -> Tensor | None:
         """(...) N m/rad, the most by which it resists a turn of parts of a length (...) m in all;
         None = not.
         """

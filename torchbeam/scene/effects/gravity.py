@@ -36,7 +36,7 @@ class Gravity(LoadEffect):
     wants_axes = True
     depends = frozenset({ROTATION})
 
-    def resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
         g = self.g
         return mass * length * torch.linalg.vector_norm(g, dim=-1) if torch.is_tensor(g) else None
 

@@ -187,7 +187,7 @@ class LoadEffect(Tree):
         """Itself, in a scene whose node is drawn at position (..., 3) m with rotation (..., 4)."""
         return self
 
-    def resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
         """(...) N m/rad, about the most by which it resists a turn of rigid links of a length (...)
         m and a mass (...) kg in all; None = not, or it is not known.
         """

@@ -89,7 +89,7 @@ class PointLoad(LoadEffect):
         one_of(self, "force", "moment")
         super().__post_init__()
 
-    def resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
         pull = self.force
         return length * torch.linalg.vector_norm(pull, dim=-1) if torch.is_tensor(pull) else None
 

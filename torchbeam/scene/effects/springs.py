@@ -78,7 +78,7 @@ class Spring(LoadEffect):
             position = position + quat.rotate(rotation, offset)
         return with_values(self, to=position, as_drawn=True)
 
-    def resistance(self, length: Tensor, mass: Tensor) -> Tensor:
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor:
         return length.square() * self.stiffness
 
     @property
@@ -216,7 +216,7 @@ class RootSpring(LoadEffect):
     frees_root = True
     wants_support = True
 
-    def resistance(self, length: Tensor, mass: Tensor) -> Tensor:
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor:
         force, moment = (k.amax(-1) for k in (self.stiffness[..., :3], self.stiffness[..., 3:]))
         return torch.maximum(length.square() * force, moment)
 

@@ -125,7 +125,7 @@ class Tendon(Effect):
             )
         together(self, ("friction", "slip_speed"))
 
-    def resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
         if self.stiffness is not None:
             return length.square() * self.stiffness
         return length * self.tension if torch.is_tensor(self.tension) else None
