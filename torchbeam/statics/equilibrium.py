@@ -213,7 +213,7 @@ def _equilibrium(
         _refuse(problem, x, failed, status, relax)
     if judged:
         _warn_of_unstable(problem, x, start, doubtful, ~failed, branch)
-    if relax and model.conservative:
+    if relax and model.conservative and concrete(~failed).any():
         lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
