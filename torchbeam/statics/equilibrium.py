@@ -69,9 +69,8 @@ def equilibrium(
     stands as it does at t (its axes are the inertial ones at t = 0).
 
     Args:
-        initial: where to start; None = the undeformed beam, at no load. What is out of balance
-            there under the loads at t is taken away in steps; what supports hold goes from there to
-            where they have it, turned the shorter way
+        initial: where to start; None = undeformed, at no load. What it lacks in balance is taken
+            away in steps; supports lead from there to where they are, turned the shorter way
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
         throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds
@@ -94,8 +93,7 @@ def equilibrium(
         accuracy: relative, of positions and axes of the middle and the tip: the state is on a mesh
             of its own choice, see `simulate`
 
-    The load is raised in steps, or what `initial` lacks in balance taken away, per sample, where
-    Newton's method needs it: a step in which it
+    The load is raised in steps, per sample, where Newton's method needs it: a step in which it
     fails, or a node turns by more than 1 rad, is halved, and so is a long one that takes more than
     six iterations. Infinite stiffness is taken as it is. Differentiable by the implicit function
     theorem. A scene in single precision is solved in double, and the state rounded.
