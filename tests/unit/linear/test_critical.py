@@ -295,7 +295,8 @@ def test_a_long_column_needs_no_dense_matrix(monkeypatch):
 
 def test_equilibria_by_native_code():
     """The same factor, and its derivative by a stiffness, as by eager equilibria, of a beam that
-    bends in its stiff plane before it buckles out of it, near Euler's load (of four elements, 3 % above).
+    bends in its stiff plane before it buckles out of it, near Euler's load (3 % above, of four
+    elements).
     """
     pytest.importorskip("llvmlite")
     found = []
