@@ -287,6 +287,16 @@ def test_sensors_bound_without_gradient_do_not_lose_it():
     torch.testing.assert_close(found, expected, rtol=1e-9, atol=0)
 
 
+def test_actions_are_about_the_bias_of_an_actuator():
+    """A tendon is pulled by 0 to 4 N; without, actions are about zero."""
+    effect = tb.TipLoad(force=tb.Input("force", 3))
+    action = torch.tensor([[-1.0], [0.0], [1.0]])
+    about = Actuator(effect, [[2.0, 0.0, 0.0]], bias=[2.0, 0.0, 1.0]).inputs(action)["force"]
+    assert about.tolist() == [[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [4.0, 0.0, 1.0]]
+    bare = Actuator(effect, [[2.0, 0.0, 0.0]]).inputs(action)["force"]
+    assert bare[:, 0].tolist() == [-2.0, 0.0, 2.0]
+
+
 def test_an_actuator_says_what_it_cannot_be():
     with pytest.raises(ValueError, match="an effect with 0 inputs"):
         Actuator(tb.Gravity((0.0, 0.0, -9.81)), [[1.0, 0.0, 0.0]])

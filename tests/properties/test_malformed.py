@@ -162,6 +162,13 @@ def test_a_batch_without_a_sample(call, tmp_path, monkeypatch):
                 assert "\n" not in str(refusal), f"{name}: {refusal}"
 
 
+def test_a_batch_without_a_sample_that_may_touch_itself():
+    contact = tb.SelfContact(radius=0.01, thickness=1e-3, force=1.0)
+    scene = of_no_sample(tb.Scene(BEAM, [contact]))
+    solution = tb.simulate(scene, [0.0, 0.1], step=0.1, engine="eager")
+    assert solution.nodes.shape == (2, 0, *BEAM.nodes.shape[-2:])
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("call", CALLS)

@@ -625,6 +625,13 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     )
 
 
+def test_scores_of_no_episode_are_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        evaluation([str(tmp_path / "none.pt"), "--episodes", "0"])
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and "0 was given; a number above 0 is wanted" in said
+
+
 ARM = Task(
     "follow",
     "torchbeam/FollowTargetPlanar-v1",

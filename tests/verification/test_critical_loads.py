@@ -353,3 +353,21 @@ def test_rigid_links_know_no_unit(stiffness):
     inertia, springs = np.array([[4 / 3, 0.5], [0.5, 1 / 3]]), np.array([[2, -1], [-1, 1]])
     squares = np.linalg.eigvals(np.linalg.solve(inertia, springs))
     np.testing.assert_allclose(found.tolist(), np.sort(squares) ** 0.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize("force", [1e-6, 1.0, 1e6, 1e9])
+@pytest.mark.parametrize("hold", ["pull", "ball"])
+def test_rigid_links_that_others_hold_know_no_unit(hold, force):
+    """A rod of 1 m and 1 kg on a pin, by a pull F at its tip: omega^2 = 3 F L/(m L^2), and on a
+    ball joint with a stiffness c to all sides: 3 c. Both had an EI of 1e7 N m^2 beside them.
+    """
+    section = tb.Section.from_stiffness(EA=INF, GA=INF, GJ=INF, EI=INF, mass=1.0, inertia=0.0)
+    rod, loads = {"rod": tb.Beam.straight(1.0, 2, section)}, []
+    if hold == "pull":
+        joint = tb.Hinge(None, ("rod", 0), axis=(0, 1, 0))
+        loads = [tb.PointLoad(("rod", -1), force=(force, 0, 0))]
+    else:
+        joint = tb.Ball(None, ("rod", 0), stiffness=force * torch.eye(3))
+    scene = tb.Scene(rod, loads, joints=[joint])
+    found = tb.modes(scene, tb.equilibrium(scene), count=1).frequency[0] / (3 * force) ** 0.5
+    assert found.item() == pytest.approx(1.0, rel=1e-6)

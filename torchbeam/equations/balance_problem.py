@@ -178,7 +178,8 @@ class BalanceProblem(Tree):
             restrained,
             *self.least,
         )
-        sizes = *sizes, size_of_strain(element.effective_strain, self.eigenstrain)
+        span = model.spans.detach().sum((-1, -2))
+        sizes = *sizes, size_of_strain(element.effective_strain, self.eigenstrain, span), span
         return (
             Residual(
                 model.constraints,

@@ -1,5 +1,5 @@
-"""Load stepping: the load is raised from none to all of it, by Newton's method, each sample at its
-own pace.
+"""Load stepping: the load is raised from none to all of it, or what is out of balance taken away
+from all to nothing (`Relief`), by Newton's method, each sample at its own pace.
 """
 
 from __future__ import annotations
@@ -31,9 +31,11 @@ QUICK = 6
 
 
 def climb(
-    whole: SteadyProblem, x: Configuration, tolerance: float | None
+    whole: SteadyProblem, x: Configuration, tolerance: float | None, active: Tensor | None = None
 ) -> tuple[Configuration, Tensor, Tensor]:
-    """Raise the load from 0 to 1, that of the problem `whole`: (shape, reaction, status)."""
+    """Raise the load from 0 to 1, that of the problem `whole`: (shape, reaction, status), of the
+    `active` samples (...), None = all.
+    """
     with torch.no_grad():
         model = whole.model
         probe = whole.residual(x)[0]
@@ -43,6 +45,7 @@ def climb(
         reached, step = torch.zeros_like(whole.load_factor), _first_step(whole, x)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
         status = torch.zeros(shape, dtype=torch.long, device=x.position.device)
+        status = status if active is None else torch.where(active, status, DIVERGED)
         while True:
             climbing, share = shares(reached, step, status)
             if not concrete(climbing).any():
@@ -131,15 +134,17 @@ def advanced(
     step_status: Tensor,
     cosine: Tensor,
     iterations: Tensor,
+    smallest: Tensor | float = LEAST,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """After a step that Newton's method has `step_status` for in so many iterations; cosine: of
-    half the largest angle that a node turned by. Whether it went well, reached, step, status.
+    half the largest angle that a node turned by; none is tried below the smallest. Whether it went
+    well, reached, step, status.
     """
     direct = (iterations <= QUICK) | (share - reached <= FEWEST)
     good = climbing & (step_status == SUCCESS) & (cosine > math.cos(TURN / 2)) & direct
     turned = 2 * torch.arccos(cosine.clamp(max=1))
     step = torch.where(good, (EASY / turned).clamp(1.5, 4.0) * step, step / 2)
-    stuck = climbing & ~good & (step < LEAST)
+    stuck = climbing & ~good & (step < smallest)
     return (
         good,
         torch.where(good, share, reached),

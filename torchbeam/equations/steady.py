@@ -6,14 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ..core.derivatives import cached
+from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import leaf
 from ..nodal import loads as external
+from ..nodal.balance import Residual
 from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
@@ -28,7 +29,7 @@ from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
 from .steady_motion import AtRest, steady_motion
-from .step_element import ElementAtRest
+from .step_element import ElementAtRest, ElementBalance
 
 
 class Configuration(NamedTuple):
@@ -51,11 +52,24 @@ class Poses(NamedTuple):
     rotation: Tensor
 
 
+class Relief(NamedTuple):
+    """What is out of balance where an equilibrium is looked for from: of nodes (..., N+1, w) N and
+    N m, and strain (..., N, k), with the gaps of constraints behind; and by how much (..., J, w)
+    joints' coordinates are off that are prescribed, None = none is: they are led, as sines of large
+    angles in gaps tell another root.
+    """
+
+    nodes: Tensor
+    strain: Tensor
+    coordinate: Tensor | None = None
+
+
 @dataclass(frozen=True)
 class SteadyProblem(BalanceProblem):
     """inertia + to_nodes(h B^T [F; M]) = load_factor * loads and S [F; M] = strain; `load_factor`
     (...) in [0, 1] steps the loads, the inertia of a moving frame, the strain that a beam takes by
-    itself and the motion of its supports.
+    itself and the motion of its supports. With a relief all but the last act in full, less
+    (1 - load_factor) of what they lack in balance where they begin.
 
     The inertia is that of `steady_motion`.
 
@@ -63,6 +77,7 @@ class SteadyProblem(BalanceProblem):
     near      (..., z) where the laws of these are linearised to find that, None = at zero; see
               `internal_states`
     begun     where supports are led from; None = from where the beam has their nodes
+    relief    None = there is none
     """
 
     t: Tensor = leaf(0)
@@ -71,6 +86,7 @@ class SteadyProblem(BalanceProblem):
     internal: Tensor | None = leaf(1, default=None, kw_only=True)
     near: Tensor | None = leaf(1, default=None, kw_only=True)
     begun: Poses | None = leaf(2, default=None, kw_only=True)
+    relief: Relief | None = leaf(2, default=None, kw_only=True)
 
     @cached
     def conditions(self) -> Conditions:
@@ -85,6 +101,11 @@ class SteadyProblem(BalanceProblem):
     def support_factor(self) -> Tensor:
         """(...) how much of their motion supports have made."""
         return self.load_factor
+
+    @property
+    def raised(self) -> Tensor:
+        """(...) how much of the loads acts."""
+        return self.load_factor if self.relief is None else torch.ones_like(self.load_factor)
 
     @cached
     def C(self) -> Tensor:
@@ -104,7 +125,7 @@ class SteadyProblem(BalanceProblem):
     def eigenstrain(self) -> Tensor | float:
         """What the beam bends by itself, as far as it is raised."""
         strain = self.conditions.eigenstrain
-        return strain if isinstance(strain, float) else self.load_factor[..., None, None] * strain
+        return strain if isinstance(strain, float) else self.raised[..., None, None] * strain
 
     def update(self, x: Configuration, move: Tensor, dstress: Tensor) -> Configuration:
         space = self.model.space
@@ -133,6 +154,34 @@ class SteadyProblem(BalanceProblem):
             return replace(self, load_factor=factor)
         inputs = {**self.inputs, load: factor[..., None] * self.inputs[load]}
         return replace(self, inputs=inputs, load_factor=torch.ones_like(factor))
+
+    def relieved(self, x: Configuration) -> SteadyProblem:
+        """The same from x, where it is in balance at a load factor of 0."""
+        with no_derivatives():
+            nothing, off = x.position.new_zeros(1, 1), None
+            begin = replace(self, load_factor=torch.zeros_like(self.load_factor))
+            x, joints, wanted = begin.apply_supports(x), self.model.joints, self.joint_coordinate
+            if wanted is not None:
+                off = joints.coordinate(joints.pose(*x[:2]), wanted) - wanted
+            begin = replace(begin, relief=Relief(nothing, nothing, off))
+            residual = begin.residual(x)[0]
+        return replace(self, relief=Relief(residual.nodes, residual.strain, off))
+
+    @property
+    def joint_coordinate(self) -> Tensor | None:
+        """(..., J, w) m or rad, where joints' coordinates have to be; None = they are free."""
+        wanted = self.conditions.joints.coordinate
+        if wanted is None or self.relief is None:
+            return wanted
+        return wanted + (1 - self.load_factor[..., None, None]) * self.relief.coordinate
+
+    def residual(self, x: Configuration) -> tuple[Residual, Any, ElementBalance, Any]:
+        residual, *about = super().residual(x)
+        if self.relief is None:
+            return residual, *about
+        left, (nodes, strain, _) = 1 - self.load_factor[..., None, None], self.relief
+        nodes, strain = residual.nodes - left * nodes, residual.strain - left * strain
+        return residual._replace(nodes=nodes, strain=strain), *about
 
     def nodes(self, x: Configuration, reads: frozenset[str] | None = None) -> Nodes:
         velocity, spin = self.velocity(x)
@@ -178,7 +227,7 @@ class SteadyProblem(BalanceProblem):
             self.model, self.nodes(x), self.conditions, total=self.conditions.dead
         )
         load = self.motion.less(load, *x[:2])
-        return load if isinstance(load, float) else self.load_factor[..., None, None] * load
+        return load if isinstance(load, float) else self.raised[..., None, None] * load
 
     def motion_by(
         self, nodes: None, reads: frozenset[str] | None = None
@@ -187,9 +236,9 @@ class SteadyProblem(BalanceProblem):
 
     def load_tangent(self, x: Configuration) -> Matrix | None:
         """What that adds to the tangent; None = nothing."""
-        model, load_factor = self.model, self.load_factor[..., None, None, None]
+        model, raised = self.model, self.raised[..., None, None, None]
         inertia = self.motion.tangent(*x[:2])
-        inertia = None if inertia is None else inertia.each(lambda block: load_factor * block)
+        inertia = None if inertia is None else inertia.each(lambda block: raised * block)
         inertia = total(inertia, self.element_load_matrix(x))
         if not self.conditions.moving:
             return inertia
@@ -197,7 +246,7 @@ class SteadyProblem(BalanceProblem):
         return (
             inertia
             if isinstance(tangent, float)
-            else total(model.topology.diagonal(-load_factor * tangent), inertia)
+            else total(model.topology.diagonal(-raised * tangent), inertia)
         )
 
     def node_balance(self, x: Configuration) -> tuple[Configuration, None, Tensor | float]:
@@ -215,12 +264,15 @@ class SteadyProblem(BalanceProblem):
             )
             return self.frame.moving_jacobian(*(eye[None] for eye in eyes))
 
+        now = self.conditions
+        if self.relief is not None and self.relief.coordinate is not None:
+            now = replace(now, joints=now.joints._replace(coordinate=self.joint_coordinate))
         return NodeMotion(
-            self.conditions,
+            now,
             lambda reads: self.nodes(kinematics, reads),
             lambda reads: self.motion_by(nodes, reads),
             kinematics[:2],
-            share=self.load_factor,
+            share=self.raised,
             moved=moved,
             way=lambda: Way(kinematics.position),
         )

@@ -33,8 +33,9 @@ from .rows import Rows
 
 class Residual(NamedTuple):
     """nodes (..., N+1, w), strain (..., N, k) as above, with the gaps of constraints behind; force,
-    moment, size_strain (...): the largest terms in them; rounding (..., N+1, w) and
-    strain_rounding (..., N), 0.0 = nothing: what floating point may leave of them.
+    moment, size_strain (...): the largest terms in them, of strain as of `strains` with the length
+    span (...) m; rounding (..., N+1, w) and strain_rounding (..., N), 0.0 = nothing: what floating
+    point may leave of them.
     """
 
     constraints: Constraints
@@ -43,6 +44,7 @@ class Residual(NamedTuple):
     force: Tensor
     moment: Tensor
     size_strain: Tensor
+    span: Tensor
     multipliers: Multipliers
     rounding: Tensor | float
     strain_rounding: Tensor | float
@@ -56,7 +58,7 @@ class Residual(NamedTuple):
         size = scaled(
             forces.amax((-1, -2)),
             moments.amax((-1, -2)),
-            most_beyond(constitutive_residual, self.strain_rounding),
+            strains(*most_strains(constitutive_residual, self.strain_rounding), self.span),
             *self[3:6],
         )
         return self.multipliers.measure(size, gap)
@@ -217,12 +219,25 @@ def restrained_forces(
     )
 
 
-def size_of_strain(followed: Tensor, eigenstrain: Tensor | float) -> Tensor:
-    """(...) the largest term in the strain law."""
-    size = most(followed.detach())
-    return (
-        size if isinstance(eigenstrain, float) else torch.maximum(size, most(eigenstrain.detach()))
-    )
+def size_of_strain(followed: Tensor, eigenstrain: Tensor | float, span: Tensor) -> Tensor:
+    """(...) the largest term in the strain law, see `strains`."""
+    size = strains(*most_strains(followed.detach()), span)
+    if isinstance(eigenstrain, float):
+        return size
+    return torch.maximum(size, strains(*most_strains(eigenstrain.detach()), span))
+
+
+def most_strains(x: Tensor, rounding: Tensor | float = 0.0) -> tuple[Tensor, Tensor]:
+    """(...) and (...) 1/m: by how much the largest strain and curvature of rows (..., n, k) are
+    above their `rounding` (..., n).
+    """
+    p = (x.shape[-1] + 1) // 2  # of 6: 3, of 3: 2
+    return most_beyond(x[..., :p], rounding), most_beyond(x[..., p:], rounding)
+
+
+def strains(strain: Tensor, curvature: Tensor, span: Tensor) -> Tensor:
+    """(...) the larger of a strain and of a curvature 1/m over a beam's length m."""
+    return torch.maximum(strain, span * curvature)
 
 
 def most(x: Tensor) -> Tensor:

@@ -24,8 +24,6 @@ from ..core.remembered import remembered
 from ..core.validation import concrete
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
-from ..scene.effects.gravity import Gravity
-from ..scene.effects.springs import RootSpring, Spring
 from ..scene.scene import Scene
 from .coordinates.spatial import Spatial
 
@@ -277,25 +275,15 @@ def _slim(matrix: Tensor, beam: Beam, space: Spatial) -> Tensor:
 
 
 def _resistance(scene: Scene) -> Tensor | None:
-    """(...) N m/rad, the most by which joints, springs and weight resist a turn of rigid links,
-    travels by the length of the beams; None = nothing does.
+    """(...) N m/rad, the most by which joints and effects resist a turn of rigid links; None =
+    nothing does.
     """
-    beam, found = scene.beam, []
-    length = beam.length.sum(-1)
-    for joint in scene.joints:
-        for k in joint.coordinates:
-            travel = k == 1 and joint.position == "yz"
-            found.append((joint.law(k).stiffness, length**2 if travel else length**0))
-    for load in scene.loads:
-        if isinstance(load, Spring):
-            found.append((load.stiffness, length**2))
-        elif isinstance(load, RootSpring):
-            each = load.stiffness.unbind(-1)
-            found += [(x, length ** (2 if k < 3 else 0)) for k, x in enumerate(each)]
-        elif isinstance(load, Gravity) and torch.is_tensor(load.g):
-            mass = (beam.mass[..., 0, 0] * beam.length).sum(-1)
-            found.append((torch.linalg.vector_norm(load.g, dim=-1), mass * length))
-    found = [(x * by).detach() for x, by in found if torch.is_tensor(x)]
+    beam = scene.beam
+    length, mass = beam.length.sum(-1), (beam.mass[..., 0, 0] * beam.length).sum(-1)
+    mass = sum((body.mass for body in getattr(beam, "masses", ())), mass)
+    found = [joint.turning_resistance(length) for joint in scene.joints]
+    found += [effect.turning_resistance(length, mass) for effect in scene.effects]
+    found = [x.detach() for x in found if x is not None]
     if not found:
         return None
     most = torch.stack(torch.broadcast_tensors(*found))

@@ -6,7 +6,8 @@ phi = v . w, and with w turned about x by alpha
 
     v . w(alpha) = sin(phi - alpha)        w(alpha) = cos alpha F_b,z + sin alpha F_b,y
 
-Prescribed, it is one more row that is held, v . w(alpha) = 0 at the end of the step. An effort tau,
+Prescribed, it is one more row that is held, v . w(alpha) = 0 at the end of the step, sin going on
+as 2 - sin beyond a right angle, where it would come to a second root. An effort tau,
 and the force of that row, act along the gradient of v . w(m) at the mean of positions and axes, m
 half way between the angles before and after: it does the work 2 sin((phi_{n+1} - phi_n)/2) tau over
 the step, for products of vectors keep their difference there. A travel is a row by itself, whose
@@ -111,8 +112,19 @@ class DrivenJoints(Joints):
         acting = self.turned(self._middle(step))
         closing, offset = self.w, self.c
         if goal is not None:
-            closing, offset = self.turned(goal * self.angles), self.c + goal * self.travels
+            turn, more = self._beyond(self.prescribed * self.angles * (step.after - goal))
+            closing = self.turned(goal * self.angles + turn)
+            offset = self.c + goal * self.travels - more
         return Driven(step, acting, closing, offset, effort, by)
+
+    @staticmethod
+    def _beyond(off: Tensor) -> tuple[Tensor, Tensor]:
+        """Of angles rad that are `off` by more than a right angle: half a turn, and +-2, by which a
+        gap goes on to grow instead of coming to a second root, sin -> 2 - sin; else 0.
+        """
+        off = (off - 2 * torch.pi * torch.round(off / (2 * torch.pi))).detach()
+        beyond = (off.abs() > torch.pi / 2).to(off)
+        return torch.pi * beyond, 2 * torch.sign(off) * beyond
 
     def balance(
         self, nodes: Tensor, gap: Tensor, stress: Tensor, motion: NodeMotion

@@ -89,6 +89,9 @@ class Ball(Joint):
             raise refusal("a Ball with a limit of half a turn", "less")
         together(self, ("friction", "slip_speed"), ("limit", "limit_stiffness"))
 
+    def turning_resistance(self, length: Tensor) -> Tensor | None:
+        return None if self.stiffness is None else self.stiffness.abs().amax((-1, -2))
+
     def law(self, coordinate: int) -> CoordinateLaw:
         """Its torque (..., 3) whichever it is; what it resists by is in `BallLaws`."""
         return CoordinateLaw(effort=self.torque)

@@ -143,6 +143,18 @@ class Joint(Tree):
         """What acts along a coordinate; nothing, where it is none of its `coordinates`."""
         return CoordinateLaw()
 
+    def turning_resistance(self, length: Tensor) -> Tensor | None:
+        """(...) N m/rad, the most by which it resists a turn of parts of a length (...) m in all;
+        None = not.
+        """
+        found = None
+        for k in self.coordinates:
+            stiffness = self.law(k).stiffness
+            if stiffness is not None:
+                part = stiffness * (length**2 if k == 1 and self.position == "yz" else length**0)
+                found = part if found is None else torch.maximum(found, part)
+        return found
+
     def drawn(self, structure: Structure) -> tuple[Tensor, Tensor, Tensor]:
         """The joint's point on a and on b (..., 3) m, and its axes (..., 3, 3), columns, of which x
         is the joint's: frame a, of the structure as drawn.

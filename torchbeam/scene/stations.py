@@ -326,4 +326,4 @@ def _between(s: Tensor, values: Tensor, at: Tensor) -> Tensor:
     a, b = s.gather(-1, i), s.gather(-1, i + 1)
     share = ((at - a) / (b - a)).clamp(0, 1)[..., None]
     before, after = (values.gather(-2, j[..., None].expand(*shape, m, k)) for j in (i, i + 1))
-    return before + share * (after - before)
+    return torch.lerp(before, after, share)  # exact at both ends, however small one is

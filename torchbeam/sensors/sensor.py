@@ -150,7 +150,10 @@ class Component(OfSensor):
                 )
             places = (labels.index(which),)
         elif isinstance(which, slice):
-            places = tuple(range(len(labels))[which])
+            try:
+                places = tuple(range(len(labels))[which])
+            except (TypeError, ValueError):  # by words, or in steps of 0
+                places = ()
             if not places:
                 raise ValueError(
                     f"the components {which} were given, none of the {len(labels)} of "

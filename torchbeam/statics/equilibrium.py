@@ -18,10 +18,8 @@ from ..core.leaves import wants_gradient
 from ..core.status import DIVERGED
 from ..core.validation import concrete
 from ..core.warning import warn
-from ..engine.chain import load_climb as compiled
 from ..engine.chain.coverage import ENGINES
-from ..equations.load_steps import climb
-from ..equations.steady import Configuration, Poses, SteadyProblem
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -33,6 +31,7 @@ from ..state.state import State, rest
 from ..state.state_check import check_state
 from . import relaxation
 from .arc_length import LoadedProblem, where
+from .ascent import ascend, poses_of_supports
 from .friction import refuse_friction
 from .internal_states import resting
 from .lower_equilibrium import lower_equilibrium
@@ -70,8 +69,8 @@ def equilibrium(
     stands as it does at t (its axes are the inertial ones at t = 0).
 
     Args:
-        initial: where to start, at no load; None = the undeformed beam. What supports hold goes
-            from there to where they have it, turned the shorter way
+        initial: where to start; None = undeformed, at no load. What it lacks in balance is taken
+            away in steps; supports lead from there to where they are, turned the shorter way
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
         throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds
@@ -159,7 +158,7 @@ def _equilibrium(
     """`equilibrium`, in the dtype of the model's scene."""
     start = model.space.start(rest(model.scene) if initial is None else initial)
     start = Configuration(start.position, start.rotation, start.stress)
-    doubtful = states = driven = None
+    doubtful = driven = None
     # with those, the tangent of what is held is not that of what comes to rest
     judged = not model.internal_states
     begun = None if initial is None else poses_of_supports(model.scene, initial)
@@ -170,18 +169,15 @@ def _equilibrium(
     if not relax:
         start, driven = stressed(problem, start)
         problem = problem if driven is None else braced(problem, start)
-    if engine != "eager" and not relax and begun is None and type(problem) is SteadyProblem:
-        native = compiled.climb if engine == "compiled" else compiled.automatic_climb
-        states = native(model, time, given, start, tolerance, judged=judged or branch == "stable")
-    if states is None:
-        if relax:
-            x, reaction, status = relaxation.relax(problem, start, tolerance, initial is not None)
-        else:
-            x, reaction, status = climb(problem, start, tolerance)
-        if relax and model.conservative:  # which ends in minima
+    if relax:
+        x, reaction, status = relaxation.relax(problem, start, tolerance, initial is not None)
+        if model.conservative:  # which ends in minima
             doubtful = torch.zeros_like(status, dtype=torch.bool)
     else:
-        x, reaction, status, doubtful = states
+        judges = judged or branch == "stable"
+        x, reaction, status, doubtful = ascend(
+            problem, start, tolerance, engine, judges, initial is not None
+        )
     start = Configuration(*(v.expand(*status.shape, *v.shape[-2:]) for v in start))
     problem = replace(problem, load_factor=torch.ones_like(status, dtype=time.dtype))
     problem = braced(problem, x) if relax else problem
@@ -189,7 +185,8 @@ def _equilibrium(
         x, status = where(driven, start, x), torch.where(driven, DIVERGED, status)
     if not relax and model.joints.limited and concrete(status != 0).any():
         # nothing holds a joint between its limits: load steps find no way there
-        relaxed, lost = relaxation.relax(whole, begin, tolerance), status != 0
+        relaxed = relaxation.relax(whole, begin, tolerance, initial is not None)
+        lost = status != 0
         x, reaction, status = where(lost & (relaxed[-1] == 0), relaxed, (x, reaction, status))
         problem = replace(braced(whole, x), load_factor=problem.load_factor)
         doubtful = None
@@ -214,7 +211,7 @@ def _equilibrium(
         _refuse(problem, x, failed, status, relax)
     if judged:
         _warn_of_unstable(problem, x, start, doubtful, ~failed, branch)
-    if relax and model.conservative:
+    if relax and model.conservative and concrete(~failed).any():
         lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
@@ -279,14 +276,6 @@ def _warn_of_unstable(
             f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection "
             f"leads to another ({NOT_FOUND if branch == 'stable' else LOOKS})"
         )
-
-
-def poses_of_supports(scene: Scene, state: State) -> Poses | None:
-    """Where a state has them; None = none has a motion."""
-    if not any(support.displaced for support in scene.supports):
-        return None
-    nodes = [support.node for support in scene.supports]
-    return Poses(state.position[..., nodes, :].detach(), state.rotation[..., nodes, :].detach())
 
 
 def _which(mask: Tensor) -> str:

@@ -40,6 +40,8 @@ from .mechanism import braced
 from .stability import conservative
 
 FIRST, LEAST, STEPS = 1 / 16, 1e-9, 500  # step: the first, and the smallest; how many
+# tau in so many steps: what comes no further, as an element that folds by half a turn, stays there
+STALLED, PATIENCE = 1e-3, 64
 # rad a node may turn in a step, more and it may come to rest elsewhere than the motion does; after
 # which Newton's method is tried
 TURN, CALM = 0.5, 0.2
@@ -111,7 +113,8 @@ def relax(
         reached, step = t.new_full(shape, float(loaded)), t.new_full(shape, FIRST)
         reaction = probe.nodes.new_zeros(*shape, *model.constraints.fixed.shape)
         going = torch.ones(shape, dtype=torch.bool, device=t.device)
-        for _ in range(steps):
+        stuck, mark = ~going, reached
+        for k in range(1, steps + 1):
             # until supports move, and in what they do next
             room = (end - 1 - reached).clamp(min=0) + longest
             step = torch.where(reached < end, torch.minimum(step, room), step)
@@ -126,8 +129,10 @@ def relax(
                 led=(now - 1).clamp(min=0) if led else now,
                 begun=whole.begun,
             )
-            x, good, turned, longer = advance(fluid, x, going, tolerance)
+            x, good, turned, longer = advance(fluid, x, going & ~stuck, tolerance)
             reached, step = torch.where(good, reached + step, reached), longer * step
+            if k % PATIENCE == 0:
+                stuck, mark = stuck | (reached - mark < STALLED), reached
             if known is not None:
                 back = good & near(model, x, known)
                 x, going, good = where(back, known, x), going & ~back, good & ~back
@@ -149,7 +154,7 @@ def relax(
                 x = where(at_rest, outcome.x, x)
                 reaction = torch.where(at_rest[..., None, None], outcome.reaction, reaction)
                 going = going & ~at_rest
-            if not concrete(going & (step > LEAST)).any():
+            if not concrete(going & ~stuck & (step > LEAST)).any():
                 break
         return x, reaction, torch.where(going, DIVERGED, 0)
 

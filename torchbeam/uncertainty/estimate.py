@@ -71,10 +71,18 @@ class Estimate:
         return iter((self.estimate, self.low, self.high))
 
     def __getitem__(self, index: Any) -> Estimate:
-        """Of some of the numbers, by an index of a tensor."""
-        return replace(
-            self, estimate=self.estimate[index], low=self.low[index], high=self.high[index]
-        )
+        """Of some of the numbers, by an index of a tensor. Raises IndexError where there are none
+        such.
+        """
+        try:
+            estimate, low, high = (x[index] for x in self)
+        except (IndexError, TypeError, RuntimeError, ValueError):
+            shape = tuple(self.estimate.shape)
+            raise IndexError(
+                f"Estimate[{shown(index)}] was asked for; "
+                + (f"its numbers are of shape {shape}" if shape else "it is a single number")
+            ) from None
+        return replace(self, estimate=estimate, low=low, high=high)
 
     def __repr__(self) -> str:
         lost = f"; {failures(self.reasons)}" if self.failed else ""

@@ -241,6 +241,25 @@ def test_equilibrium_at_a_prescribed_angle_and_its_gradient():
     assert_close(*(torch.autograd.grad(x, angle)[0] for x in (torque, wanted)), rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_an_angle_is_reached_by_more_than_a_right_one(engine):
+    """In one load step, or in one step of time: its row, a sine, has a second root half a turn
+    off, which was come to. The torque is that of weight and push, which has one sign there.
+    """
+    angle = torch.tensor([0.5, 1.5, 1.6, 2.5, 3.1, -2.6, -3.0, 4.0, 6.5])
+    joint = tb.equilibrium(hanging(angle=angle), engine=engine).joint[0]
+    assert_close(joint.coordinate, angle, rtol=0, atol=1e-9)
+    wanted = 4 * torch.cos(angle) + 9.81 * torch.sin(angle)
+    assert_close(joint.moment[..., 1], wanted, rtol=0, atol=1e-8)
+    body = tb.Body(mass=1.0, inertia=0.1, position=(0.0, 0, -1))
+    some = angle[angle.abs() < 3.05]  # from further off half a turn less is as near
+    hinge = tb.Hinge(None, "body", at=(0, 0, 0), axis=(0, 1, 0), angle=lambda t: 10 * t * some)
+    scene = tb.Scene({"body": body}, joints=[hinge])
+    place = tb.simulate(scene, [0.0, 0.1], step=0.1, engine=engine).state[-1].position[:, 0]
+    wanted = -torch.stack((torch.sin(some), 0 * some, torch.cos(some)), -1)
+    assert_close(place, wanted, rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("joint", "words"),
     [

@@ -397,3 +397,28 @@ def test_what_does_not_fit_is_refused(case):
     call, words = REFUSED[case]
     with pytest.raises(ValueError, match=words):
         call()
+
+
+@pytest.mark.parametrize(
+    "engine, by", [("eager", "function"), ("eager", "input"), ("compiled", "input")]
+)
+def test_no_tension_pushes(engine, by):
+    """A negative one, by a function or an input, is none: the tip stays where it is without; in an
+    equilibrium and in motion.
+    """
+    tension = tb.Input("pull", 1) if by == "input" else lambda t: -1.0 + 0 * t
+    inputs = {"pull": (-1.0,)} if by == "input" else {}
+    beam, times = tb.Beam.straight(0.3, 3, SECTION), torch.linspace(0, 0.02, 3)
+    found = []
+    for of, values in ((0.0, {}), (tension, inputs)):
+        scene, options = (
+            pulled(beam, tension=of),
+            dict(inputs=values, engine=engine if values else "eager"),
+        )
+        found += [
+            tb.equilibrium(scene, **options),
+            tb.simulate(scene, times, step=0.01, **options).state[-1],
+        ]
+    for now, free in zip(found[2:], found[:2], strict=True):
+        assert_close(now.position, free.position, rtol=0, atol=1e-10)
+        assert torch.equal(now.tendons[0, :2], torch.zeros(2))

@@ -125,6 +125,22 @@ def test_a_sharp_taper_is_told(end):
         tb.Beam.straight(1.0, 2, wedge(torch.tensor([[0.9], [0.1]])))
 
 
+def test_a_section_next_to_nothing_is_as_it_was_given():
+    """From 20 mm to 2e-8 m the bending stiffness changes 1e18-fold; that of the end was lost in the
+    difference, and Beam.straight raised a raw error of a singular matrix.
+    """
+    thick, thin = (
+        tb.Section.rectangle(width=0.02, height=h, E=1e9, nu=0.3, rho=1000.0) for h in (0.02, 2e-8)
+    )
+    taper = tb.Stations([0.0, 1.0], [thick, thin])
+    ends = taper(torch.tensor([0.0, 1.0]))
+    torch.testing.assert_close(
+        ends.compliance, torch.stack((thick.compliance, thin.compliance)), rtol=1e-12, atol=0
+    )
+    with pytest.warns(RuntimeWarning, match="e[+]17-fold within element 7"):
+        tb.Beam.straight(1.0, 8, taper)
+
+
 def test_what_tapers_little_within_an_element_is_not_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

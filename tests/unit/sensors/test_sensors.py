@@ -460,6 +460,8 @@ CASES = {
                              "9 nodes was given"),
     "no components": (lambda: s.TipPosition()[3:],
                       "the components slice.* none of the 3 of tip position"),
+    "components in steps of 0": (lambda: s.TipPosition()[::0], "the components slice.* none of"),
+    "components by words": (lambda: s.TipPosition()["x":"y"], "the components slice.* none of"),
     "no label": (lambda: s.TipPosition()["w"], "the label 'w' was given; tip position has x, y, z"),
     "no component": (lambda: s.TipPosition()[3], "component 3 was given"),
     "no sensors": (lambda: s.Stack((1.0,)), "1.0 was given to Stack"),

@@ -414,3 +414,8 @@ def test_an_estimate_of_several_numbers_shows_and_indexes_them():
         f"Estimate({whole.estimate[2]:.5g}, {whole.low[2]:.5g} to {whole.high[2]:.5g} at 95 %"
     )
     assert torch.equal(whole[..., 1:3].high, whole.high[1:3]) and one.samples == whole.samples
+    for index in (slice(3), 0, "a"):
+        with pytest.raises(IndexError, match="was asked for; it is a single number"):
+            one[index]
+    with pytest.raises(IndexError, match=r"Estimate\[8\] was asked for; its numbers .* \(8,\)"):
+        whole[8]

@@ -32,7 +32,8 @@ from .search_driver import SQUARES, Search
 from .sorts import ELEMENT, NODE, SIDES, Row
 from .tendon_driver import Tensions
 
-SUMS = ("force", "moment", "strain", "left_force", "left_moment", "left_strain")
+SIZES = "force", "moment", "strain", "curvature"
+SUMS = (*SIZES, *(f"left_{name}" for name in SIZES))
 
 
 class Slots:

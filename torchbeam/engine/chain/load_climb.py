@@ -13,7 +13,7 @@ from ...core.function_dependencies import Dependencies
 from ...core.remembered import keep
 from ...core.repetition import repetitions
 from ...core.validation import broadcast
-from ...equations.load_steps import LIMIT
+from ...equations.load_steps import LEAST, LIMIT
 from ...equations.steady import Configuration, least_forces
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import most, same_law
@@ -75,23 +75,31 @@ def climb(
     x: Configuration,
     tolerance: float | None,
     judged: bool,
+    whole: bool = False,
     required: bool = True,
 ) -> Climbed | None:
     """Raise the load from 0 to 1, see `load_steps.climb`; judged: whether to look at the tangent at
-    the end. None where torch alone can do it: within torch.func. Raises ValueError for what native
-    code does not take, where it is `required`; else that is warned of, and None.
+    the end; whole: in one step, samples that this does not do for have failed. None where torch
+    alone can do it: within torch.func. Raises ValueError for what native code does not take, where
+    it is `required`; else that is warned of, and None.
     """
     if functorch.peek_interpreter_stack() is not None:
         return None
 
     def make(around: Dependencies | None) -> Climbed:
-        return _climbed(model, t, inputs, x, tolerance, judged, around)
+        return _climbed(model, t, inputs, x, tolerance, judged, whole, around)
 
     return natively("equilibria are found", model, refusal(model), make, required)
 
 
 def automatic_climb(
-    model: Model, t: Tensor, inputs: Inputs, x: Configuration, tolerance: float | None, judged: bool
+    model: Model,
+    t: Tensor,
+    inputs: Inputs,
+    x: Configuration,
+    tolerance: float | None,
+    judged: bool,
+    whole: bool = False,
 ) -> Climbed | None:
     """The same where "auto" takes native code: for many samples of what it takes, those of all
     calls of a run, but for what may change unnoticed. What is not taken is warned of; None where it
@@ -107,7 +115,7 @@ def automatic_climb(
     few = samples * repetitions() * _eager_weight(model) < WORTH
     if not required and (meaning() == "eager" or few or model.scene.device.type != "cpu"):
         return None
-    return climb(model, t, inputs, x, tolerance, judged, required=required)
+    return climb(model, t, inputs, x, tolerance, judged, whole, required)
 
 
 def _eager_weight(model: Model) -> float:
@@ -140,6 +148,7 @@ def _climbed(
     x: Configuration,
     tolerance: float | None,
     judged: bool,
+    whole: bool,
     around: Dependencies | None,
 ) -> Climbed:
     # where there are own unknowns that are no forces of constraints, it is looked at by torch
@@ -160,6 +169,7 @@ def _climbed(
         *fields_at_rest(instance, model, trees, t, inputs),
         Field("common", "exact", exact, 0),
         Field("common", "tolerance", tolerance, 0),
+        Field("common", "smallest", tolerance.new_tensor(1.0 if whole else LEAST), 0),
         *(Field(*place.get(name, ("kept", name)), v, 2) for name, v in start.items()),
     ]
     batch = broadcast_shapes(*(x.value.shape[: x.value.ndim - x.axes] for x in fields))

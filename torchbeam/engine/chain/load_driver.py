@@ -61,7 +61,8 @@ class LoadSlots(RestSlots):
         driver.transfer("scatter", "output", first, 0)
 
     def _of_sample(self, field: str) -> str:
-        return self.driver.at("common" if field == "load_factor" else "sample", 0, field)
+        of_all = "load_factor", "smallest"
+        return self.driver.at("common" if field in of_all else "sample", 0, field)
 
     def _rule(self, name: str) -> None:
         """A function of samples, which changes what it reads."""

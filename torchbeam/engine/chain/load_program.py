@@ -59,7 +59,7 @@ class LoadProgram(RestProgram):
     """
 
     slots = LoadSlots
-    numbers = (*NewtonProgram.numbers, "least_force", "least_moment")
+    numbers = (*NewtonProgram.numbers, "least_force", "least_moment", "smallest")
     judging = (*NewtonProgram.judging, "whole", "least_force", "least_moment")
 
     def __init__(self, *of: Any, judged: bool = False) -> None:
@@ -93,7 +93,7 @@ class LoadProgram(RestProgram):
         layout = super()._layout()
         rules = [self.functions[name] for name in RULES]
         names = [x for rule in rules for x in (*rule.outputs, *rule.inputs)]
-        names = [x for x in (*names, "indefinite") if x not in self.varying]
+        names = [x for x in (*names, "indefinite") if x not in (*self.varying, "smallest")]
         layout.record("sample", ONE, [(name, 1) for name in names])
         if self.judged:
             layout.record("sums", ONE, [("indefinite", 1)])

@@ -22,7 +22,7 @@ from torch import Tensor
 from ...equations.balance_problem import BalanceProblem
 from ...equations.step_problem import StepProblem
 from ...nodal import element_loads, loads
-from ...nodal.balance import dstress, most_beyond, pushed_by, restrained_forces
+from ...nodal.balance import dstress, most_strains, pushed_by, restrained_forces
 from ...state.state import State
 from .interaction_functions import transposed
 from .interaction_sorts import INTERACTIONS
@@ -166,7 +166,7 @@ class LocalFunctions(LocalProblems):
         condensed stress adds, and the blocks D (w, w), each by node, U from i to j and L back, or
         between i, m and j (2, w, w), far_U and far_L then from i to j and back; gap (stations, k)
         and E (stations, k, numbers of a station), by which its stress follows the moves; inertia
-        (w) by node, if it has any; the largest force, moment, gap and strain in it.
+        (w) by node, if it has any; the largest force, moment, strain, curvature and gap in it.
         """
         problem, x = self.of_element(fields, kind)
         x = problem.apply_supports(x)
@@ -197,6 +197,7 @@ class LocalFunctions(LocalProblems):
             torch.cat([x.expand(self.order, x.shape[-1]) for x in part], -2).abs()
             for part in (forces, effective_strain)
         )
+        left = most_strains(element.constitutive_residual, problem.element.rounding)
         D, U, L, *far = tangent.matrix.tensors
         found = {
             "D": D,
@@ -219,8 +220,8 @@ class LocalFunctions(LocalProblems):
             "hB": tangent.force_operator,
             "force": forces[..., :p].amax(),
             "moment": forces[..., p:].amax(),
-            "left_strain": most_beyond(element.constitutive_residual, problem.element.rounding),
-            "strain": effective_strain.amax(),
+            **dict(zip(("left_strain", "left_curvature"), left, strict=True)),
+            **dict(zip(("strain", "curvature"), most_strains(effective_strain), strict=True)),
         }
 
     def finish_element(self, kind: ElementKind, **fields: Tensor) -> Fields:

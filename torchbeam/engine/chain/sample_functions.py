@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ...core.status import BROKEN, DIVERGED, SUCCESS
-from ...nodal.balance import mixed, scaled
+from ...nodal.balance import mixed, scaled, strains
 from ...nodal.model import Model
 from ...nodal.multipliers import measured
 from ...solvers.newton import Length, converged, first_wait, step_length
@@ -72,9 +72,11 @@ class SampleFunctions:
         force: Tensor,
         moment: Tensor,
         strain: Tensor,
+        curvature: Tensor,
         left_force: Tensor,
         left_moment: Tensor,
         left_strain: Tensor,
+        left_curvature: Tensor,
         total: Tensor,
         longest: Tensor,
         **gaps: Tensor,
@@ -82,9 +84,10 @@ class SampleFunctions:
         """The scaled residual; gaps: the largest gap and turn of constraints, and the size of
         what they connect.
         """
-        size = scaled(
-            left_force, left_moment, left_strain, *mixed(force, moment, total, longest), strain
+        strain, left = (
+            strains(*both, total) for both in ((strain, curvature), (left_strain, left_curvature))
         )
+        size = scaled(left_force, left_moment, left, *mixed(force, moment, total, longest), strain)
         return self.with_gaps(size, gaps)
 
     def judge(

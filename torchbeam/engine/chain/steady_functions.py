@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...core.status import SUCCESS
+from ...core.status import DIVERGED, SUCCESS
 from ...equations import load_steps
 from ...equations.steady import Configuration, SteadyProblem, placed
 from ...nodal.conditions import Conditions
@@ -126,9 +126,10 @@ class LoadSamples(SampleFunctions):
         force, moment = torch.maximum(force, least_force), torch.maximum(moment, least_moment)
         return super().judge(**fields, force=force, moment=moment, foresee=whole == 0)
 
-    def first_step(self, turn: Tensor) -> Fields:
-        """See `load_steps`."""
-        return {"step": load_steps.first_step(turn)}
+    def first_step(self, turn: Tensor, smallest: Tensor) -> Fields:
+        """See `load_steps`; a sample that would begin with less than the smallest has failed."""
+        step = load_steps.first_step(turn)
+        return {"step": step, "last_status": torch.where(step < smallest, float(DIVERGED), 0.0)}
 
     def shares(self, reached: Tensor, step: Tensor, last_status: Tensor) -> Fields:
         """See `load_steps`; over, done: of samples that are not on their way; whole: whether it is
@@ -155,10 +156,12 @@ class LoadSamples(SampleFunctions):
         status: Tensor,
         cosine: Tensor,
         iterations: Tensor,
+        smallest: Tensor,
     ) -> Fields:
         """See `load_steps`; status: of the samples for which Newton's method is not done."""
         status_after = torch.where(done != 0, float(SUCCESS), status)
+        of_step = status_after, cosine, iterations, smallest
         good, reached, step, status = load_steps.advanced(
-            climbing != 0, load_factor, reached, step, last_status, status_after, cosine, iterations
+            climbing != 0, load_factor, reached, step, last_status, *of_step
         )
         return {"good": good.to(step), "reached": reached, "step": step, "last_status": status}

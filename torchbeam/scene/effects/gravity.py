@@ -37,6 +37,10 @@ class Gravity(LoadEffect):
     wants_axes = True
     depends = frozenset({ROTATION})
 
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+        g = self.g
+        return mass * length * torch.linalg.vector_norm(g, dim=-1) if torch.is_tensor(g) else None
+
     def depends_on(self, offset: bool) -> frozenset[str]:
         """The moment of an offset centre of mass turns; the force does not."""
         return self.depends if offset else frozenset()

@@ -192,6 +192,12 @@ class LoadEffect(Tree):
         """Itself, in a scene whose node is drawn at position (..., 3) m with rotation (..., 4)."""
         return self
 
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+        """(...) N m/rad, about the most by which it resists a turn of rigid links of a length (...)
+        m and a mass (...) kg in all; None = not, or it is not known.
+        """
+        return None
+
     def depends_on(self, offset: bool) -> frozenset[str]:
         """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether
         a centre of mass, of a section or of a point mass, lies off its node.

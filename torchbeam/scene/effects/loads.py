@@ -89,6 +89,10 @@ class PointLoad(LoadEffect):
         one_of(self, "force", "moment")
         super().__post_init__()
 
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+        pull = self.force
+        return length * torch.linalg.vector_norm(pull, dim=-1) if torch.is_tensor(pull) else None
+
     @property
     def depends(self) -> frozenset[str]:
         lever = self.offset is not None and self.force is not None

@@ -80,6 +80,9 @@ class Spring(LoadEffect):
             position = position + quat.rotate(rotation, offset)
         return with_values(self, to=position, as_drawn=True)
 
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor:
+        return length.square() * self.stiffness
+
     @property
     def linear(self) -> bool:
         return self.length is None
@@ -213,6 +216,10 @@ class RootSpring(LoadEffect):
     node = 0
     frees_root = True
     wants_support = True
+
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor:
+        force, moment = (k.amax(-1) for k in (self.stiffness[..., :3], self.stiffness[..., 3:]))
+        return torch.maximum(length.square() * force, moment)
 
     conservative = True
 

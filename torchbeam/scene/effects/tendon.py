@@ -128,6 +128,11 @@ class Tendon(Effect):
             )
         together(self, ("friction", "slip_speed"))
 
+    def turning_resistance(self, length: Tensor, mass: Tensor) -> Tensor | None:
+        if self.stiffness is not None:
+            return length.square() * self.stiffness
+        return length * self.tension if torch.is_tensor(self.tension) else None
+
     @classmethod
     def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
         """A tendon along the whole of a beam, from root to tip, through all ends of its elements.

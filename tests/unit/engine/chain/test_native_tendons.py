@@ -75,3 +75,30 @@ def test_what_sticks_and_slips_takes_few_iterations(engine, dtype, laws):
     for _ in range(12 if engine == "eager" else 32):
         state = stepper(state, dt=dt.to(dtype))
         assert (state.status == 0).all() and stepper.iterations.max() <= 12
+
+
+def test_bodies_hang_on_a_tendon_over_eyelets_of_the_ground():
+    """Two of them, unequal, with a spring each: natively as eagerly, at rest and in motion. Two
+    eyelets of the ground on one tendon were an error within native code.
+    """
+    bodies = {
+        name: tb.Body(0.2, 1e-3, position=(x, 0.0, 0.0)) for name, x in (("a", -0.3), ("b", 0.3))
+    }
+    over = [("a", (0, 0, 0)), (None, (-0.3, 0, 1)), (None, (0.3, 0, 1)), ("b", (0, 0, 0))]
+    effects = [
+        tb.Tendon(over, stiffness=50.0, length=2.5),
+        tb.Gravity((0, 0, -9.81)),
+        *(tb.Spring(name, k, to=(x, 0, -1)) for name, k, x in (("a", 3, -0.3), ("b", 5, 0.3))),
+    ]
+    held = [tb.Support(name, position="xy", rotation="xyz") for name in "ab"]
+    scene = tb.Scene(bodies, effects, supports=held)
+    rest, moved = (
+        [f(engine) for engine in ("eager", "compiled")]
+        for f in (
+            lambda engine: tb.equilibrium(scene, engine=engine),
+            lambda engine: tb.simulate(scene, [0.0, 0.1], step=0.01, engine=engine).state[-1],
+        )
+    )
+    for eager, native in (rest, moved):
+        torch.testing.assert_close(native.position, eager.position, rtol=0, atol=1e-12)
+        assert eager.position[0, 2] != eager.position[1, 2] and eager.tendons[0, 0] > 1

@@ -1,0 +1,51 @@
+"""Ascent to an equilibrium: from no load, by load steps, or from a shape that is given, by taking
+away what it lacks in balance; natively or eagerly.
+"""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ..core.validation import concrete
+from ..engine.chain import load_climb as compiled
+from ..equations.load_steps import climb
+from ..equations.steady import Configuration, Poses, SteadyProblem
+from ..scene.scene import Scene
+from ..state.state import State
+from .arc_length import where
+
+
+def ascend(
+    problem: SteadyProblem,
+    start: Configuration,
+    tolerance: float | None,
+    engine: str,
+    judged: bool,
+    loaded: bool,
+) -> tuple[Configuration, Tensor, Tensor, Tensor | None]:
+    """From a start to the whole load of a problem: (shape, reaction, status, doubtful), of which
+    the last is as in `load_climb.Climbed`; judged: likewise. loaded: the start is no shape at no
+    load. Native code then tries it in one step alone, and what is left is done eagerly.
+    """
+    states = None
+    if engine != "eager" and type(problem) is SteadyProblem:
+        native = compiled.climb if engine == "compiled" else compiled.automatic_climb
+        of = problem.model, problem.t, problem.inputs
+        states = native(*of, start, tolerance, judged, loaded)
+    if states is None:
+        return *climb(problem.relieved(start) if loaded else problem, start, tolerance), None
+    x, reaction, status, doubtful = states
+    left = status != 0
+    if not loaded or not concrete(left).any():
+        return states
+    again = climb(problem.relieved(start), start, tolerance, left)
+    doubtful = None if doubtful is None else doubtful | left
+    return *where(left, again, (x, reaction, status)), doubtful
+
+
+def poses_of_supports(scene: Scene, state: State) -> Poses | None:
+    """Where a state has them; None = none has a motion."""
+    if not any(support.displaced for support in scene.supports):
+        return None
+    nodes = [support.node for support in scene.supports]
+    return Poses(state.position[..., nodes, :].detach(), state.rotation[..., nodes, :].detach())
