@@ -225,8 +225,8 @@ class Fit:
             model: as `identify` takes one, of another load, place or time; None = the model that
                 was fitted
             sensor, times: by which a Solution is read, see `tb.observe`; times (s) None = those of
-                the solution. Offsets, drifts, delays, clocks, places and frames of instruments
-                are not in it
+                the solution. Gains, offsets, drifts, delays, clocks, places and frames of
+                instruments are not in it
             measurement: in place of a sensor the name of a `Measurement` of the fit: what that
                 would read at `times`, None = its own, with all that was found of the instrument,
                 and its share of the band

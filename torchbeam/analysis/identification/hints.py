@@ -14,6 +14,8 @@ from .residuals import FEWEST, Residuals, ResidualTest
 
 UNIT = 1000.0
 NEAR = 5.0  # factor by which a start may be off that has the right unit
+KNOWN = 0.1  # of a parameter's size, to which it is known with the others where they are
+SHOWN = 0.1  # of a direction: smaller parts are not named
 ALARM = 0.01  # of the fits of models that are right, in which any test may find something
 
 
@@ -133,4 +135,33 @@ def bound_hints(names: Sequence[str], theta: Tensor, held: Tensor) -> tuple[str,
         "one-sided, and those of others take it as it is"
         for name, value, at in zip(names, theta.tolist(), held.tolist(), strict=True)
         if at
+    )
+
+
+def tangled_hints(
+    names: Sequence[str], size: Tensor, alone: Tensor, covariance: Tensor
+) -> tuple[str, ...]:
+    """Parameters that data tell together and, within the noise, not one by one: each would be known
+    well with the others where they are, and has a deviation above its own size.
+
+    size (p,) of changes that matter;  alone (p,) deviations with the others where they are;
+    covariance (p, p) of all together, zeros of those that are not in question
+    """
+    deviation = covariance.diagonal().sqrt()
+    some = ((alone < KNOWN * size) & (deviation > size)).nonzero()[:, 0]
+    if len(some) < 2:
+        return ()
+    unit = size[some]
+    direction = torch.linalg.eigh(covariance[some][:, some] / unit / unit[:, None])[1][:, -1]
+    parts = (direction.abs() > SHOWN).nonzero()[:, 0].tolist()
+    if len(parts) < 2:
+        return ()
+    shares = (100 * direction * direction[parts[0]].sign()).tolist()
+    together = ", ".join(f"{names[some[k]]} {shares[k]:+.0f} %" for k in parts)
+    most = (deviation / size)[some].max().item()
+    return (
+        f"the data hardly tell {len(parts)} parameters apart, which change together: {together}; "
+        f"deviations are up to {most:.2g} times their sizes, where each alone would be known to "
+        f"{100 * (alone / size)[some].max().item():.2g} %; one that is known, or has a prior, is "
+        "wanted",
     )

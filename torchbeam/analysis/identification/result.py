@@ -12,7 +12,7 @@ from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED,
 from ...solvers.region import Region
 from .covariance import Spread
 from .exchanged import exchange_hints
-from .hints import bound_hints, misfit_hints, noise_hints, unit_hints
+from .hints import bound_hints, misfit_hints, noise_hints, tangled_hints, unit_hints
 from .problem import FitProblem
 from .readings import Readings
 from .undetermined import undetermined
@@ -78,7 +78,11 @@ def conclusions(
         doubts = misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
     exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale)
     bounded = bound_hints(parameters.names, theta[best], spread.held)
-    hints = (*odd, *noise_hints(spare, problem.sigma_given), *exchanged, *doubts, *bounded)
+    seen_by = J[best].square().sum(0) + bend[best]
+    tangled = tangled_hints(parameters.names, at_unit[best], spread.scale * seen_by.rsqrt(),
+                            spread.free * determined * determined[:, None])  # fmt: skip
+    hints = (*odd, *noise_hints(spare, problem.sigma_given), *exchanged, *doubts, *bounded,
+             *tangled)  # fmt: skip
     if odd:
         warn(odd[0], UserWarning)
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
