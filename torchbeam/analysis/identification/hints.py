@@ -19,13 +19,16 @@ SHOWN = 0.1  # of a direction: smaller parts are not named
 ALARM = 0.01  # of the fits of models that are right, in which any test may find something
 
 
-def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
-    """Channels whose data are about a thousand times the model's at the start, or a thousandth."""
+def unit_hints(readings: Sequence[Readings], offset: Sequence[bool]) -> tuple[str, ...]:
+    """Channels whose data are about a thousand times the model's at the start, or a thousandth; of
+    those with an `offset` what is beside their mean.
+    """
     said = []
-    for reading in readings:
+    for reading, shifted in zip(readings, offset, strict=True):
         for label, data, y in reading.channels():
             known = ~(data.isnan() | y.isnan())
-            size, own = (v[known].square().mean().sqrt().item() for v in (data, y))
+            both = (v[known] - shifted * v[known].mean() for v in (data, y))
+            size, own = (v.square().mean().sqrt().item() for v in both)
             if not size or not own or not math.isfinite(own):
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / own
@@ -68,17 +71,17 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     channel = problem.noise.channel[problem.known]  # -1: sigma is known
     every = problem.measured & (channel < 0) & problem.independent
     whole = Residuals("", None, r[every], J[every], C, True)
-    series = [
+    channels = [
         Residuals(name, times, r[rows], J[rows], C, channel[rows[0]].item() < 0)
-        for name, rows, times in _series(problem)
+        for _, name, rows, times in series(problem)
         if problem.independent[rows[0]] and _is_noisy(r[rows], problem.target[0][rows])
     ]
-    parts = series if len(series) > 1 else []
+    parts = channels if len(channels) > 1 else []
     sizes, each = (
         [rest.excess() for rest in some if rest.known and rest.left >= 1]
         for some in ([whole], parts)
     )
-    long = [rest for rest in series if rest.left >= FEWEST]
+    long = [rest for rest in channels if rest.left >= FEWEST]
     alike, lines = [rest.correlation() for rest in long], [rest.line() for rest in long]
     level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines), 1)
     said = [
@@ -100,8 +103,10 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     return tuple(f"{sentence}, and stated intervals are too narrow" for sentence in said)
 
 
-def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
-    """Name, rows (n,) of the data in the order of their times, and these, of each channel."""
+def series(problem: FitProblem) -> Iterator[tuple[str | None, str, Tensor, Tensor | None]]:
+    """Experiment, name, rows (n,) of the data in the order of their times, and these, of each
+    channel.
+    """
     for e, m, rows in problem.rows():
         readings = Readings(e.name, m.labels, m.times, m.values, rows, None)
         for name, _, column in readings.channels() if e.measured else ():
@@ -109,7 +114,8 @@ def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
             order = order if m.times is None else m.times.argsort()
             there = order[column[order] >= 0]
             if len(there):
-                yield name, column[there], None if m.times is None else m.times[there]
+                times = None if m.times is None else m.times[there]
+                yield e.name, name, column[there], times
 
 
 def _is_noisy(r: Tensor, data: Tensor) -> bool:

@@ -13,6 +13,7 @@ from ...solvers.region import Region
 from .covariance import Spread
 from .exchanged import exchange_hints
 from .hints import bound_hints, misfit_hints, noise_hints, tangled_hints, unit_hints
+from .periods import period_hints
 from .problem import FitProblem
 from .readings import Readings
 from .undetermined import undetermined
@@ -72,10 +73,13 @@ def conclusions(
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
     odd: tuple[str, ...] = ()
     if search.first is not None:
-        odd = unit_hints(_readings(problem, _known(problem, search.first[best])))
+        offset = [m.offset for e, m in problem.measurements if e.measured]
+        odd = unit_hints(_readings(problem, _known(problem, search.first[best])), offset)
     doubts: tuple[str, ...] = ()
     if spread.scale:
-        doubts = misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
+        white = spread.white[determined][:, determined]
+        doubts = (*period_hints(problem, r[best], J[best], best, x[best]),
+                  *misfit_hints(problem, r[best], seen, white))  # fmt: skip
     exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale)
     bounded = bound_hints(parameters.names, theta[best], spread.held)
     seen_by = J[best].square().sum(0) + bend[best]
