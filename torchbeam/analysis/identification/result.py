@@ -80,7 +80,7 @@ def conclusions(
         white = spread.white[determined][:, determined]
         doubts = (*period_hints(problem, r[best], J[best], best, x[best]),
                   *misfit_hints(problem, r[best], seen, white))  # fmt: skip
-    exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale)
+    exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale, theta[best])
     bounded = bound_hints(parameters.names, theta[best], spread.held)
     seen_by = J[best].square().sum(0) + bend[best]
     tangled = tangled_hints(parameters.names, at_unit[best], spread.scale * seen_by.rsqrt(),

@@ -69,8 +69,9 @@ def test_of_a_linear_structure_the_force_and_all_gains_are_told_together():
     (said,) = (hint for hint in fit.hints if "hardly tell" in hint)
     assert "4 parameters apart" in said and all(f"{name} " in said for name in start)
     assert (fit.deviation > fit.theta).all()
-    fit = tb.identify(bent, [replace(seen[0], gain=1.1), *seen[1:]], {n: start[n] for n in ("F", "g1", "g2")},
-                      derivatives="difference")  # fmt: skip
+    seen[0] = replace(seen[0], gain=1.1)
+    del start["g0"]
+    fit = tb.identify(bent, seen, start, derivatives="difference")
     assert fit.status == 0
     assert_close(fit.theta, torch.tensor([0.03, 0.9, 1.05]), rtol=2e-2, atol=0)
 
@@ -185,8 +186,8 @@ def test_a_design_pays_for_what_is_not_known_of_it():
 
     plan = tb.design(one, both, start, sensors=1, of="F")
     assert plan.sensors == ("known",)
-    assert tb.design(one, both, {**start, "g": tb.Parameter(1.0, prior=Normal(1.0, 1e-4))}, sensors=1,
-                     of="F").sensors == ("loose",)  # fmt: skip
+    start["g"] = tb.Parameter(1.0, prior=Normal(1.0, 1e-4))
+    assert tb.design(one, both, start, sensors=1, of="F").sensors == ("loose",)
 
 
 @pytest.mark.parametrize(
