@@ -79,9 +79,9 @@ class Fit:
             each direction in which the parameters can change by their own size while the misfit
             stays; empty where all are determined. `open` (p,) bool says which parameters these are
             about
-        hints: sentences about what looks wrong: units, a misfit above sigma, residuals that are
-            alike or have a line, bounds that are reached. `doubts` are those of the misfit and its
-            residuals, with which `interval` warns
+        hints: sentences about what looks wrong: units, exchanged markers, bounds that are reached,
+            what data hardly tell apart. `doubts` are those of the misfit: above sigma, alike, with
+            a line, some periods off; `interval` warns with them
         message: the status in words, with these sentences, and what the model raised at trials
         iterations: evaluations of the model and its derivatives, less the first
         derivatives: how these were found

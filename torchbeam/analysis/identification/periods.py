@@ -120,7 +120,8 @@ def _sentence(
     )
     if not own.clear:
         return (
-            f"{text}the model hardly swings there: another start, or several (`starts`), are wanted"
+            f"{text}the model hardly swings there: it misses what does, or another start, or "
+            "several (`starts`), are wanted"
         )
     text += (
         f"the model swings at {own.frequency:.3g} Hz: the search seems to have ended some periods "
