@@ -129,7 +129,7 @@ def test_exchanged_markers_of_the_silicone_are_named(pair):
     said = [hint for hint in fit.hints if "seem to be exchanged" in hint]
     assert len(said) == bool(pair)
     if pair:
-        names = ("'silicone_beam_load52_a marker{}'".format(k + 1) for k in pair)
+        names = (f"'silicone_beam_load52_a marker{k + 1}'" for k in pair)
         assert said[0].startswith(" and ".join(names)) and said[0].endswith("their offsets alike")
 
 

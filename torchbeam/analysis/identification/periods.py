@@ -157,7 +157,10 @@ def _start(
     rows = theta.repeat(TRIED, 1)
     rows[:, best] *= factors
     rows = rows.clamp(*p.limits)
-    y = problem.values(rows)[:, problem.known][:, swing.rows]
+    try:
+        y = problem.values(rows)[:, problem.known][:, swing.rows]
+    except Exception:  # a model that raises there, as at a trial of the search
+        return None
     every = [own.like(v).frequency if torch.isfinite(v).all() else math.inf for v in y]
     off = [abs(math.log(f / swing.frequency)) for f in every]
     k = off.index(min(off))

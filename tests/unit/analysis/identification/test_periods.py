@@ -104,6 +104,16 @@ def test_where_the_model_hardly_swings_no_start_is_named():
     assert "the model hardly swings" in said and "several (`starts`), are wanted" in said
 
 
+def test_a_model_that_raises_where_it_would_start_names_none():
+    def model(theta):
+        if len(theta["w"]) == 9:
+            raise ValueError("no such frequency")
+        return wave({"a": 2 + 0 * theta["w"], "b": 0.7 + 0 * theta["w"], **theta})
+
+    (said,) = off(tb.identify(model, measured(), {"w": 42.0}))
+    assert "some periods off" in said and "several (`starts`), are wanted" in said
+
+
 def irregular(seed):
     return 2 * torch.rand(200, generator=torch.Generator().manual_seed(seed)).sort()[0]
 
