@@ -54,7 +54,7 @@ class Swing:
 
     def like(self, values: Tensor) -> Swing:
         """That of other values (n,) of the channel."""
-        rest = values - self.level @ (self.level.mT @ values)
+        rest = self.rest(values)
         power = self.spectrum.power(rest)
         k = int(power.argmax())
         squares = power[k].item()
@@ -64,8 +64,11 @@ class Swing:
 
     def left(self, values: Tensor) -> float:
         """Squares that a line of this frequency takes from values (n,)."""
-        rest = values - self.level @ (self.level.mT @ values)
-        return self.spectrum.power(rest)[self.place].item()
+        return self.spectrum.power(self.rest(values))[self.place].item()
+
+    def rest(self, values: Tensor) -> Tensor:
+        """Values (n,) without levels and trends."""
+        return values - self.level @ (self.level.mT @ values)
 
     def frequency_power(self, by: Tensor) -> float:
         """d ln(frequency) as the values change by `by` (n,)."""
@@ -105,14 +108,17 @@ def period_hints(problem: FitProblem, r: Tensor, J: Tensor, k: int, x: Tensor) -
         left /= max(swing.squares, torch.finfo(r.dtype).tiny)
         if swing.clear and left > LEFT:
             by = problem.white.inverse(J.mT)[:, rows]
-            said.append(_sentence(problem, swing, model[rows], by, left, x))
+            said.append(_sentence(problem, swing, (data[rows], model[rows], by), left, x))
     return tuple(said)
 
 
 def _sentence(
-    problem: FitProblem, swing: Swing, model: Tensor, by: Tensor, left: float, x: Tensor
+    problem: FitProblem, swing: Swing, there: tuple[Tensor, Tensor, Tensor], left: float, x: Tensor
 ) -> str:
-    """Of a fit (n,) with derivatives (p, n) by coordinates x (p,), which leaves that of a line."""
+    """Of data (n,), a fit (n,) and its derivatives (p, n) by coordinates x (p,), which leaves that
+    of a line.
+    """
+    data, model, by = there
     own = swing.like(model)
     text = (
         f"{swing.name!r} swings most at {swing.frequency:.3g} Hz, and of that line the fit leaves "
@@ -127,7 +133,7 @@ def _sentence(
         f"the model swings at {own.frequency:.3g} Hz: the search seems to have ended some periods "
         "off, or the model misses what swings so; "
     )
-    if (start := _start(problem, swing, own, by, x)) is None:
+    if (start := _start(problem, swing, own, data, by, x)) is None:
         return f"{text}another start, or several (`starts`), are wanted"
     return (
         f"{text}a start of {start[0]} at about {start[1]:.3g} is wanted, where it swings as they do"
@@ -135,10 +141,11 @@ def _sentence(
 
 
 def _start(
-    problem: FitProblem, swing: Swing, own: Swing, by: Tensor, x: Tensor
+    problem: FitProblem, swing: Swing, own: Swing, data: Tensor, by: Tensor, x: Tensor
 ) -> tuple[str, float] | None:
     """Of the parameter by whose factor the model's frequency goes most, name and the value at which
-    the model swings as the data do: by its power there, then by one batch about that.
+    the model swings as the data do: where its power there says, and of a batch about that the one
+    that is nearest to the data, of those with their frequency.
     """
     p, T = problem.parameters, problem.parameters.transform
     theta, slope = T.theta(x[None]), T.slope(x)
@@ -161,13 +168,16 @@ def _start(
         y = problem.values(rows)[:, problem.known][:, swing.rows]
     except Exception:  # a model that raises there, as at a trial of the search
         return None
-    every = [own.like(v).frequency if torch.isfinite(v).all() else math.inf for v in y]
-    off = [abs(math.log(f / swing.frequency)) for f in every]
-    k = off.index(min(off))
-    if off[k] == math.inf:
-        return None
-    nearer = (swing.frequency / every[k]) ** (1 / power[best])
-    return p.names[best], rows[k, best].item() * nearer
+    near = 0.5 / (swing.frequency * swing.spectrum.duration)  # of a frequency: what a record tells
+    best_left, value = math.inf, None
+    for k, v in enumerate(y):
+        if not torch.isfinite(v).all():
+            continue
+        if abs(math.log(own.like(v).frequency / swing.frequency)) > near:
+            continue
+        if (left := swing.rest(data - v).square().sum().item()) < best_left:
+            best_left, value = left, rows[k, best].item()
+    return None if value is None else (p.names[best], value)
 
 
 def _levels(times: Tensor) -> Tensor:

@@ -56,7 +56,7 @@ def test_a_start_from_which_it_is_right_is_named(factor, by, noise):
     assert said.startswith("'laser' swings most at 4.76 Hz") and "some periods off" in said
     assert f"a start of {name} at about " in said and said in repr(fit)
     value = float(said.split("at about ")[1].split(" ")[0])
-    assert value == pytest.approx(true, rel=0.05)
+    assert value == pytest.approx(true, rel=0.2)  # of steps of 19 %
     again = fitted(value)
     assert not again.doubts
     assert_close(again[name], torch.tensor(true), rtol=5e-3, atol=0)
