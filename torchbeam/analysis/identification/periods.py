@@ -168,7 +168,9 @@ def _start(
         y = problem.values(rows)[:, problem.known][:, swing.rows]
     except Exception:  # a model that raises there, as at a trial of the search
         return None
-    near = 0.5 / (swing.frequency * swing.spectrum.duration)  # of a frequency: what a record tells
+    # of a frequency: what a record tells, or half from one try to the next
+    step = 2 * math.log(2.0) / (TRIED - 1) * abs(power[best])
+    near = max(0.5 / (swing.frequency * swing.spectrum.duration), 0.6 * step)
     best_left, value = math.inf, None
     for k, v in enumerate(y):
         if not torch.isfinite(v).all():
