@@ -71,10 +71,7 @@ def conclusions(
     variance = ((plain @ spread.free[determined][:, determined]) * plain).sum(-1)
     deviation = _everywhere(problem, variance.clamp(min=0).sqrt())
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
-    odd: tuple[str, ...] = ()
-    if search.first is not None:
-        offset = [m.offset for e, m in problem.measurements if e.measured]
-        odd = unit_hints(_readings(problem, _known(problem, search.first[best])), offset)
+    odd = _units(problem, search, best)
     doubts: tuple[str, ...] = ()
     if spread.scale:
         white = spread.white[determined][:, determined]
@@ -83,8 +80,9 @@ def conclusions(
     exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale, theta[best])
     bounded = bound_hints(parameters.names, theta[best], spread.held)
     seen_by = J[best].square().sum(0) + bend[best]
-    tangled = tangled_hints(parameters.names, at_unit[best], spread.scale * seen_by.rsqrt(),
-                            spread.free * determined * determined[:, None])  # fmt: skip
+    told = spread.free * determined * determined[:, None]
+    alone = spread.scale * seen_by.rsqrt()
+    tangled = tangled_hints(parameters.names, at_unit[best], alone, told)
     hints = (*odd, *noise_hints(spare, problem.sigma_given), *exchanged, *doubts, *bounded,
              *tangled)  # fmt: skip
     if odd:
@@ -116,6 +114,14 @@ def conclusions(
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
                 jacobian=J[best], problem=problem)
     # fmt: on
+
+
+def _units(problem: FitProblem, search: Found, best: int) -> tuple[str, ...]:
+    """Hints of units, by what the model gave where a search began."""
+    if search.first is None:
+        return ()
+    offset = [m.offset for e, m in problem.measurements if e.measured]
+    return unit_hints(_readings(problem, _known(problem, search.first[best])), offset)
 
 
 def _accuracy(problem: FitProblem, x: Tensor) -> tuple[Tensor, float]:
