@@ -89,11 +89,7 @@ def conclusions(
         warn(odd[0], UserWarning)
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
     status = int(statuses[best])
-    noise, memory = {}, {}
-    if problem.sigma_given:
-        noise = dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
-    if problem.memory is not None:
-        memory = dict(zip(problem.memory.names, problem.memory.rho.tolist(), strict=True))
+    noise, memory = _found_noise(problem)
     shapes = {
         e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
         for e in parameters.entries
@@ -114,6 +110,16 @@ def conclusions(
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
                 jacobian=J[best], problem=problem)
     # fmt: on
+
+
+def _found_noise(problem: FitProblem) -> tuple[dict[str, float], dict[str, float]]:
+    """Deviations by channel, and correlations by measurement, of those that were found."""
+    noise, memory = {}, {}
+    if problem.sigma_given:
+        noise = dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
+    if problem.memory is not None:
+        memory = dict(zip(problem.memory.names, problem.memory.rho.tolist(), strict=True))
+    return noise, memory
 
 
 def _units(problem: FitProblem, search: Found, best: int) -> tuple[str, ...]:
