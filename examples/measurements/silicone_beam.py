@@ -26,12 +26,13 @@ of the other record what was held and 0.4 to 0.6 s tell its own hand and origin,
 after these is predicted. Several files are fitted together, with one material.
 
 The authors' finite elements found E = 263.8 kPa for motion and sag; the search begins 20 % above
-it, as one from below may count a period too few. What the model cannot: the first swings, of 20 mm
-and more, which are damped more than those after them (they are left out; fitted too, they make the
-prediction twice as bad). Residuals are alike for a while, so that deviations count blocks of times;
-bands have as noise what the model missed in the last 0.2 s that were fitted, as it misses less
-where less moves. It ends with a line of JSON: parameters with 95 % intervals, the RMS by marker
-over what was predicted, the share of its readings that 95 % bands hold.
+it, as one from below may count a period too few (and says so then, `fit.doubts`). What the model
+cannot: the first swings, of 20 mm and more, which are damped more than those after them (they are
+left out; fitted too, they make the prediction twice as bad). Residuals are alike for a while, so
+that deviations count blocks of times; bands have as noise what the model missed in the last 0.2 s
+that were fitted, as it misses less where less moves. It ends with a line of JSON: parameters with
+95 % intervals, the RMS by marker over what was predicted, the share of its readings that 95 % bands
+hold.
 """
 
 import argparse

@@ -75,7 +75,8 @@ def design(
             else of variances), so that the design is good wherever these are
         log, derivatives, relative_step: as of `identify`
 
-    Places have no gradient here: where a sensor may go is said by as many candidates. (Fedorov
+    Places have no gradient here: where a sensor may go is said by as many candidates, which all
+    read the same simulations; a grid of spacing h loses h^2 of the criterion. (Fedorov
     1972, Theory of Optimal Experiments; Atkinson, Donev and Tobias 2007, Optimum Experimental
     Designs, with SAS.)
 

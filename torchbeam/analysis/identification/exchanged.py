@@ -16,6 +16,7 @@ from .problem import FitProblem
 from .readings import Readings
 
 FACTOR = 1.5  # of the misfit, by which an exchange is better
+ALIKE = 0.2  # of the distance of their offsets, which an exchange leaves at most to make them alike
 FEWEST = 3  # readings in a row
 TRIED = 4  # pairs
 NOISE = 25.0  # variances of the noise, that are at stake at least
@@ -40,19 +41,24 @@ class Channels:
         return self.like == other.like and same
 
 
-def exchange_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, scale: float) -> list[str]:
+def exchange_hints(
+    problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, scale: float, theta: Tensor
+) -> list[str]:
     """A sentence about the two whose exchange, all along or over a part of the record, would make
     the misfit smallest: with the parameters where one step of Gauss and Newton takes them then,
-    without an evaluation.
+    without an evaluation. Offsets of each channel take most of an exchange up, so that the misfit
+    is a little smaller only; but those of two markers of the same cameras, which are far apart,
+    become alike by it.
 
-    r (T,), J (T, p) weighted, C (p, p) covariance over the weighted noise, of `scale`
+    r (T,), J (T, p) weighted, C (p, p) covariance over the weighted noise, of `scale`; theta (p,)
     """
     if not all(torch.isfinite(part).all() for part in (r, J, C)):
         return []
-    data, best = problem.white.inverse(problem.target[0]), (1 / FACTOR**2, "")
+    data, best = problem.white.inverse(problem.target[0]), ((True, 1 / FACTOR**2), "")
     N, pull, squares = J.mT @ J, J.mT @ r, r.square().sum()
     for a, b, stretch in _likeliest(problem, r, J, C, data):
         there = (a.rows >= 0) & (b.rows >= 0)
+        zeros = [_offsets(problem, c) for c in (a, b)]
         for part in (slice(0, len(there)), stretch):
             first, two = (c.rows[part][there[part]] for c in (a, b))
             if part.stop - part.start < min(FEWEST, len(there)) or not len(first):
@@ -64,9 +70,37 @@ def exchange_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, scale: 
             step, more = C @ by, change @ (2 * r + change)
             left = squares + more - 2 * step @ (pull + by) + step @ N @ step
             share, fall = (left / squares).item(), by @ step - more  # of squares and priors
-            if share < best[0] and fall > NOISE * scale**2:
-                best = share, _sentence(a, b, part, share)
+            whole = part.stop - part.start == len(there)
+            alike = whole and share < 1 and _alike(*zeros, theta, theta - step)
+            if fall > NOISE * scale**2 and (not alike, share) < best[0]:
+                best = (not alike, share), _sentence(a, b, part, share, alike)
     return [best[1]] * bool(best[1])
+
+
+def _offsets(problem: FitProblem, channels: Channels) -> list[int]:
+    """Places among the parameters of a marker's offsets, one for each of its numbers; none of what
+    has not each, or is one number alone.
+    """
+    nuisance, (experiment, *_) = problem.nuisance, channels.like
+    prefix = "offset of " if experiment is None else f"{experiment}.offset of "
+    offset = torch.tensor([n.startswith(prefix) for n in nuisance.names], dtype=torch.bool)
+    if channels.rows.shape[1] < 2 or not offset.any():
+        return []
+    rows, places = nuisance.rows[:, problem.known][offset], nuisance.place[offset].tolist()
+    found = []
+    for column in channels.rows.unbind(1):
+        there = column[column >= 0]
+        if len(there) and (own := rows[:, there[0]].nonzero()[:, 0]).numel():
+            found.append(places[int(own[0])])
+    return found if len(found) == channels.rows.shape[1] else []
+
+
+def _alike(one: list[int], two: list[int], before: Tensor, after: Tensor) -> bool:
+    """Whether two markers' offsets are alike after, as they were not before."""
+    if not one or not two:
+        return False
+    apart = [torch.linalg.vector_norm(theta[one] - theta[two]) for theta in (before, after)]
+    return bool(apart[1] < ALIKE * apart[0])
 
 
 def _likeliest(
@@ -113,8 +147,8 @@ def _groups(problem: FitProblem) -> list[list[Channels]]:
     return groups
 
 
-def _sentence(a: Channels, b: Channels, part: slice, share: float) -> str:
-    where = ""
+def _sentence(a: Channels, b: Channels, part: slice, share: float, alike: bool) -> str:
+    where, so = "", ", and their offsets alike" * alike
     if part.stop - part.start < len(a.rows):
         ends = part.start, part.stop - 1
         where = f" from reading {ends[0]} to {ends[1]}"
@@ -122,7 +156,7 @@ def _sentence(a: Channels, b: Channels, part: slice, share: float) -> str:
             where = " from {:.4g} to {:.4g} s".format(*a.times[list(ends)].tolist())
     return (
         f"{a.name!r} and {b.name!r} seem to be exchanged{where}: with the data of each in the "
-        f"other's place the misfit would be {max(share, 0.0) ** 0.5:.2g} of what it is"
+        f"other's place the misfit would be {max(share, 0.0) ** 0.5:.2g} of what it is{so}"
     )
 
 

@@ -41,11 +41,10 @@ class Experiment:
         """Readings (N, numbers) of all its measurements, in a row; NaN of samples that failed."""
         given = parameters.given(theta, self.name)
         y, status = with_status(self.model(given), len(theta))
+        named = given if isinstance(given, dict) else None
         if isinstance(y, (Solution, State)):
             status = status_of(y, status)
-            parts = [
-                m.read(y, given if isinstance(given, dict) else None) for m in self.measurements
-            ]
+            parts = [m.read(y, named) for m in self.measurements]
         else:
             parts = [y] if self.single else y
             if unused := [m for m in self.measurements if m.sensor is not None]:
@@ -74,6 +73,10 @@ class Experiment:
             raise OtherShape(
                 f"a model that gave {len(parts)} tensors was given for {len(wanted)} measurements"
             )
+        parts = [  # a sensor has read with it
+            m.scaled(part, named) if m.sensor is None else part
+            for m, part in zip(self.measurements, parts, strict=True)
+        ]
         values = torch.cat([part.reshape(len(theta), -1) for part in parts], -1).to(theta.dtype)
         if status is None or not (concrete(status) != 0).any():
             return values

@@ -79,9 +79,9 @@ class Fit:
             each direction in which the parameters can change by their own size while the misfit
             stays; empty where all are determined. `open` (p,) bool says which parameters these are
             about
-        hints: sentences about what looks wrong: units, a misfit above sigma, residuals that are
-            alike or have a line, bounds that are reached. `doubts` are those of the misfit and its
-            residuals, with which `interval` warns
+        hints: sentences about what looks wrong: units, exchanged markers, bounds that are reached,
+            what data hardly tell apart. `doubts` are those of the misfit: above sigma, alike, with
+            a line, some periods off; `interval` warns with them
         message: the status in words, with these sentences, and what the model raised at trials
         iterations: evaluations of the model and its derivatives, less the first
         derivatives: how these were found
@@ -225,8 +225,8 @@ class Fit:
             model: as `identify` takes one, of another load, place or time; None = the model that
                 was fitted
             sensor, times: by which a Solution is read, see `tb.observe`; times (s) None = those of
-                the solution. Offsets, drifts, delays, clocks, places and frames of instruments
-                are not in it
+                the solution. Gains, offsets, drifts, delays, clocks, places and frames of
+                instruments are not in it
             measurement: in place of a sensor the name of a `Measurement` of the fit: what that
                 would read at `times`, None = its own, with all that was found of the instrument,
                 and its share of the band

@@ -14,16 +14,21 @@ from .residuals import FEWEST, Residuals, ResidualTest
 
 UNIT = 1000.0
 NEAR = 5.0  # factor by which a start may be off that has the right unit
+KNOWN = 0.1  # of a parameter's size, to which it is known with the others where they are
+SHOWN = 0.1  # of a direction: smaller parts are not named
 ALARM = 0.01  # of the fits of models that are right, in which any test may find something
 
 
-def unit_hints(readings: Sequence[Readings]) -> tuple[str, ...]:
-    """Channels whose data are about a thousand times the model's at the start, or a thousandth."""
+def unit_hints(readings: Sequence[Readings], offset: Sequence[bool]) -> tuple[str, ...]:
+    """Channels whose data are about a thousand times the model's at the start, or a thousandth; of
+    those with an `offset` what is beside their mean.
+    """
     said = []
-    for reading in readings:
+    for reading, shifted in zip(readings, offset, strict=True):
         for label, data, y in reading.channels():
             known = ~(data.isnan() | y.isnan())
-            size, own = (v[known].square().mean().sqrt().item() for v in (data, y))
+            both = (v[known] - shifted * v[known].mean() for v in (data, y))
+            size, own = (v.square().mean().sqrt().item() for v in both)
             if not size or not own or not math.isfinite(own):
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / own
@@ -66,17 +71,17 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     channel = problem.noise.channel[problem.known]  # -1: sigma is known
     every = problem.measured & (channel < 0) & problem.independent
     whole = Residuals("", None, r[every], J[every], C, True)
-    series = [
+    channels = [
         Residuals(name, times, r[rows], J[rows], C, channel[rows[0]].item() < 0)
-        for name, rows, times in _series(problem)
+        for _, name, rows, times in series(problem)
         if problem.independent[rows[0]] and _is_noisy(r[rows], problem.target[0][rows])
     ]
-    parts = series if len(series) > 1 else []
+    parts = channels if len(channels) > 1 else []
     sizes, each = (
         [rest.excess() for rest in some if rest.known and rest.left >= 1]
         for some in ([whole], parts)
     )
-    long = [rest for rest in series if rest.left >= FEWEST]
+    long = [rest for rest in channels if rest.left >= FEWEST]
     alike, lines = [rest.correlation() for rest in long], [rest.line() for rest in long]
     level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines), 1)
     said = [
@@ -98,8 +103,10 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     return tuple(f"{sentence}, and stated intervals are too narrow" for sentence in said)
 
 
-def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
-    """Name, rows (n,) of the data in the order of their times, and these, of each channel."""
+def series(problem: FitProblem) -> Iterator[tuple[str | None, str, Tensor, Tensor | None]]:
+    """Experiment, name, rows (n,) of the data in the order of their times, and these, of each
+    channel.
+    """
     for e, m, rows in problem.rows():
         readings = Readings(e.name, m.labels, m.times, m.values, rows, None)
         for name, _, column in readings.channels() if e.measured else ():
@@ -107,7 +114,8 @@ def _series(problem: FitProblem) -> Iterator[tuple[str, Tensor, Tensor | None]]:
             order = order if m.times is None else m.times.argsort()
             there = order[column[order] >= 0]
             if len(there):
-                yield name, column[there], None if m.times is None else m.times[there]
+                times = None if m.times is None else m.times[there]
+                yield e.name, name, column[there], times
 
 
 def _is_noisy(r: Tensor, data: Tensor) -> bool:
@@ -133,4 +141,33 @@ def bound_hints(names: Sequence[str], theta: Tensor, held: Tensor) -> tuple[str,
         "one-sided, and those of others take it as it is"
         for name, value, at in zip(names, theta.tolist(), held.tolist(), strict=True)
         if at
+    )
+
+
+def tangled_hints(
+    names: Sequence[str], size: Tensor, alone: Tensor, covariance: Tensor
+) -> tuple[str, ...]:
+    """Parameters that data tell together and, within the noise, not one by one: each would be known
+    well with the others where they are, and has a deviation above its own size.
+
+    size (p,) of changes that matter;  alone (p,) deviations with the others where they are;
+    covariance (p, p) of all together, zeros of those that are not in question
+    """
+    deviation = covariance.diagonal().sqrt()
+    some = ((alone < KNOWN * size) & (deviation > size)).nonzero()[:, 0]
+    if len(some) < 2:
+        return ()
+    unit = size[some]
+    direction = torch.linalg.eigh(covariance[some][:, some] / unit / unit[:, None])[1][:, -1]
+    parts = (direction.abs() > SHOWN).nonzero()[:, 0].tolist()
+    if len(parts) < 2:
+        return ()
+    shares = (100 * direction * direction[parts[0]].sign()).tolist()
+    together = ", ".join(f"{names[some[k]]} {shares[k]:+.0f} %" for k in parts)
+    most = (deviation / size)[some].max().item()
+    return (
+        f"the data hardly tell {len(parts)} parameters apart, which change together: {together}; "
+        f"deviations are up to {most:.2g} times their sizes, where each alone would be known to "
+        f"{100 * (alone / size)[some].max().item():.2g} %; one that is known, or has a prior, is "
+        "wanted",
     )

@@ -1,4 +1,4 @@
-"""Measurement: what an instrument recorded, with its noise, clock, offset, drift and hum."""
+"""Measurement: what an instrument recorded, with its noise, clock, gain, offset, drift and hum."""
 
 from __future__ import annotations
 
@@ -64,6 +64,10 @@ class Measurement:
         hum: Hz of a wave that each channel reads beside, as that of the mains: a number, or the
             name of a parameter that is it, or several. Its cosine and sine, from time 0 of the
             instrument's clock, are parameters beside, which cost no evaluations
+        gain: what a channel reads over what is there, before offset, drift and hum: a number, or
+            one for each channel; or the name of a parameter that is it, of either shape. Where a
+            force or an amplitude is not known either, data tell their product alone: a prior of the
+            gain, as data sheets have it, is wanted then
 
     Examples:
         >>> times = torch.linspace(0, 0.1, 6)
@@ -105,6 +109,7 @@ class Measurement:
     baseline: Callable[[Tensor], Tensor] | None = None
     loss: str | None = None
     hum: Any = ()
+    gain: Value | str = 1.0
 
     def __post_init__(self) -> None:
         choice("noise", self.noise, NOISES)
@@ -169,6 +174,8 @@ class Measurement:
             if not isinstance(value := getattr(self, name), str):
                 value = finite(name, as_tensor(value, dtype, device))
                 object.__setattr__(self, name, value)
+        if not isinstance(self.gain, str):
+            object.__setattr__(self, "gain", self._known_gain(dtype, device))
         late = [n for n in CLOCKS if isinstance(v := getattr(self, n), str) or (v != 0).any()]
         if (self.sensor is None or self.times is None) and (late or self.rate):
             what = " and ".join([*late, *["rate"] * self.rate])
@@ -186,6 +193,19 @@ class Measurement:
             )
         times = () if self.times is None else as_tensor(self.times, *common_dtype(self.times)).shape
         return torch.full((*times, self.sensor.size), torch.nan)
+
+    def _known_gain(self, dtype: torch.dtype, device: torch.device) -> Tensor:
+        """The gain that was given, one number or of the channels' shape."""
+        gain = finite("gain", as_tensor(self.gain, dtype, device))
+        if gain.shape not in ((), self.channels):
+            raise ValueError(
+                f"a gain of shape {tuple(gain.shape)} was given for {self._of} of shape "
+                f"{tuple(self.values.shape)}; a number, or one for each channel "
+                f"{tuple(self.channels)}, is wanted"
+            )
+        if (gain == 0).any():
+            raise refusal("a gain of 0, which reads nothing,", "another")
+        return gain
 
     def check_measured(self) -> None:
         """ValueError where nothing was measured."""
@@ -237,18 +257,22 @@ class Measurement:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of parameters that it wants."""
-        named = (self.delay, self.clock, *self.hum, *self.place.values())
+        named = (self.delay, self.clock, self.gain, *self.hum, *self.place.values())
         return (
             *(v for v in named if isinstance(v, str)),
             *(() if self.frame is None else self.frame.parameters),
         )
 
     @property
+    def channels(self) -> torch.Size:
+        """Their shape: that of the values behind times, or poses."""
+        along = self.times is not None or self.values.ndim > 1
+        return self.values.shape[1:] if along else torch.Size()
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """One for each channel."""
-        channels = (
-            self.values.shape[1:].numel() if self.times is not None or self.values.ndim > 1 else 1
-        )
+        channels = self.channels.numel()
         of = isinstance(self.sensor, Sensor) and self.sensor.size == channels
         name = self.name or (self.sensor.name if of else "")
         if channels == 1:
@@ -260,7 +284,7 @@ class Measurement:
 
     def read(self, solution: Any, parameters: Mapping[str, Tensor] | None = None) -> Tensor:
         """Readings (N, *values.shape) of a solution of N samples, or of a state of rest (N, ...);
-        `parameters` (N, ...) by name where delay, clock, place or frame are some.
+        `parameters` (N, ...) by name where delay, clock, gain, place or frame are some.
         """
         if self.sensor is None or (self.times is None) is not isinstance(solution, State):
             raise ValueError(
@@ -272,7 +296,7 @@ class Measurement:
             )
         if isinstance(solution, State):
             readings = self.sensor_of(parameters, solution.position.ndim - 3)(solution)
-            return self._shaped(readings, readings.ndim - 1)
+            return self.scaled(self._shaped(readings, readings.ndim - 1), parameters)
         delay, clock = (
             parameters[v] if isinstance(v, str) else v for v in (self.delay, self.clock)
         )
@@ -284,7 +308,30 @@ class Measurement:
                 "a model that gave a Solution without batch axes",
                 "one sample for each row of theta",
             )
-        return self._shaped(readings.movedim(0, 1), readings.ndim - 1)
+        return self.scaled(self._shaped(readings.movedim(0, 1), readings.ndim - 1), parameters)
+
+    def scaled(self, readings: Tensor, parameters: Mapping[str, Tensor] | None) -> Tensor:
+        """What is there (N, ..., *channels), times the gain. Raises ValueError for a parameter that
+        has neither one number nor one for each channel, and for readings of other channels.
+        """
+        gain, channels = self.gain, self.channels
+        if isinstance(gain, str):
+            gain = parameters[gain]
+            if gain[0].numel() != 1 and gain.shape[1:] != channels:
+                raise refusal(
+                    f"the gain {self.gain!r} of shape {tuple(gain.shape[1:])}",
+                    f"one number, or one for each channel {tuple(channels)},",
+                )
+            own = gain.shape[1:] if gain[0].numel() > 1 else ()
+            gain = gain.reshape(len(gain), *(1,) * (readings.ndim - 1 - len(own)), *own)
+        else:
+            own = gain.shape
+        if own and readings.shape[readings.ndim - len(own) :] != channels:
+            raise ValueError(
+                f"a model that gave {tuple(readings.shape)} was given for channels "
+                f"{tuple(channels)}, each with its gain; (N, ..., *channels) is wanted"
+            )
+        return readings * gain
 
     def _shaped(self, readings: Tensor, axes: int) -> Tensor:
         """Readings (N, ...) of the shape of the values, where they are as many."""

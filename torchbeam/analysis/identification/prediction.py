@@ -196,9 +196,10 @@ def _reader(
     def read(theta: Tensor) -> Tensor:
         values = problem.parameters.given(theta, experiment)
         y, status = with_status(model(values), len(theta))
+        named = values if isinstance(values, dict) else None
         if isinstance(y, (Solution, State)) and isinstance(sensor, Measurement):
             status = status_of(y, status)
-            y = sensor.read(y, values if isinstance(values, dict) else None)
+            y = sensor.read(y, named)
         elif isinstance(y, (Solution, State)):
             if sensor is None:
                 raise ValueError(
@@ -230,6 +231,8 @@ def _reader(
                 f"a model that gave {what} for {len(theta)} samples was given to predict; a "
                 f"tensor ({len(theta)}, ...) or a Solution is wanted"
             )
+        if isinstance(sensor, Measurement) and sensor.sensor is None:
+            y = sensor.scaled(y, named)
         if status is None:
             return y
         return torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y, torch.nan)

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from ...math.distributions import beta_probability
+from .spectrum import Spectrum
 
 FEWEST = 20  # degrees of freedom of a series that is tested for its order
 LAGS = 10
@@ -24,9 +25,6 @@ LAGS = 10
 HEAVY = 15
 #             lighter one: counted to 1e-3 in 200,000 series of noise of 20, 40 and 100 readings,
 #                 50,000 of 400
-# of the mean step between readings, to which times are rounded: a line at the highest frequency
-# loses 1 % by that
-PARTS = 8
 DETERMINED = 1e-3  # of a line's squares that the parameters leave, below which it is theirs
 
 
@@ -121,18 +119,10 @@ class Residuals:
         independent. (Fisher 1929, Proc. R. Soc. A 125, 54; of irregular times Scargle 1982,
         Astrophys. J. 263, 835.)
         """
-        n = len(self.r)
-        times = torch.arange(n).to(self.r) if self.times is None else self.times
-        step = ((times[-1] - times[0]) / (n - 1)).item()
-        if not step > 0:
+        n, spectrum = len(self.r), Spectrum.of(self.times, self.r)
+        if spectrum is None:
             return ResidualTest(self.name, 1.0, 0.0)
-        place = (PARTS * (times - times[0]) / step).round().long()
-
-        # sums of values * exp(-i w t), or at 2 w
-        def transform(values: Tensor, double: bool = False) -> Tensor:
-            full = torch.fft.rfft(values.new_zeros(2 * PARTS * n).index_add(0, place, values))
-            return full[4 : 2 * n : 2] if double else full[2:n]
-
+        transform = spectrum.transform
         r, D = transform(self.r), transform(torch.ones_like(self.r), double=True)
         W = D.new_zeros(len(D), self.J.shape[1])
         for k, column in enumerate(self.J.unbind(-1)):
@@ -147,7 +137,7 @@ class Residuals:
         k = int(fall.argmax())
         share = min(fall[k].item() / self.left, 1 - 1e-12)
         tail = len(fall) * math.exp((self.freedom / 2 - 1) * math.log1p(-share))
-        period = 2 * n * step / (k + 2)
+        period = spectrum.period(k)
         at = (
             f"of {period:.3g} readings a period"
             if self.times is None

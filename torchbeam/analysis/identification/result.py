@@ -12,7 +12,8 @@ from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED,
 from ...solvers.region import Region
 from .covariance import Spread
 from .exchanged import exchange_hints
-from .hints import bound_hints, misfit_hints, noise_hints, unit_hints
+from .hints import bound_hints, misfit_hints, noise_hints, tangled_hints, unit_hints
+from .periods import period_hints
 from .problem import FitProblem
 from .readings import Readings
 from .undetermined import undetermined
@@ -70,24 +71,25 @@ def conclusions(
     variance = ((plain @ spread.free[determined][:, determined]) * plain).sum(-1)
     deviation = _everywhere(problem, variance.clamp(min=0).sqrt())
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
-    odd: tuple[str, ...] = ()
-    if search.first is not None:
-        odd = unit_hints(_readings(problem, _known(problem, search.first[best])))
+    odd = _units(problem, search, best)
     doubts: tuple[str, ...] = ()
     if spread.scale:
-        doubts = misfit_hints(problem, r[best], seen, spread.white[determined][:, determined])
-    exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale)
+        white = spread.white[determined][:, determined]
+        doubts = (*period_hints(problem, r[best], J[best], best, x[best]),
+                  *misfit_hints(problem, r[best], seen, white))  # fmt: skip
+    exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale, theta[best])
     bounded = bound_hints(parameters.names, theta[best], spread.held)
-    hints = (*odd, *noise_hints(spare, problem.sigma_given), *exchanged, *doubts, *bounded)
+    seen_by = J[best].square().sum(0) + bend[best]
+    told = spread.free * determined * determined[:, None]
+    alone = spread.scale * seen_by.rsqrt()
+    tangled = tangled_hints(parameters.names, at_unit[best], alone, told)
+    hints = (*odd, *noise_hints(spare, problem.sigma_given), *exchanged, *doubts, *bounded,
+             *tangled)  # fmt: skip
     if odd:
         warn(odd[0], UserWarning)
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
     status = int(statuses[best])
-    noise, memory = {}, {}
-    if problem.sigma_given:
-        noise = dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
-    if problem.memory is not None:
-        memory = dict(zip(problem.memory.names, problem.memory.rho.tolist(), strict=True))
+    noise, memory = _found_noise(problem)
     shapes = {
         e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))
         for e in parameters.entries
@@ -108,6 +110,24 @@ def conclusions(
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
                 jacobian=J[best], problem=problem)
     # fmt: on
+
+
+def _found_noise(problem: FitProblem) -> tuple[dict[str, float], dict[str, float]]:
+    """Deviations by channel, and correlations by measurement, of those that were found."""
+    noise, memory = {}, {}
+    if problem.sigma_given:
+        noise = dict(zip(problem.noise.names, problem.deviations.tolist(), strict=True))
+    if problem.memory is not None:
+        memory = dict(zip(problem.memory.names, problem.memory.rho.tolist(), strict=True))
+    return noise, memory
+
+
+def _units(problem: FitProblem, search: Found, best: int) -> tuple[str, ...]:
+    """Hints of units, by what the model gave where a search began."""
+    if search.first is None:
+        return ()
+    offset = [m.offset for e, m in problem.measurements if e.measured]
+    return unit_hints(_readings(problem, _known(problem, search.first[best])), offset)
 
 
 def _accuracy(problem: FitProblem, x: Tensor) -> tuple[Tensor, float]:

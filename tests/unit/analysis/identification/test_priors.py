@@ -223,3 +223,28 @@ def test_outside_of_the_prior_is_not_gone():
             atol=0,
         )
         assert fit.interval()[1, 1] < 0.5
+
+
+def test_inputs_that_were_measured_have_noise_of_their_own():
+    """A line through readings whose abscissae have noise too: these are parameters with what was
+    read as their prior, and the slope is that of total least squares (Deming 1943, Statistical
+    Adjustment of Data), not the flatter one of least squares.
+    """
+    random = torch.Generator().manual_seed(0)
+    true = torch.linspace(0, 1, 20)
+    x = true + 0.1 * torch.randn(20, generator=random)
+    y = 0.5 + 2 * true + 0.1 * torch.randn(20, generator=random)
+
+    def line(theta):
+        return theta["a"][:, None] + theta["b"][:, None] * theta["x"]
+
+    start = {"a": 0.0, "b": 1.0, "x": tb.Parameter(x, prior=Normal(x, 0.1))}
+    fit = tb.identify(line, y, start, sigma=0.1, tolerance=1e-8)
+    dx, dy = x - x.mean(), y - y.mean()
+    xx, xy, yy = dx @ dx, dx @ dy, dy @ dy
+    slope = (yy - xx + ((yy - xx).square() + 4 * xy.square()).sqrt()) / (2 * xy)
+    assert fit.status == 0
+    torch.testing.assert_close(fit["b"], slope, rtol=1e-5, atol=0)
+    assert slope > 1.03 * xy / xx
+    (low, high) = fit.interval(0.95)[1]
+    assert low < 2 < high
