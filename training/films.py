@@ -25,7 +25,7 @@ from .policies import load
 
 POLICIES = Path(__file__).parent / "policies"
 # of a film: pictures, how many a second, inches, dots an inch, colours; m, by which it goes beyond
-PICTURES, PACE, SIZE, DOTS, COLOURS, ROOM = 36, 9.0, (4.0, 3.6), 75, 32, 0.05
+PICTURES, PACE, SIZE, DOTS, COLOURS, ROOM = 36, 9.0, (4.0, 3.6), 75, 64, 0.05
 # of each task: the controller that does most, a learned one by its file, and the share of an
 # episode that is shown
 PLAYERS = {
@@ -88,13 +88,12 @@ def film(name: str, path: Path) -> None:
     scene = solid(env)
     root = env.task.usual.nodes[0]
     (ax,) = tb.plot.grid(1, 1, SIZE, three=(0,))
-    ax.figure.subplots_adjust(0, 0, 1, 1)
     seen = torch.cat([states.position.flatten(0, -2), targets, root[None]])
     middle, half = (seen.amax(0) + seen.amin(0)) / 2, (seen.amax(0) - seen.amin(0)).max() / 2 + ROOM
     for axis, at in zip("xyz", middle.tolist(), strict=True):
         getattr(ax, f"set_{axis}lim")(at - half.item(), at + half.item())
     ax.view_init(*VIEWS.get(name, (18, -60)))
-    goal = ax.plot(*targets[:1].T.tolist(), "o", ms=9, mfc="none", mew=2, color=GOAL, zorder=9)[0]
+    goal = ax.plot(*targets[:1].T.tolist(), "o", ms=11, mfc="none", mew=3, color=GOAL, zorder=9)[0]
     time_ = ax.text2D(0.03, 0.95, "", transform=ax.transAxes, family="monospace", fontsize=9)
 
     def beside(k: int) -> None:
@@ -102,7 +101,7 @@ def film(name: str, path: Path) -> None:
         time_.set_text(f"{k * interval:.1f} s")
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    tb.plot.animate(states, path, ax, scene=scene, fps=PACE, dpi=DOTS, beside=beside)
+    tb.plot.animate(states, path, ax, scene=scene, fps=PACE, dpi=DOTS, trail=False, beside=beside)
     with Image.open(path) as image:
         frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(image)]
     palette = frames[-1].quantize(COLOURS)
