@@ -70,12 +70,11 @@ def train(
     A run whose checkpoint is there, of the same task, settings and budget, goes on from it. With a
     budget of steps alone, it then ends in the same bits as a run that was never stopped. When
     `watch.SHARES` of the budget are used up, the policy is scored on `episodes` validation episodes
-    (None: `VALIDATIONS`) and a checkpoint is written; the time that takes is not in `seconds`, the CPU seconds of this
-    process: what else the machine does is not in them, and those of a run that goes on add up. The
-    policy of the best such score is the one that is saved, in float64, and scored on `final`
-    held-out episodes (None: `EPISODES`; either, where nothing or little is random, `tuned.FEW`), which
-    choose nothing: `chosen_steps` says when it was met, `last_return` is
-    that of the last policy.
+    (None: `VALIDATIONS`, or `tuned.FEW`) and a checkpoint is written; the time that takes is not in
+    `seconds`, the CPU seconds of this process: what else the machine does is not in them, and those
+    of a run that goes on add up. The policy of the best such score is the one that is saved, in
+    float64, and scored on `final` held-out episodes (None: `EPISODES`, or `tuned.FEW`), which
+    choose nothing: `chosen_steps` says when it was met, `last_return` is that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release, does not fit the learner, or holds more than tensors and plain data: nothing in

@@ -33,10 +33,10 @@ PLAYERS = {
     "ik": ("resolved-rate", 0.4),
     "obstacles": ("waypoints", 0.6),
     "obstacles-3d": ("resolved-rate", 1.0),
-    "track-target": ("resolved-rate", 0.4),
-    "reach-pose": ("resolved-rate", 0.5),
-    "reach-behind": ("resolved-rate", 0.3),
-    "reach-nest": ("resolved-rate", 0.3),
+    "track-target": ("resolved-rate", 0.2),
+    "reach-pose": ("resolved-rate", 0.4),
+    "reach-behind": ("resolved-rate", 0.15),
+    "reach-nest": ("resolved-rate", 0.15),
 }
 
 
@@ -65,7 +65,12 @@ def played(name: str) -> tuple[Any, tb.State, torch.Tensor, float]:
             targets.append(env.task.target(env.state)[0, 0])
         observation, *_ = env.step(controller(observation))
     pictures = max(1, len(states) - 1)
-    return env, type(states[0]).stack(states), torch.stack(targets), last / pictures * env.config.control_interval
+    return (
+        env,
+        type(states[0]).stack(states),
+        torch.stack(targets),
+        last / pictures * env.config.control_interval,
+    )
 
 
 def solid(env: Any) -> tb.Scene:

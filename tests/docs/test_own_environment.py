@@ -21,9 +21,6 @@ PAGE = (Path(__file__).parents[2] / "docs" / "own_environment.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
-WHOLE = next(k for k, block in enumerate(BLOCKS) if "SixTendon" in block)
-
-
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     """The first block, as a module of its own."""
@@ -95,8 +92,6 @@ def test_the_blocks_run(arm):
     torch.set_default_dtype(torch.float32)
     names = dict(vars(arm))
     for block in BLOCKS[1:]:
-        if "SixTendon" in block:
-            break
         if "stable_baselines3" not in block:
             exec(block, names)
     payload = names["many"].state.plant.params["payload"]
@@ -173,56 +168,3 @@ def test_another_support_and_actuator(arm):
     assert beam.spin[:, 0, 2].abs().min() > 0 and beam.spin[:, 0, :2].abs().max() < 1e-9
     assert beam.position[:, -1, 1:].abs().max() < 1e-9
     torch.testing.assert_close(beam.position[0, :, 1], -beam.position[1, :, 1], rtol=0, atol=1e-9)
-
-
-@pytest.fixture(scope="module")
-def six(arm, tmp_path_factory):
-    """The arm of two segments, as a module of its own, in a folder where its results go."""
-    folder = tmp_path_factory.mktemp("six")
-    (folder / "six_tendons.py").write_text(f"from tendon_arm import *\n{BLOCKS[WHOLE]}")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(folder))
-        patch.chdir(folder)
-        yield importlib.import_module("six_tendons")
-    gymnasium.registry.pop("SixTendonArm-v0", None)
-
-
-def test_six_tendons_bend_two_segments(six):
-    """In equilibrium, pulled by 4 N of the others' 2 N (N = T x eye beside it, each element bends
-    by T r / EI): a tendon that ends in the middle bends the first half alone, one that runs on
-    bends both; equal tensions bend nothing.
-    """
-    env = six.SixTendonVectorEnv(1, elements=4, gravity=None, payload=0.0)
-    env.reset(seed=0)
-    EI = 1e6 * np.pi * 0.01**4 / 4
-    for k, halves in ((None, (0, 0)), (0, (1, 0)), (3, (1, 1))):
-        pulls = {f"pull {i}": [4.0 if i == k else 2.0] for i in range(6)}
-        rotation = tb.equilibrium(env.scene, inputs=pulls).rotation.reshape(5, 4)
-        q = rotation[[0, 2, 4]]
-        turns = 2 * torch.acos((q[1:] * q[:-1]).sum(-1).abs().clamp(max=1))
-        wanted = 2.0 * 0.012 / EI * 0.15 * torch.tensor(halves).double()
-        torch.testing.assert_close(turns, wanted, rtol=0.05, atol=1e-6)
-
-
-def test_the_whole_arm_is_learned_on(six):
-    """The blocks, with a budget of two updates: policies of both learners, scores on both meshes,
-    plants drawn from the ranges; stable-baselines3's steps and the film.
-    """
-    pytest.importorskip("stable_baselines3")
-    pytest.importorskip("PIL")
-    torch.set_default_dtype(torch.float32)
-    names = dict(vars(six))
-    small = [("200_000", "128"), ("num_envs=32", "num_envs=4"), ("name=name", "name=name, episodes=2, final=2")]
-    small += [("policy, 64", "policy, 2"), ("horizon=16", "horizon=4"), ("range(20)", "range(2)")]
-    for block in BLOCKS[WHOLE + 1 :]:
-        for a, b in small:
-            block = block.replace(a, b)
-        exec(block, names)
-    for name in ("shac", "ppo"):
-        assert (Path("out/arm") / f"{name}.pt").exists()
-    env = names["learners"]["shac"].env
-    for name, (low, high) in six.drawn.items():
-        value = env.state.plant.params[name]
-        assert ((low <= value) & (value <= high)).all() and value.unique().numel() == 4
-    assert names["model"].num_timesteps == 64 and names["policy"].about["task"] == "six-tendons"
-    assert Path("out/arm/arm.gif").stat().st_size > 1000

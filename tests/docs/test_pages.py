@@ -21,7 +21,7 @@ spec.loader.exec_module(tables)
 README = ROOT / "README.md"
 PAGES = tables.pages()
 # run by the tests that are named after them
-ELSEWHERE = {"works_with.md", "own_environment.md", "control_libraries.md"}
+ELSEWHERE = {"works_with.md", "own_environment.md", "own_soft_arm.md", "control_libraries.md"}
 LINES = 200  # of the README, and about as many of a page
 # by page, what it says in words of what its blocks give: names -> number, and that
 SAID = {
