@@ -40,7 +40,7 @@ PLAYERS = {
 }
 
 
-GOAL = "#148c46"
+GOAL, PRESSED = "#148c46", dict(thickness=0.01, force=1.0)  # nothing is simulated by that
 VIEWS = {"obstacles": (12, -80), "reach-behind": (12, -100)}  # degrees
 
 
@@ -83,8 +83,9 @@ def solid(env: Any) -> tb.Scene:
     bars = task.render_data(env.state).get("bars")
     if hasattr(task, "ends"):  # of a plane, too, where discs are drawn else
         bars = task.ends(env.state).unflatten(-1, (-1, 2, 3))
-    round_bars = [] if bars is None else [tb.Capsule(a, b, task.bar_radius) for a, b in bars[0]]
-    return tb.Scene(beam, [tb.Contact(bar, thickness=0.01, force=1.0) for bar in round_bars])
+    bars = () if bars is None else bars[0]
+    solid = [tb.Contact(tb.Capsule(a, b, task.bar_radius), **PRESSED) for a, b in bars]
+    return tb.Scene(beam, [tb.SelfContact(radius=c.radius, **PRESSED), *solid])  # round, by this
 
 
 def film(name: str, path: Path) -> None:
