@@ -215,7 +215,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("shac", "follow"): 400_000,
     ("shac", "follow-3d"): 600_000,
     ("shac", "ik"): 350_000,
-    ("shac", "obstacles"): 24_000,  # as dear as thirty times as many of the others
+    ("shac", "obstacles"): 12_000,  # as dear as thirty times as many of the others
 }
 
 
@@ -258,7 +258,7 @@ WAYS: dict[str, dict[str, Any]] = {
             (-0.219, -1.895, -0.438, 0.789, -0.34),
             (-0.577, -1.541, 0.651, -0.11, -1.449),
         )
-    ),
+    )
 }
 
 
@@ -318,11 +318,12 @@ SHAC: dict[str, dict[str, Any]] = {
         **dict(teacher=_led("ik"), lessons=100, rate=5e-4, hidden=(128, 128)),
         "horizon": 16,
     },
+    # the way is narrow: at a rate of 5e-4 and a deviation of 0.03 what was taught was lost
     "obstacles": {
         **FOLLOWING,
         **SMOOTH,
-        **dict(teacher=_called("Waypoints", WAYS["obstacles"]), lessons=32, horizon=25),
-        **dict(num_envs=16, rate=5e-4, deviation=0.03, discount=0.98),
+        **dict(teacher=_called("Waypoints", WAYS["obstacles"]), lessons=12, horizon=25),
+        **dict(num_envs=16, rate=1e-4, deviation=0.01, discount=0.98),
     },
     "obstacles-3d": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
 }
