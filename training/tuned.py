@@ -215,7 +215,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("shac", "follow"): 400_000,
     ("shac", "follow-3d"): 600_000,
     ("shac", "ik"): 350_000,
-    ("shac", "obstacles"): 12_000,  # as dear as thirty times as many of the others
+    ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
 
 
@@ -322,7 +322,7 @@ SHAC: dict[str, dict[str, Any]] = {
     "obstacles": {
         **FOLLOWING,
         **SMOOTH,
-        **dict(teacher=_called("Waypoints", WAYS["obstacles"]), lessons=12, horizon=25),
+        **dict(teacher=_called("Waypoints", WAYS["obstacles"]), lessons=4, horizon=25),
         **dict(num_envs=16, rate=1e-4, deviation=0.01, discount=0.98),
     },
     "obstacles-3d": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
