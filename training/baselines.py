@@ -18,12 +18,13 @@ from torchbeam_envs.baselines import (
     Optimum,
     ResolvedRate,
     Static,
+    Waypoints,
     Zero,
     search,
 )
 
 from .evaluate import evaluate, make
-from .tuned import HIDDEN, PUBLISHED, REMEMBERING, RESOLVED, TRAINING, Task
+from .tuned import HIDDEN, PUBLISHED, REMEMBERING, RESOLVED, TRAINING, WAYS, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
@@ -138,6 +139,12 @@ def resolved_rate(task: Task) -> Controller:
     return controller
 
 
+def waypoints(task: Task) -> Controller:
+    controller = Waypoints(make(task, 1), **WAYS[task.name])
+    controller.settings = WAYS[task.name]
+    return controller
+
+
 BASELINES: dict[str, Callable[[Task], Controller]] = {
     "zero": lambda task: Zero(),
     "static": lambda task: Static(make(task, 1)),
@@ -148,8 +155,14 @@ BASELINES: dict[str, Callable[[Task], Controller]] = {
     "mpc-informed": lambda task: MPC(make(task, 1), informed=True),
     "optimum": optimum,
     "resolved-rate": resolved_rate,
+    "waypoints": waypoints,
 }
 LEADING = ("zero", "resolved-rate")  # of `PUBLISHED` tasks, whose actions hold no beam
+
+
+def leading(task: str) -> tuple[str, ...]:
+    """Those of a published task."""
+    return (*LEADING, "waypoints") if task in WAYS else LEADING
 
 
 def applies(algorithm: str, task: str) -> bool:
@@ -159,5 +172,5 @@ def applies(algorithm: str, task: str) -> bool:
     if algorithm in REMEMBERING:
         return task in HIDDEN
     if task in PUBLISHED:
-        return algorithm in LEADING or algorithm not in BASELINES
-    return algorithm != "resolved-rate"
+        return algorithm in leading(task) or algorithm not in BASELINES
+    return algorithm not in ("resolved-rate", "waypoints")

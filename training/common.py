@@ -26,7 +26,7 @@ from torchbeam.extend.commands import save as save_file
 from .evaluate import EPISODES, evaluate, make, scores
 from .options import add_budget, add_task
 from .policies import Policy, is_plain, read, save
-from .tuned import TASKS, TRAINING, VALIDATION, Task, budget
+from .tuned import FEW, TASKS, TRAINING, VALIDATION, Task, budget
 from .watch import VALIDATIONS, Bar, Best, Budget, Log, is_due, validation
 
 APART = 10_000  # seeds of episodes from one run to the next
@@ -60,8 +60,8 @@ def train(
     budget: Budget,
     *,
     name: str = "run",
-    episodes: int = VALIDATIONS,
-    final: int = EPISODES,
+    episodes: int | None = None,
+    final: int | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
     """Iterate until the budget is used up; writes NAME.csv (log), NAME.pt (policy) and, meanwhile,
@@ -70,11 +70,11 @@ def train(
     A run whose checkpoint is there, of the same task, settings and budget, goes on from it. With a
     budget of steps alone, it then ends in the same bits as a run that was never stopped. When
     `watch.SHARES` of the budget are used up, the policy is scored on `episodes` validation episodes
-    and a checkpoint is written; the time that takes is not in `seconds`, the CPU seconds of this
-    process: what else the machine does is not in them, and those of a run that goes on add up. The
-    policy of the best such score is the one that is saved, in float64, and scored on `final`
-    held-out episodes, which choose nothing: `chosen_steps` says when it was met, `last_return` is
-    that of the last policy.
+    (None: `VALIDATIONS`, or `tuned.FEW`) and a checkpoint is written; the time that takes is not in
+    `seconds`, the CPU seconds of this process: what else the machine does is not in them, and those
+    of a run that goes on add up. The policy of the best such score is the one that is saved, in
+    float64, and scored on `final` held-out episodes (None: `EPISODES`, or `tuned.FEW`), which
+    choose nothing: `chosen_steps` says when it was met, `last_return` is that of the last policy.
 
     Raises ValueError for a folder that cannot be written, and for a checkpoint that is damaged, of
     another release, does not fit the learner, or holds more than tensors and plain data: nothing in
@@ -82,7 +82,9 @@ def train(
     """
     folder, task = writable_folder(folder, parents=True), task.seen(learner.arguments.frames)
     checkpoint, log = folder / f"{name}.checkpoint", Log(folder / f"{name}.csv")
-    iteration, steps, seconds, judge, best = 0, 0, 0.0, make(task, episodes), Best()
+    episodes = FEW.get(task.name, VALIDATIONS) if episodes is None else episodes
+    final, judge = FEW.get(task.name, EPISODES) if final is None else final, make(task, episodes)
+    iteration, steps, seconds, best = 0, 0, 0.0, Best()
     settings = {**vars(learner.arguments), "budget": vars(budget), "task": repr(task)}
 
     def weights() -> dict[str, Any]:

@@ -78,7 +78,7 @@ def evaluate(
     success = (last <= task.tolerance).all(0) & ~terminated
     return {
         "return": total.mean().item(),
-        "return_deviation": total.std().item(),
+        "return_deviation": total.std().item() if episodes > 1 else 0.0,
         "discounted": discounts[0].mean().item(),
         "discounted_mean": discounts[1].mean().item(),
         "success": success.double().mean().item(),

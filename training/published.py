@@ -24,7 +24,7 @@ import numpy as np
 from torchbeam.extend.commands import csv_text, measured_on, results_folder, sentence, table, write
 
 from . import results, tuned
-from .baselines import BASELINES, LEADING
+from .baselines import BASELINES, leading
 from .curves import picture
 from .evaluate import EPISODES
 from .options import above_zero
@@ -163,7 +163,7 @@ def plan(options: argparse.Namespace) -> dict[results.Run, tuple[Budget, int]]:
     for seed in range(options.seeds):
         for task in options.tasks:
             source = PUBLISHED[task]
-            for name in (*LEADING, "shac") if source.learned else LEADING:
+            for name in (*leading(task), *(("shac",) if source.learned else ())):
                 fixed = name in BASELINES
                 run = results.Run(task, name, None if fixed else seed)
                 steps = None if fixed else round(options.share * tuned.budget(name, task))

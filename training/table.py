@@ -26,6 +26,7 @@ LABELS = {
     "mpc-informed": "MPC, plant known",
     "optimum": "open-loop optimum",
     "resolved-rate": "ResolvedRate",
+    "waypoints": "Waypoints",
     "ppo": "PPO",
     "sac": "SAC",
     "shac": "SHAC",

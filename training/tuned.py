@@ -194,8 +194,9 @@ TASKS["reach-pose"] = Task("reach-pose", "torchbeam/ReachPose-v0", **ARM)
 TASKS["reach-behind"] = Task("reach-behind", "torchbeam/ReachBehind-v0", **ARM)
 TASKS["reach-nest"] = Task("reach-nest", "torchbeam/ReachBehindNest-v0", **ARM)
 # episodes that tell enough of them: of one in which nothing is random
-FEW = {"track-target": 16, "reach-pose": 16, "reach-behind": 1, "reach-nest": 1}
-PUBLISHED = (*("follow", "follow-3d", "ik", "obstacles", "obstacles-3d"), *FEW)
+FEW = {"obstacles": 1, "track-target": 16, "reach-pose": 16, "reach-behind": 1, "reach-nest": 1}
+PUBLISHED = ("follow", "follow-3d", "ik", "obstacles", "obstacles-3d")
+PUBLISHED += ("track-target", "reach-pose", "reach-behind", "reach-nest")
 
 # what the results table is made for unless tasks are named
 NOMINAL = ("reach", "track", "flutter", "slew", "payload")
@@ -230,6 +231,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("shac", "follow"): 400_000,
     ("shac", "follow-3d"): 600_000,
     ("shac", "ik"): 350_000,
+    ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
 
 
@@ -256,17 +258,34 @@ TAUGHT: dict[str, dict[str, Any]] = {
 RESOLVED: dict[str, dict[str, float]] = {
     "follow": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
     "follow-3d": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
-    "ik": dict(gain=0.18, damping=0.001, lead=0.05, turn=0.3),
+    "ik": dict(gain=0.21, damping=0.002, lead=0.05, turn=0.15),
     "track-target": dict(gain=0.06, lead=0.1, ahead=0.1),
     "reach-pose": dict(gain=0.03, lead=0.15),
     "reach-behind": dict(gain=0.03, lead=0.15),
     "reach-nest": dict(gain=0.03, lead=0.15),
 }
+# of Waypoints, where nothing is random: found by a search in simulations of that very episode
+WAYS: dict[str, dict[str, Any]] = {
+    "obstacles": dict(
+        waypoints=(
+            (0.976, -1.164, -1.136, -1.146, -0.239),
+            (0.998, -1.433, -1.374, -0.794, 0.158),
+            (0.667, -1.874, -1.45, -0.213, 0.648),
+            (-0.219, -1.895, -0.438, 0.789, -0.34),
+            (-0.577, -1.541, 0.651, -0.11, -1.449),
+        )
+    )
+}
+
+
+def _called(name: str, settings: dict[str, Any]) -> str:
+    """A teacher by its settings."""
+    return f"{name}({', '.join(f'{key}={value}' for key, value in settings.items())})"
 
 
 def _led(task: str) -> str:
     """As a teacher: by the Jacobian of the arm as it stands."""
-    return f"ResolvedRate({', '.join(f'{name}={value}' for name, value in RESOLVED[task].items())})"
+    return _called("ResolvedRate", RESOLVED[task])
 
 
 # without a teacher SHAC takes 12 CPU seconds to a return above 0
@@ -315,7 +334,13 @@ SHAC: dict[str, dict[str, Any]] = {
         **dict(teacher=_led("ik"), lessons=100, rate=5e-4, hidden=(128, 128)),
         "horizon": 16,
     },
-    "obstacles": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
+    # the way is narrow: at a rate of 5e-4 and a deviation of 0.03 what was taught was lost
+    "obstacles": {
+        **FOLLOWING,
+        **SMOOTH,
+        **dict(teacher=_called("Waypoints", WAYS["obstacles"]), lessons=4, horizon=25),
+        **dict(num_envs=16, rate=1e-4, deviation=0.01, discount=0.98),
+    },
     "obstacles-3d": dict(**FOLLOWING, **SMOOTH, lessons=12, horizon=12, rate=2e-3),
 }
 SHAC["flutter-uncertain"]["frames"] = FRAMES_UNSTABLE

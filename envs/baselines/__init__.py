@@ -20,6 +20,7 @@ from .lqg import LQG, JointLQG
 from .mpc import MPC
 from .optimum import Optimum
 from .resolved_rate import ResolvedRate
+from .waypoints import Waypoints
 
 __all__ = [
     "LQG",
@@ -36,6 +37,7 @@ __all__ = [
     "Optimum",
     "ResolvedRate",
     "Static",
+    "Waypoints",
     "Zero",
     "search",
 ]

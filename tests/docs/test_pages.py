@@ -21,7 +21,8 @@ spec.loader.exec_module(tables)
 README = ROOT / "README.md"
 PAGES = tables.pages()
 # run by the tests that are named after them
-ELSEWHERE = {"works_with.md", "own_environment.md", "control_libraries.md", "textbook.md"}
+ELSEWHERE = {f"{page}.md" for page in (
+    "works_with", "own_environment", "own_soft_arm", "control_libraries", "textbook")}  # fmt: skip
 SHORT = 90  # lines of the README
 LINES = 200  # of a page, about
 # by page, what it says in words of what its blocks give: names -> number, and that

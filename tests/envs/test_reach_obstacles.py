@@ -5,7 +5,8 @@ does not enter them.
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs import ReachObstaclesVectorEnv
+from torchbeam_envs import FollowTargetVectorEnv, ReachObstaclesVectorEnv, TipReachVectorEnv
+from torchbeam_envs.baselines import Waypoints
 from torchbeam_envs.reach_obstacles import APART, BAND, CENTRES, Bars, axes_apart, bars
 
 from torchbeam import extend
@@ -98,3 +99,50 @@ def test_observations_are_as_published():
     np.testing.assert_allclose(observation[:, 10:13], [(0.8, 0, 0.35)] * 2, rtol=1e-6)
     with pytest.raises(ValueError, match="contact = 0"):
         ReachObstaclesVectorEnv(1, contact=0.0)
+
+
+def test_waypoints_are_gone_through_as_fast_as_they_may():
+    """A way of three corners: after k intervals the command is where a walk of k 0.05 rad has come
+    to, in the component that goes furthest, and in the end at the last corner; at half the pace
+    after twice as many; and it comes back where something else has led it away.
+    """
+    places = [[0.12, 0.0, -0.06, 0.0, 0.0], [0.12, 0.08, 0.0, 0.0, 0.0], [0.0, 0.08, 0.0, 0.0, 0.1]]
+    walk = np.array([[0.0] * 5, *places])
+    ends = np.append(0, np.abs(np.diff(walk, axis=0)).max(1).cumsum())
+    env = FollowTargetVectorEnv(2, planar=True, elements=5, autoreset_mode="Disabled")
+    for pace in (1.0, 0.5):
+        observation, _ = env.reset(seed=0)
+        controller = Waypoints(env, places, pace)
+        controller.begin(env)
+        for k in range(1, 14 if pace == 0.5 else 8):
+            observation, *_ = env.step(controller(observation))
+            wanted = [np.interp(0.05 * pace * k, ends, walk[:, i]) for i in range(5)]
+            np.testing.assert_allclose(env.task.command(env.state), [wanted] * 2, atol=1e-12)
+    np.testing.assert_allclose(wanted, places[-1], atol=1e-12)
+    env.step(np.full((2, 5), 0.4, np.float32))
+    env.step(controller(observation))
+    np.testing.assert_allclose(env.task.command(env.state), [places[-1]] * 2, atol=1e-8)
+
+
+def test_waypoints_for_another_task_are_refused():
+    arm = ReachObstaclesVectorEnv(1, planar=True)
+    with pytest.raises(ValueError, match="a soft arm"):
+        Waypoints(TipReachVectorEnv(1, elements=2), [[0.1]])
+    for bad in ([[0.1, 0.2]], [0.1] * 5, []):
+        with pytest.raises(ValueError, match="waypoints of shape"):
+            Waypoints(arm, bad)
+    with pytest.raises(ValueError, match="pace = 0"):
+        Waypoints(arm, [[0.1] * 5], 0)
+
+
+def test_the_stored_way_leads_the_tip_among_the_bars():
+    """To 0.8, 0.15 m behind six bars in 16 intervals, and there it stays: within 0.05 m."""
+    from training.tuned import WAYS
+
+    env = ReachObstaclesVectorEnv(1, planar=True, output="torch", autoreset_mode="Disabled")
+    observation, _ = env.reset(seed=0)
+    controller = Waypoints(env, **WAYS["obstacles"])
+    controller.begin(env)
+    for _ in range(17):
+        observation, reward, *_, info = env.step(controller(observation))
+    assert info["distance"].item() < 0.05 and reward.item() > 1.99

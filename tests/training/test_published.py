@@ -72,8 +72,10 @@ def test_the_table_is_made_of_the_runs_that_are_there(tmp_path, capsys):
     assert (tmp_path / "published.png").exists()
 
 
-def test_what_is_wanted_is_ten_seeds_and_two_controllers():
-    """Of what is learned; of what is led alone the controllers, on as many episodes as is said."""
+def test_what_is_wanted_is_ten_seeds_and_the_controllers():
+    """Of what is learned; of what is led alone the controllers, on as many episodes as is said. A
+    way is there where nothing is random.
+    """
     options = argparse.Namespace(seeds=10, tasks=[*published.PUBLISHED], share=1.0, episodes=256)
     wanted = published.plan(options)
     count: dict[str, dict[str, int]] = {}
@@ -82,5 +84,7 @@ def test_what_is_wanted_is_ten_seeds_and_two_controllers():
         own[run.algorithm] = own.get(run.algorithm, 0) + 1
     led = {"zero": 1, "resolved-rate": 1}
     assert count["ik"] == led | {"shac": 10} and count["reach-nest"] == led
+    assert count["obstacles"] == led | {"waypoints": 1, "shac": 10}
+    assert wanted[results.Run("obstacles", "shac", 3)][1] == 1
     assert wanted[results.Run("track-target", "zero", None)][1] == 16
     assert {*published.PUBLISHED} == {*tuned.PUBLISHED}

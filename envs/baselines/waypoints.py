@@ -1,0 +1,64 @@
+"""Waypoints: the command of a soft arm led through places of its own, whatever is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from ..core import BeamVectorEnv
+from ..soft_arm import SoftArm
+from .holding import Controller, vector_env
+
+
+class Waypoints(Controller):
+    """The command led from zero straight to each of the waypoints in turn, then held: no feedback
+    of the arm, but of the command, where something else has changed it. By how much it goes on is
+    measured in the component that goes furthest.
+
+    Args:
+        waypoints: (w, a) commands, in the units of the task's limits (rad, shares of a torque)
+        pace: share of the largest change of the command in an interval
+
+    Raises:
+        ValueError: for a task of another beam, or waypoints of another size.
+
+    Examples:
+        >>> env = envs.ReachObstaclesVectorEnv(2, planar=True)
+        >>> observation, _ = env.reset(seed=0)
+        >>> controller = baselines.Waypoints(env, [[0.5, 0.5, 0.0, 0.0, 0.0]])
+        >>> controller.begin(env)
+        >>> controller(observation).shape
+        (2, 5)
+    """
+
+    def __init__(
+        self, env: BeamVectorEnv, waypoints: Sequence[Sequence[float]], pace: float = 1.0
+    ) -> None:
+        env = vector_env(env)
+        if not isinstance(env.task, SoftArm):
+            raise ValueError(
+                f"{type(env.task).__name__} was given to Waypoints; a soft arm (ReachObstacles, "
+                "ReachBehind) is wanted"
+            )
+        places = torch.as_tensor(waypoints, dtype=env.dtype, device=env.device)
+        if places.ndim != 2 or places.shape[-1] != env.task.actions or not len(places):
+            raise ValueError(
+                f"waypoints of shape {tuple(places.shape)} were given; (w, {env.task.actions}) is "
+                "wanted"
+            )
+        if not pace > 0:
+            raise ValueError(f"pace = {pace} was given; a positive number is wanted")
+        self.places = torch.cat((torch.zeros_like(places[:1]), places))
+        lengths = (self.places[1:] - self.places[:-1]).abs().amax(-1)
+        self.ends = torch.cat((lengths.new_zeros(1), lengths.cumsum(0)))
+        self.pace = pace * env.task.change
+
+    def act(self, observation: Tensor) -> Tensor:
+        task, now = self.env.task, self.env.state
+        passed = (self.pace * (now.steps + 1).to(self.ends)).clamp(max=self.ends[-1])
+        k = torch.searchsorted(self.ends, passed).clamp(min=1)
+        share = ((passed - self.ends[k - 1]) / (self.ends[k] - self.ends[k - 1]))[:, None]
+        goal = torch.lerp(self.places[k - 1], self.places[k], share)
+        return task.held(now) + (goal - task.command(now)) / task.change
