@@ -34,7 +34,9 @@ def array_of(name: str, value: Any) -> np.ndarray:
     return as_tensor(value, dtype).detach().cpu().numpy()
 
 
-def write(path: str | Path, arrays: Mapping[str, np.ndarray], names: Mapping[str, list[str]]) -> Path:
+def write(
+    path: str | Path, arrays: Mapping[str, np.ndarray], names: Mapping[str, list[str]]
+) -> Path:
     """Arrays and lists of names into a file .npz or .mat, whole or not at all. Raises ValueError
     for another ending or no such folder, ImportError for .mat without scipy, NotWritten.
     """
@@ -43,9 +45,7 @@ def write(path: str | Path, arrays: Mapping[str, np.ndarray], names: Mapping[str
         try:
             from scipy.io import savemat
         except ImportError:
-            raise ImportError(
-                "a .mat file wants scipy: pip install 'torchbeam[control]'"
-            ) from None
+            raise ImportError("a .mat file wants scipy: pip install 'torchbeam[control]'") from None
     files.folder(path.parent)
     with files.written(path, path.suffix) as part:
         if path.suffix == ".npz":

@@ -242,7 +242,9 @@ class Linear:
         own = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
         own |= {"output": self.output, "reads": self.reads}
         if twice := [name for name in more if name in own or name == "inputs"]:
-            raise ValueError(f"{twice[0]!r} was given to save; a name that the file has not is wanted")
+            raise ValueError(
+                f"{twice[0]!r} was given to save, which the model has; another is wanted"
+            )
         arrays = {name: array_of(name, value) for name, value in {**own, **more}.items()}
         return write(path, arrays, {"inputs": labels(self.inputs)})
 
