@@ -120,11 +120,11 @@ class MPC(Controller):
         gap, flat = self.way.gaps(now, tips), each.flatten(1)
         g, H = self.way.quadratic(gap, own, flat, self.weight)
         if share is not None:
-            g, H = mean(g, H, share)
+            g, H = expected(g, H, share)
         return within_bounds(g, H, plan.flatten(1), self.damping).view_as(plan)
 
 
-def mean(g: Tensor, H: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
+def expected(g: Tensor, H: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
     """Of gradients (s n, m) and matrices (s n, m, m), by shares (s, n), of those that are finite
     where there are some.
     """
