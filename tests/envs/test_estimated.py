@@ -9,6 +9,7 @@ from torchbeam_envs import FlutterHoldVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Estimated
 from torchbeam_envs.baselines.estimated import LASTING
 from torchbeam_envs.baselines.mpc import expected
+from torchbeam_envs.plant import Plant
 from torchbeam_envs.uncertain import UNCERTAIN
 
 import torchbeam as tb
@@ -166,7 +167,9 @@ def test_a_plan_is_of_all_latencies_by_their_likelihood():
     assert (alone[0] - alone[-1]).abs().max() > 1e-3
     for k in (0, s - 1):
         few = BatchSubset(torch.arange(n) + n * k, n * s)
-        own = replace(few.gather(replace(now, plant=None)), plant=few.gather(now.plant))
+        step = tb.Stepper(few.gather(now.plant.stepper.scene), now.plant.stepper.dt)
+        plant = Plant({name: few.take(x, 0) for name, x in now.plant.params.items()}, step)
+        own = replace(few.gather(replace(now, plant=None)), plant=plant)
         inner.plan = start
         inner.decided(own)
         assert (inner.plan[:, :-1] - alone[k]).abs().max() < 1e-9

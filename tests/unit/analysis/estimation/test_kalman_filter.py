@@ -362,9 +362,8 @@ def test_a_structure_stands_while_its_parameters_stay(monkeypatch):
 def test_a_call_is_a_prediction_and_an_update(kind):
     """To the bit; two updates of one prediction are two calls."""
     parameters = {"E": tb.Parameter(1.0, transform="log", prior=LogNormal(0.0, 0.1))}
-    f = kind(
-        strip, tb.sensors.TipPosition()["z"], dt=0.01, noise=1e-3, parameters=parameters, bias=2e-3
-    )
+    tip = tb.sensors.TipPosition()["z"]
+    f = kind(lambda p: strip(p["E"]), tip, dt=0.01, noise=1e-3, parameters=parameters, bias=2e-3)
     z = f(f.start(amplitude=0.02), [0.004], up(0.1))
     predicted = f.predict(z, up(0.2))
     for y in ([0.003], None, [0.01]):
