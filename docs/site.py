@@ -108,7 +108,7 @@ GALLERY = {
     "Identification": (
         "identify", "identify_accelerometers", "identify_field", "identify_modes", "identify_wing",
         "identify_nuts", "identify_scipy"),
-    "Estimation": ("changing_stiffness", "slewing_payload"),
+    "Estimation": ("changing_stiffness", "slewing_payload", "two_imus"),
     "Uncertainty": (
         "monte_carlo", "uncertainty_intervals", "uncertainty_sensitivity",
         "uncertainty_rare_event", "uncertainty_controller"),

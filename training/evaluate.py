@@ -104,11 +104,20 @@ def discounted(rewards: torch.Tensor, lasted: torch.Tensor) -> tuple[torch.Tenso
 def evaluate_outside(
     task: Task, controller: Controller, episodes: int = EPISODES
 ) -> dict[str, float] | None:
-    """`evaluate` on plants outside of the training range: drawn from the ranges of
-    `tuned.WIDER`, each of them in at least one number beyond what the task draws. None where the
-    task draws nothing of these.
+    """`evaluate` on plants `outside` of the training range; None where the task draws nothing of
+    these.
+    """
+    found = outside(task, episodes)
+    if found is None:
+        return None
+    wide, env, seeds = found
+    return evaluate(wide, controller, episodes, seeds, env)
 
-    The seeds are the first ones of `tuned.OUTSIDE` on that give such a plant.
+
+def outside(task: Task, episodes: int) -> tuple[Task, VectorEnv, list[int]] | None:
+    """The task with plants outside of its own range: drawn from the ranges of `tuned.WIDER`, each
+    of them in at least one number beyond what the task draws; its env, and the first seeds of
+    `tuned.OUTSIDE` on that give such a plant. None where the task draws nothing of these.
     """
     wide = widened(task)
     if wide is None:
@@ -122,7 +131,7 @@ def evaluate_outside(
             beyond |= (value < low) | (value > high)
         seeds += [start + k for k in beyond.nonzero()[:, 0].tolist()]
         start += episodes
-    return evaluate(wide, controller, episodes, seeds[:episodes], env)
+    return wide, env, seeds[:episodes]
 
 
 def scores(task: Task, controller: Controller, episodes: int = EPISODES) -> dict[str, Any]:

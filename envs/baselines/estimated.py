@@ -5,6 +5,7 @@ readings.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +15,11 @@ from torch import Tensor
 from torch.distributions import LogNormal
 
 import torchbeam as tb
+from torchbeam.extend import BatchSubset
 
 from .. import imperfections
 from ..core import BeamVectorEnv
+from ..episodes import Episodes
 from ..plant import Plant
 from ..task import Task
 from .holding import Controller, vector_env
@@ -46,6 +49,10 @@ class Estimated(Controller):
         modes: whose amplitudes are estimated
         disturbance: deviation of that of the actions
         estimator: `tb.KalmanFilter`, or `tb.MovingHorizon` where all episodes start together
+        ranges: name -> (low, high): between which parameters are thought to lie; None = those that
+            the env draws from
+
+    Most of a decision can be made before its observation is there, by `prepare`.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, noise=0.005)
@@ -64,15 +71,17 @@ class Estimated(Controller):
         modes: int = 4,
         disturbance: float = 0.1,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         self.controller, self.known, self.modes = controller, known, modes
-        self.disturbance, self.estimator = disturbance, estimator
+        self.disturbance, self.estimator, self.ranges = disturbance, estimator, ranges
 
     def begin(self, env: Any) -> None:
         super().begin(env)
         self.controller.begin(env)
         self.z: tb.Filtered | None = None
         self.stands: tuple[Tensor, tb.Stepper] | None = None
+        self.predicted: Any = None
 
     def restart(self, fresh: Tensor) -> None:
         self.controller.restart(fresh)
@@ -84,38 +93,60 @@ class Estimated(Controller):
             self._begin()
         else:
             y = torch.where(self.heard, sensed(env, observation) * self.scale, math.nan)
-            self.z = self.filter(self.z, y, self.asked.flatten(1))
+            self.prepare()
+            self.z, self.predicted = self.filter.update(self.predicted, y), None
             over = now.done if self.z.window is None else torch.zeros_like(now.done)
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
-        env.set_state(self.believed())
-        try:
-            action = self.controller.act(observation).clamp(-1, 1)
-        finally:
-            env.set_state(now)
+        action = self.decided(observation).clamp(-1, 1)
         self.asked = torch.cat((action[:, None], self.asked[:, :-1]), 1)
         return action
 
-    def believed(self) -> Any:
-        """The episodes (n,), by the most likely latencies."""
-        now, likely = self.env.state, self.z.log_likelihood.argmax(0)
-        at = likely, torch.arange(len(likely), device=likely.device)
+    def decided(self, observation: Tensor) -> Tensor:
+        """(n, a) of the controller, in the episodes as they are believed to be."""
+        env, now = self.env, self.env.state
+        env.set_state(self.believed())
+        try:
+            return self.controller.act(observation)
+        finally:
+            env.set_state(now)
+
+    @torch.no_grad()
+    def prepare(self) -> None:
+        """Predict what the next observation shows, and make the plant that is planned with."""
+        if self.z is None or self.predicted is not None:
+            return
+        self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
+        if not self.known and self.predicted.about is not None:
+            self._plant({}, self.predicted.about[self.counting()])
+
+    def counting(self) -> tuple[Tensor, Tensor]:
+        """The estimates that are planned with, by latency and episode: the likeliest of each."""
+        likely = self.z.log_likelihood.argmax(0)
+        return likely, torch.arange(len(likely), device=likely.device)
+
+    def believed(self) -> Episodes:
+        """The episodes (k,) by the estimates that count."""
+        now, at = self.env.state, self.counting()
+        if len(at[1]) > len(now.steps):
+            few = BatchSubset(at[1], len(now.steps))
+            now = replace(few.gather(replace(now, plant=None)), plant=now.plant)
         own, params = self.filter.unknowns, dict(self.told)
         if own.of_model:
             params |= own.given(self.z.x[at][:, self.filter.moves :][:, : own.of_model])
             params["latency"] = params["latency"].clamp(*self.late)
-        plant = now.plant if self.known else self._plant(params, at)
-        acting = self.acting(params, self.asked)
+        x, about = self.z.x[at][:, self.filter.moves :], self.z.about
+        plant = now.plant if self.known else self._plant(params, x if about is None else about[at])
+        acting = self.acting(params, self.asked[at[1]])
         return replace(now, plant=plant, beam=self.z.state[at], acting=acting)
 
-    def _plant(self, params: dict[str, Tensor], at: tuple[Tensor, Tensor]) -> Plant:
-        """Of these parameters; of its beam, that of those at which the filter's structure stands,
-        and the last one where it is that.
+    def _plant(self, params: dict[str, Tensor], about: Tensor) -> Plant:
+        """Of these parameters; of its beam, that of those of coordinates `about` (n, p, ...), at
+        which the filter's structure stands, and the last one where it is that.
         """
-        f, about = self.filter, self.z.about
+        f = self.filter
         if not f.unknowns.of_model:
             return Plant(params, f.interval.stepper)
-        about = self.z.x[at][:, f.moves :] if about is None else about[at]
         stands, stepper = self.stands or (None, None)
         if stands is None or not stands.equal(about):
             scene = self.scene(f.unknowns.given(about[:, : f.unknowns.of_model]))
@@ -175,7 +206,7 @@ class Estimated(Controller):
 
     def _make(self, env: BeamVectorEnv) -> None:
         simulation, config, task = env.simulation, env.config, env.task
-        drawn = simulation.ranges
+        drawn = simulation.ranges if self.ranges is None else self.ranges
         if task.settles and not task.STARTS_ALIKE and not self.known:
             raise ValueError(
                 f"{type(task).__name__} was given, each of whose plants starts in an equilibrium "
@@ -265,11 +296,12 @@ def _prior(low: float, high: float) -> tb.Parameter:
 
 
 class AdaptiveMPC(Estimated):
-    """`MPC` by the plant that is estimated while it is controlled: see `Estimated`.
+    """`MPC` by the plant that is estimated while it is controlled: see `Estimated`. What a plan
+    costs is the expectation over the estimates that began with different latencies.
 
     Args:
         horizon: intervals
-        known, modes, disturbance, estimator: as in `Estimated`
+        known, modes, disturbance, estimator, ranges: as in `Estimated`
         terminal, iterations, damping: as in `MPC`
 
     Examples:
@@ -293,11 +325,22 @@ class AdaptiveMPC(Estimated):
         modes: int = 4,
         disturbance: float = 0.1,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         inner = MPC(
             vector_env(env), horizon, iterations=iterations, terminal=terminal, damping=damping,
             informed=True,
         )  # fmt: skip
         super().__init__(
-            inner, known=known, modes=modes, disturbance=disturbance, estimator=estimator
-        )
+            inner, known=known, modes=modes, disturbance=disturbance, estimator=estimator,
+            ranges=ranges,
+        )  # fmt: skip
+
+    def counting(self) -> tuple[Tensor, Tensor]:
+        """All of them, one latency behind the other."""
+        shape = self.z.log_likelihood.shape
+        each = torch.meshgrid(*map(torch.arange, shape), indexing="ij")
+        return tuple(index.flatten() for index in each)
+
+    def decided(self, observation: Tensor) -> Tensor:
+        return self.controller.decided(self.believed(), self.z.log_likelihood.softmax(0))

@@ -88,6 +88,11 @@ class Controller:
     def act(self, observation: Tensor) -> Tensor:
         raise NotImplementedError
 
+    def prepare(self) -> None:
+        """Do what the next decision wants and does not wait for its observation: to be called while
+        the interval passes, by whom decisions are to come soon. They are the same without.
+        """
+
     @torch.no_grad()
     def __call__(self, observation: Any) -> Any:
         _check_begun(self)

@@ -101,6 +101,7 @@ OF_RESULTS = {
                                                 model=LINEAR, dt=0.1)),
     "linear.discrete": (LINEAR.discrete, dict(dt=0.1)),
     "linear.reduced": (LINEAR.reduced, dict(count=2, static=False)),
+    "linear.save": (LINEAR.save, dict(path=str(HERE / "model.npz"))),
     "linear.slopes": (LINEAR.slopes, dict(state=tb.rest(DRIVEN))),
     "laws.Constant": (tb.laws.Constant, dict(value=1.0)),
     "laws.Empirical": (tb.laws.Empirical, dict(values=[1.0, 2.0, 3.0], weights=[1.0, 1.0, 2.0])),

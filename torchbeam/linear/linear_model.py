@@ -5,6 +5,8 @@ its response.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -20,6 +22,7 @@ from ..state.state import State
 from ..state.state_check import of_mesh
 from .chart import Chart, Place
 from .chart_slopes import slopes
+from .elsewhere import array_of, labels, state_space, write
 
 SYMMETRIC = 1e-6
 BALANCING = 6  # sweeps over the scales of z before an exponential
@@ -229,6 +232,47 @@ class Linear:
         eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
         within = solve_unchecked(s * eye - A, B.to(s.dtype))
         return C.to(s.dtype) @ within + self.D
+
+    def save(self, path: str | Path, **more: Any) -> Path:
+        """Write the model for other programs into a file, whole or not at all: .npz, which
+        numpy.load reads, or .mat for MATLAB and Octave (by scipy, extra `control`).
+
+        It holds A, B, C, D; dt (s), 0 in continuous time; output (..., p), the sensors' readings at
+        the equilibrium, of which dy are departures; reads, z of the nodes' moves; inputs, the name
+        of each column of B and D ("u", or "u[2]" of several numbers); and what is given as `more`,
+        numbers by name: gains, the equilibrium's inputs.
+
+        Returns:
+            The path.
+
+        Raises:
+            ValueError: for another ending, a folder that is not there, and a name that is one of
+                these or that MATLAB does not read.
+            ImportError: for .mat without scipy.
+            NotWritten: (an OSError) where the disk is full.
+        """
+        own = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
+        own |= {"output": self.output, "reads": self.reads}
+        if twice := [name for name in more if name in own or name == "inputs"]:
+            raise ValueError(
+                f"{twice[0]!r} was given to save, which the model has; another is wanted"
+            )
+        arrays = {name: array_of(name, value) for name, value in {**own, **more}.items()}
+        return write(path, arrays, {"inputs": labels(self.inputs)})
+
+    def to_control(self) -> Any:
+        """The same as a `control.StateSpace` of python-control (extra `control`), in float64 and
+        without gradient; of departures du, dy. Its inputs have the names that `save` gives them.
+
+        Raises ValueError for a model with batch axes, ImportError without python-control.
+        """
+        shape = tuple(self.A.shape[:-2])
+        if shape:
+            raise ValueError(
+                f"to_control() of a model with the batch axes {shape} was asked for; it wants one "
+                "without"
+            )
+        return state_space(self.A, self.B, self.C, self.D, self.dt, labels(self.inputs))
 
     def _continuous(self, what: str) -> None:
         if self.dt is not None:

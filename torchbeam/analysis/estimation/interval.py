@@ -4,17 +4,17 @@ derivatives of both by all that is not known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from ...core.arguments import instance
 from ...core.status import DIVERGED
-from ...core.validation import refusal
+from ...core.validation import as_tensor, axis_last, refusal, shown
 from ...dynamics.step_jacobian import diagonal, step_slopes
 from ...dynamics.stepper import Stepper
 from ...linear.chart import Place
@@ -76,6 +76,31 @@ class Interval:
     @property
     def inputs(self) -> dict[str, int]:
         return self.scene.inputs
+
+    def side_by_side(self, u: Any) -> Tensor:
+        """Inputs (..., inputs) that were given so, or by name, those that were not 0; with `drive`
+        what that takes. Raises ValueError for what are none.
+        """
+        sizes, like = self.inputs, self.scene.beam.nodes
+        if self.drive is not None:
+            if u is None or isinstance(u, Mapping):
+                raise refusal(f"u = {shown(u)}", "numbers (..., k) that `drive` takes")
+            return as_tensor(u, like.dtype, like.device)
+        if u is not None and not isinstance(u, Mapping):
+            return axis_last("u", as_tensor(u, like.dtype, like.device), sum(sizes.values()))
+        u = dict(u or {})
+        if lost := set(u) - set(sizes):
+            raise ValueError(
+                f"inputs {', '.join(map(repr, sorted(lost)))} were given; the scene has "
+                f"{', '.join(map(repr, sizes)) or 'none'}"
+            )
+        parts = [
+            axis_last(name, as_tensor(u.get(name, [0.0] * size), like.dtype, like.device), size)
+            for name, size in sizes.items()
+        ]
+        lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
+        parts = [part.expand(*lead, -1) for part in parts]
+        return torch.cat(parts, -1) if parts else like.new_zeros(0)
 
     def standing(
         self, unknowns: Unknowns, about: Tensor, lead: Sequence[int], last: Standing | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
 from ...core.arguments import boolean, count, function, instance, number, step_size
-from ...core.validation import as_tensor, axis_last, positive, refusal, shown
+from ...core.validation import as_tensor, axis_last, positive
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
 from ...linear.chart import Place
@@ -30,6 +30,23 @@ from .products import Products
 from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
+
+
+class Predicted(NamedTuple):
+    """What is expected of an interval's end, before it is read: what was known at its begin, under
+    which inputs (..., inputs) it goes on; about, after, readings, x, columns  as `_moved` has them;
+    more (..., n)  what z is beyond that state;  rows  further sources of readings and x.
+    """
+
+    before: Filtered
+    inputs: Tensor
+    about: Tensor | None = None
+    after: Moved | None = None
+    readings: Tensor | None = None
+    x: Tensor | None = None
+    columns: Tensor | None = None
+    more: Tensor | None = None
+    rows: Tensor | None = None
 
 
 class KalmanFilter:
@@ -199,15 +216,28 @@ class KalmanFilter:
             u: the inputs held over it, (..., inputs) side by side in the scene's order, or by name;
                 those that are not given are 0; with `drive` what that takes
         """
+        return self.update(self.predict(before, u), y)
+
+    def predict(self, before: Filtered, u: Any = None) -> Predicted:
+        """What is expected an interval later, for `update` with its readings: most of the work of a
+        call, which can be done while the interval passes. u: as in a call.
+        """
         instance("before", before, Filtered)
-        about = self._about(before)
-        after, expected, x, columns = self._moved(before.state, before.x, self._inputs(u), about)
-        error = self._readings(y, expected) - expected
+        inputs, about = self.interval.side_by_side(u), self._about(before)
+        after, expected, x, columns = self._moved(before.state, before.x, inputs, about)
         more, rows = after.more[..., : self.moves], None
         if self.products is not None:
             mean, rows = self._second_order(before.factor)
-            error, x = error - mean[..., : self.read], x + mean[..., self.read :]
+            expected, x = expected + mean[..., : self.read], x + mean[..., self.read :]
             more = more + mean[..., self.read : self.read + self.moves]
+        return Predicted(before, inputs, about, after, expected, x, columns, more, rows)
+
+    def update(self, predicted: Predicted, y: Any = None) -> Filtered:
+        """What is known once it is read: y (..., m), NaN where one is missing; None = none."""
+        before, _, about, after, expected, x, columns, more, rows = instance(
+            "predicted", predicted, Predicted
+        )
+        error = self._readings(y, expected) - expected
         by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
         read = (~torch.isnan(error)).sum(-1).to(error)
         now = replace(
@@ -367,26 +397,3 @@ class KalmanFilter:
         whole = torch.cat(parts, -1)
         whole[..., n + own.of_model + torch.arange(len(own.biased)), own.biased] = 1.0
         return whole
-
-    def _inputs(self, u: Any) -> Tensor:
-        """(..., inputs) side by side."""
-        sizes, like = self.interval.inputs, self.like
-        if self.interval.drive is not None:
-            if u is None or isinstance(u, Mapping):
-                raise refusal(f"u = {shown(u)}", "numbers (..., k) that `drive` takes")
-            return as_tensor(u, like.dtype, like.device)
-        if u is not None and not isinstance(u, Mapping):
-            return axis_last("u", as_tensor(u, like.dtype, like.device), sum(sizes.values()))
-        u = dict(u or {})
-        if lost := set(u) - set(sizes):
-            raise ValueError(
-                f"inputs {', '.join(map(repr, sorted(lost)))} were given; the scene has "
-                f"{', '.join(map(repr, sizes)) or 'none'}"
-            )
-        parts = [
-            axis_last(name, as_tensor(u.get(name, [0.0] * size), like.dtype, like.device), size)
-            for name, size in sizes.items()
-        ]
-        lead = broadcast_shapes(*(part.shape[:-1] for part in parts))
-        parts = [part.expand(*lead, -1) for part in parts]
-        return torch.cat(parts, -1) if parts else like.new_zeros(0)

@@ -19,7 +19,7 @@ from ...scene.scene import Scene
 from ...state.state import State
 from ..identification.losses import HUBER, STUDENT
 from .filtered import Filtered
-from .kalman_filter import KalmanFilter
+from .kalman_filter import KalmanFilter, Predicted
 from .unknowns import by_name
 
 LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by readings' deviations
@@ -174,9 +174,14 @@ class MovingHorizon(KalmanFilter):
         white = torch.ones(int((own.white > 0).sum()), dtype=torch.bool, device=held.device)
         self.fresh = torch.cat((own.added > 0, white)).nonzero()[:, 0]
 
-    def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
+    def predict(self, before: Filtered, u: Any = None) -> Predicted:
+        """For `update`; the window is solved there."""
+        return Predicted(instance("before", before, Filtered), self.interval.side_by_side(u))
+
+    def update(self, predicted: Predicted, y: Any = None) -> Filtered:
         """What is known an interval later; see `KalmanFilter`."""
-        x, inputs = instance("before", before, Filtered).x, self._inputs(u)
+        before, inputs, *_ = instance("predicted", predicted, Predicted)
+        x = before.x
         y = self._readings(y, x)
         lead = broadcast_shapes(x.shape[:-1], y.shape[:-1], inputs.shape[:-1])
         x, y, inputs = (part.expand(*lead, -1) for part in (x, y, inputs))

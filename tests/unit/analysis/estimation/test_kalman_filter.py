@@ -356,3 +356,17 @@ def test_a_structure_stands_while_its_parameters_stay(monkeypatch):
     for k, read in enumerate(y):
         alone = f(alone, read, up(0.3 if k < 10 else 0.0))
     assert ((alone.x - stood.x[0]) / scale[0]).abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("kind", [tb.KalmanFilter, tb.MovingHorizon])
+def test_a_call_is_a_prediction_and_an_update(kind):
+    """To the bit; two updates of one prediction are two calls."""
+    parameters = {"E": tb.Parameter(1.0, transform="log", prior=LogNormal(0.0, 0.1))}
+    tip = tb.sensors.TipPosition()["z"]
+    f = kind(lambda p: strip(p["E"]), tip, dt=0.01, noise=1e-3, parameters=parameters, bias=2e-3)
+    z = f(f.start(amplitude=0.02), [0.004], up(0.1))
+    predicted = f.predict(z, up(0.2))
+    for y in ([0.003], None, [0.01]):
+        a, b = f(z, y, up(0.2)), f.update(predicted, y)
+        assert torch.equal(a.x, b.x) and torch.equal(a.factor, b.factor)
+        assert torch.equal(a.state.position, b.state.position)

@@ -1,0 +1,99 @@
+"""A linear model elsewhere: what files and python-control hold is the model."""
+
+import numpy as np
+import pytest
+import torch
+
+import torchbeam as tb
+
+DT = 0.02  # s
+SECTION = tb.Section.rectangle(0.03, 0.002, E=69e9, nu=0.33, rho=2700.0)
+
+
+def model(batch=()):
+    """A clamped strip in a plane, with a force at its tip and a couple in its middle."""
+    beam = tb.Beam.straight(1.0, 2, SECTION)
+    loads = [
+        tb.TipLoad(force=tb.Input("push", 3)),
+        tb.PointLoad(1, moment=tb.Input("couple", 3)),
+        tb.Damping(torch.full(batch, 1e-2)),
+    ]
+    zero = {"push": (0.0, 0, 0), "couple": (0.0, 0, 0)}
+    return tb.linearize(
+        tb.Scene(beam, loads, plane="xz"), outputs=tb.sensors.TipPosition(), inputs=zero
+    )
+
+
+def read(path):
+    """Arrays and names of a file."""
+    if path.suffix == ".npz":
+        with np.load(path, allow_pickle=False) as file:
+            content = dict(file)
+        return content, content.pop("inputs").tolist()
+    content = pytest.importorskip("scipy.io").loadmat(path)
+    content = {name: value for name, value in content.items() if not name.startswith("__")}
+    return content, [str(cell[0]) for cell in content.pop("inputs").ravel()]
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat"])
+def test_a_loop_of_numpy_by_the_file_moves_as_the_model_does(ending, tmp_path):
+    """25 steps of it from rest under a force: what another program makes of the file."""
+    digital = model().discrete(DT)
+    path = digital.save(tmp_path / f"strip{ending}", K=torch.ones(2, digital.A.shape[-1]), mass=0.5)
+    content, names = read(path)
+    assert names == [*(f"push[{i}]" for i in range(3)), *(f"couple[{i}]" for i in range(3))]
+    assert content["dt"].item() == DT and content["mass"].item() == 0.5
+    assert content["K"].shape == (2, digital.A.shape[-1])
+    assert np.allclose(content["reads"], digital.reads, rtol=0, atol=0)
+    u, z = np.array([0, 0, 0.1, 0, 0, 0]), np.zeros(digital.A.shape[-1])
+    for _ in range(25):
+        z = content["A"] @ z + content["B"] @ u
+    y = content["C"] @ z + content["D"] @ u + content["output"].ravel()
+    expected = torch.zeros(len(z), dtype=torch.float64)
+    for _ in range(25):
+        expected = digital.A @ expected + digital.B @ torch.as_tensor(u)
+    tip = digital.output + digital.C @ expected + digital.D @ torch.as_tensor(u)
+    assert abs(tip[2]) > 0.01 and np.abs(y - tip.numpy()).max() < 1e-12
+
+
+def test_a_batch_goes_into_a_file_whole(tmp_path):
+    several = model((3,))
+    content, _ = read(several.save(tmp_path / "several.npz"))
+    assert content["A"].shape == (3, 12, 12) and content["dt"] == 0
+    assert np.array_equal(content["A"], several.A)
+
+
+@pytest.mark.parametrize(
+    "path, more, sentence",
+    [
+        ("strip.csv", {}, "ends in .npz or .mat"),
+        ("nowhere/deeper/strip.npz", {}, "folder"),
+        ("strip.npz", {"A": 1.0}, "'A' was given to save"),
+        ("strip.npz", {"inputs": 1.0}, "'inputs' was given to save"),
+        ("strip.npz", {"a-b": 1.0}, "letters, digits"),
+        ("strip.npz", {"_hidden": 1.0}, "letters, digits"),
+        ("strip.npz", {"n" * 32: 1.0}, "letters, digits"),
+    ],
+)
+def test_what_no_file_can_hold_is_refused(path, more, sentence, tmp_path):
+    with pytest.raises(ValueError, match=sentence):
+        model().save(tmp_path / path, **more)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_python_control_answers_as_the_model_does(sampled):
+    """Frequency response from each input to each reading."""
+    pytest.importorskip("control")
+    own = model().discrete(DT) if sampled else model()
+    system = own.to_control()
+    omega = torch.tensor([0.5, 5.0, 40.0], dtype=torch.float64)
+    s = 1j * omega if not sampled else torch.exp(1j * omega * DT)
+    ours, theirs = own.response(omega), np.moveaxis(system(s.numpy()), -1, 0)
+    assert system.dt == (DT if sampled else 0) and system.input_labels[4] == "couple[1]"
+    assert np.abs(theirs - ours.numpy()).max() < 1e-9 * ours.abs().max()
+
+
+def test_python_control_takes_no_batch():
+    with pytest.raises(ValueError, match=r"batch axes \(3,\)"):
+        model((3,)).to_control()
