@@ -14,8 +14,9 @@ from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path, tried
 from .diagrams import diagram
 from .identification import correlation, design, fit, profile
+from .mode_shapes import mode_film, mode_shapes
 from .obstacles import obstacles
-from .shapes import mode_shapes, shape
+from .shapes import shape
 from .tendons import tendons
 from .uncertainty import bands, convergence, histogram, tornado
 
@@ -23,7 +24,7 @@ from .uncertainty import bands, convergence, histogram, tornado
 __all__ = [
     "animate", "axes", "bands", "campbell", "convergence", "correlation", "design", "diagram",
     "energies",
-    "fit", "grid", "histogram", "history", "load_path", "mode_shapes", "obstacles", "profile",
+    "fit", "grid", "histogram", "history", "load_path", "mode_film", "mode_shapes", "obstacles", "profile",
     "save", "shape", "tendons", "tornado", "tried",
 ]
 # fmt: on

@@ -1,4 +1,4 @@
-"""Shapes: pictures of the beam itself, its section axes and its modes."""
+"""Shapes: pictures of the beam itself and its section axes."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, instance, number
-from ..core.arguments import count as check_count
-from ..linear.modes import Modes
+from ..core.arguments import boolean, choice, instance
 from ..scene.scene import Scene
 from .axis import PLANES, axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, axes, check_axes, check_label, is_3d, line_style, numbers
@@ -80,63 +78,6 @@ def shape(
         _mark(ax, state, points, drawn.get_color())
     if frames:
         _triads(ax, position, turn, seen)
-    return even(ax, seen)
-
-
-def mode_shapes(
-    state: Any,
-    modes: Modes,
-    ax: Axes | None = None,
-    *,
-    count: int = 4,
-    scale: float = 0.15,
-    plane: str | None = None,
-) -> Axes:
-    """Mode shapes about a state, the first `count`, both of one sample: the beam's axis moved by
-    each mode at the instant at which its displacement is largest, then `scale` times the beam's
-    length; frequencies in Hz, of motions that do not oscillate the rate in 1/s. A mode that hardly
-    displaces the axis (torsion) is named, not drawn. Raises ValueError for a batch, and as `shape`.
-
-    Examples:
-        >>> ax = tb.plot.mode_shapes(tb.rest(scene), tb.modes(tb.Scene(beam), count=3))
-    """
-    position, turn = nodes_of(state)
-    instance("modes", modes, Modes)
-    check_count("count", count)
-    scale = number("scale", scale)
-    if len(position) > 1 or modes.shape.ndim != 3:
-        raise ValueError(
-            "modes or a state of more than one sample were given to mode_shapes; one sample is "
-            "wanted"
-        )
-    length = torch.linalg.vector_norm(position[0].diff(dim=0), dim=-1).sum()
-    moves = modes.shape.detach()[:count]
-    flat = moves[..., :3].flatten(1)
-    peak = flat.gather(1, flat.abs().argmax(-1, keepdim=True))[..., None]
-    move = (moves * torch.exp(-1j * peak.angle())).real
-    largest = torch.linalg.vector_norm(move[..., :3], dim=-1).amax(-1)
-    silent = largest < 1e-3 * length * torch.linalg.vector_norm(move[..., 3:], dim=-1).amax(-1)
-    size = torch.where(silent, 0.0, scale * length / largest.clamp(min=1e-300))
-    move = move * size[:, None, None]
-    at_rest = turn[..., 0]
-    moved = position + move[..., :3]
-    # a mode is linear in its size
-    tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))
-    chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
-    ax, seen = prepared(ax, plane, torch.cat((position, moved)))
-    rows = rows_of(state)
-    ax.plot(
-        *numbers(axis_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--"
-    )
-    for i, curve in enumerate(numbers(axis_curves(rows, moved, tilted, chord)[..., seen])):
-        value = modes.eigenvalue[i].detach()
-        speed = f"{value.real.item():.3g} /s"
-        if value.imag != 0:
-            speed = f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz"
-        line = curve[:0] if silent[i] else curve
-        label = f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}"
-        ax.plot(*line.T, color=f"C{i}", lw=1.8, label=label)
-    ax.legend(frameon=False, fontsize=8)
     return even(ax, seen)
 
 
