@@ -13,6 +13,7 @@ from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
 from .shapes import even, prepared
+from .symbols import Symbols
 
 # Of a resultant: the section axis along which it is drawn, y or z, and to which side. Bending
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
@@ -31,6 +32,7 @@ def diagram(
     plane: str | None = None,
     height: float = 0.15,
     values: bool = True,
+    symbols: bool = False,
 ) -> Axes:
     """Diagram of a stress resultant along all beams of one state, drawn from their axes: F1 normal
     force, F2 and F3 shear forces (N), M1 torque, M2 and M3 bending moments (N m), section axes.
@@ -43,6 +45,7 @@ def diagram(
         plane: "xy", "xz" or "yz", as in `shape`
         height: of the largest value, as a share of the size of what is drawn
         values: write the values at ends of beams and at extremes
+        symbols: of supports, joints and loads, see `symbols`
 
     Raises:
         ValueError: for a batch, a resultant of another name, and as `shape`.
@@ -53,6 +56,7 @@ def diagram(
     choice("resultant", resultant, tuple(SIDES))
     instance("scene", scene, Scene)
     height, values = tolerance("height", height), boolean("values", values)
+    boolean("symbols", symbols)
     position, axes = nodes_of(state)
     told = SectionForces(scene, inputs=inputs)(state)[..., list(SIDES).index(resultant)].detach()
     samples = max(len(position), told.shape[:-2].numel())
@@ -78,6 +82,8 @@ def diagram(
         _draw(ax, ends[..., seen], (scale * value[..., None] * ways)[..., seen])
         if values:
             _write(ax, (ends + scale * value[..., None] * ways)[..., seen], value, FEW * most)
+    if symbols:
+        Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
     ax.set_title(f"{resultant} / {'N' if resultant[0] == 'F' else 'N m'}")
     return even(ax, seen)
 

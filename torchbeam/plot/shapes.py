@@ -112,6 +112,12 @@ def prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes
     return ax, seen
 
 
+def extent(position: Tensor) -> float:
+    """Size m of what has nodes at position (..., N+1, 3) m."""
+    points = position.flatten(0, -2)
+    return torch.linalg.vector_norm(points.amax(0) - points.amin(0)).item()
+
+
 def even(ax: Axes, seen: list[int]) -> Axes:
     """The axes with equal scales, names, and room around what was drawn."""
     names = (ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else []))
