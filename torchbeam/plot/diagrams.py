@@ -12,14 +12,14 @@ from ..scene.scene import Scene
 from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .shapes import even, prepared
+from .limits import even, prepared
+from .shapes import EDGE_ON
 from .symbols import Symbols
 
 # Of a resultant: the section axis along which it is drawn, y or z, and to which side. Bending
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
 SIDES = {"F1": (2, 1), "F2": (1, 1), "F3": (2, 1), "M1": (2, 1), "M2": (2, 1), "M3": (1, -1)}
 FEW = 0.02  # of the largest value: what is less, or as near to another, is not written
-EDGE_ON = 0.1  # of a section axis: it is hardly seen, and the other one is taken
 
 
 def diagram(
@@ -66,7 +66,7 @@ def diagram(
     ax, seen = prepared(ax, plane, position)
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
-        column = 3 - column
+        column = 3 - column  # the other one
     most = told.abs().max().clamp(min=1e-300)
     size = torch.linalg.vector_norm(position[0].amax(0) - position[0].amin(0))
     scale, first = side * height * size / most, 0

@@ -19,7 +19,7 @@ from ..state.state import State
 from .animation import animate
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .shapes import even, prepared
+from .limits import even, prepared
 
 PERIOD = 2.0  # s, of the film of a mode
 TURN = 0.5  # rad, the largest of a mode that hardly displaces the axis, in a film
@@ -96,7 +96,9 @@ def mode_film(
     instance("modes", modes, Modes)
     state, there = modes.state, modes.eigenvalue.shape[-1]
     if not isinstance(state, State):
-        raise refusal("modes without the state about which they are", "those of tb.modes", were=True)
+        raise refusal(
+            "modes without the state about which they are", "those of tb.modes", were=True
+        )
     if check_count("mode", mode) > there:
         raise ValueError(f"mode = {mode} was given of {there} modes; one of them is wanted")
     position, _ = nodes_of(state)

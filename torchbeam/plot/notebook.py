@@ -17,9 +17,10 @@ from ..state.solution import Solution
 from ..state.state import State, rest
 from .axis import PLANES, nodes_of
 from .canvas import Axes
+from .limits import prepared
 from .mode_shapes import mode_shapes
 from .obstacles import obstacles
-from .shapes import prepared, shape
+from .shapes import shape
 from .tendons import tendons
 
 SHAPES = 8  # at most so many in a picture

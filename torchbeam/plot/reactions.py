@@ -12,10 +12,11 @@ from ..state.state_check import of_mesh
 from .arrows import Arrows
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .shapes import even, prepared
+from .limits import even, prepared
 from .symbols import ARROW, Symbols
 
 COLOR = "C2"
+ROUNDING = 1e-6  # of the largest force, or moment, of sections: a reaction below it is not drawn
 
 
 def reactions(
@@ -53,7 +54,12 @@ def reactions(
         pen.supports()
         pen.joints()
     arrows = Arrows(ax, seen, ARROW * pen.size, COLOR)
-    forces, moments = loads.split(3, -1)
+    forces, moments = (
+        torch.where(load.abs() > ROUNDING * stress.abs().max(), load, 0.0)
+        for load, stress in zip(
+            loads.split(3, -1), state.stress.detach().double().cpu().split(3, -1), strict=True
+        )
+    )
     strongest, most = (x.abs().max().item() if len(x) else 0.0 for x in (forces, moments))
     for support, F, M in zip(scene.supports, forces, moments, strict=True):
         x, into = pen.position[support.node], pen.into(support.node)

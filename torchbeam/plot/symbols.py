@@ -24,7 +24,7 @@ from ..state.state_check import of_mesh
 from .arrows import Arrows, normal_to
 from .axis import nodes_of
 from .canvas import Axes, numbers
-from .shapes import extent, prepared
+from .limits import extent, prepared
 
 INK, LOAD = "0.15", "C3"
 ARROW = 0.16  # of the size of all: the longest arrow of a force; half of it of a load along a beam
@@ -80,9 +80,7 @@ class Symbols:
     axes: Tensor
 
     @classmethod
-    def of(
-        cls, ax: Axes, seen: list[int], scene: Scene, position: Tensor, axes: Tensor
-    ) -> Symbols:
+    def of(cls, ax: Axes, seen: list[int], scene: Scene, position: Tensor, axes: Tensor) -> Symbols:
         """Of the first of positions (samples, N+1, 3) and axes (samples, N+1, 3, 3)."""
         return cls(ax, seen, scene, _first(position, 2), _first(axes, 3))
 
@@ -203,7 +201,9 @@ class Symbols:
         if len(self.seen) == 2 and side[self.seen].norm() > 0:
             right, up = side[self.seen].tolist()
             angle = math.atan2(up, right) + math.pi / 2
-        strokes = [Path(stroke) for stroke in (*SIGNS[kind], ((1, 1), (1, 1)), ((-1, -1), (-1, -1)))]
+        strokes = [
+            Path(stroke) for stroke in (*SIGNS[kind], ((1, 1), (1, 1)), ((-1, -1), (-1, -1)))
+        ]
         sign = MarkerStyle(Path.make_compound_path(*strokes), transform=Affine2D().rotate(angle))
         look = dict(ms=SIZE, mfc=self.ax.get_facecolor(), mec=INK, mew=1.0, clip_on=False, zorder=3)
         self.ax.plot(*numbers(x[None, self.seen]).T, marker=sign, ls="", **look)
@@ -293,6 +293,8 @@ SIGNS: dict[str, Any] = {
     "roller": [TRIANGLE, ((-0.6, -0.65), (0.6, -0.65)), *_ground_below(-0.78)],
     "slide": [((-0.7, 0), (0.7, 0)), *_ground_below(-0.2)],
     "turn": [tuple((0.15 * x, 0.15 * y) for x, y in (*CORNERS, CORNERS[0]))],
-    "spring": [((0, 0), (0, -0.1), (0.25, -0.2), (-0.25, -0.35), (0.25, -0.5), (0, -0.6), (0, -0.7)),
-               *_ground_below(-0.7)],
+    "spring": [
+        ((0, 0), (0, -0.1), (0.25, -0.2), (-0.25, -0.35), (0.25, -0.5), (0, -0.6), (0, -0.7)),
+        *_ground_below(-0.7),
+    ],
 }

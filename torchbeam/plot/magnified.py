@@ -1,0 +1,46 @@
+"""Magnified displacements: states drawn further from the undeformed beam than they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from ..core.arguments import instance
+from ..math import quaternions as quat
+from ..scene.scene import Scene
+from ..state.state import State
+
+
+def undeformed_state(state: Any, scene: Scene | None) -> State:
+    """The same, with nodes where the beam has them: of a scene, or of the state itself. Raises
+    ValueError for a state of another form, and one that does not know its beam.
+    """
+    state = instance("a state", state, State)
+    beam = state.rest_shape
+    nodes = (beam.position, beam.rotation) if scene is None and beam is not None else None
+    if scene is not None:
+        nodes = scene.beam.nodes, scene.beam.frames
+    try:
+        if nodes is None:
+            raise RuntimeError
+        position, rotation = (x.detach().to(state.position) for x in nodes)
+        q = rotation.expand(*state.rotation.shape)
+        return replace(state, position=position.expand_as(state.position), rotation=q)
+    except RuntimeError:
+        raise ValueError(
+            "a state that does not know its undeformed beam was given; scene=, whose state it is, "
+            "is wanted"
+        ) from None
+
+
+def magnified(state: State, at_rest: State, times: float) -> State:
+    """With `times` the displacements, and section axes that turn as far as these tilt them."""
+    R0, R = (quat.matrix(x.rotation.detach()) for x in (at_rest, state))
+    x, y, _ = (R0 + times * (R - R0)).unbind(-1)
+    x = torch.nn.functional.normalize(x, dim=-1)
+    z = torch.nn.functional.normalize(torch.linalg.cross(x, y), dim=-1)
+    turned = quat.from_matrix(torch.stack((x, torch.linalg.cross(z, x), z), -1))
+    moved = at_rest.position + times * (state.position.detach() - at_rest.position)
+    return replace(state, position=moved, rotation=turned)
