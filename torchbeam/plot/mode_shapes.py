@@ -96,9 +96,7 @@ def mode_film(
     instance("modes", modes, Modes)
     state, there = modes.state, modes.eigenvalue.shape[-1]
     if not isinstance(state, State):
-        raise refusal(
-            "modes without the state about which they are", "those of tb.modes", were=True
-        )
+        raise refusal("modes without their equilibrium", "what tb.modes returns", were=True)
     if check_count("mode", mode) > there:
         raise ValueError(f"mode = {mode} was given of {there} modes; one of them is wanted")
     position, _ = nodes_of(state)

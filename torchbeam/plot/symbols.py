@@ -43,8 +43,8 @@ def symbols(
 ) -> Axes:
     """Symbols on a picture of the beam, of a batch of its first sample: supports by what they hold
     in the plane seen (clamp, pin, roller, slide), rings at hinges, springs, and all loads that act
-    in the state, with numbers in N, N m and N/m. In space a clamp is a plate, and other supports
-    face the viewer.
+    in the state, with numbers in N, N m and N/m. In space a clamp is a plate, and what holds one
+    or two coordinates has a rod along each.
 
     Args:
         ax: None = a new one
@@ -121,16 +121,23 @@ class Symbols:
         """Of a node, by which of position x y z and rotation x y z are held."""
         x, into = self.position[node], self.into(node)
         if len(self.seen) == 3:
-            kind = "pin" if all(held[:3]) else "roller" if any(held[:3]) else "turn"
-            if not all(held):
-                self._mark(x, kind, x.new_tensor((0.0, 0.0, -1.0)))
-            else:
+            if all(held):
                 self._plate(x, into)
+            elif all(held[:3]) or not any(held[:3]):
+                self._mark(x, "pin" if held[0] else "turn", x)
+            else:
+                self._rods(x, held[:3])
             return
         moves, turns = [i for i in self.seen if held[i]], held[3 + 3 - sum(self.seen)]
         if moves or turns:
             kind = ("turn", "slide", "clamp") if turns else ("", "roller", "pin")
             self._mark(x, kind[len(moves)], self._ground(moves, turns, into))
+
+    def _rods(self, x: Tensor, held: tuple[bool, ...]) -> None:
+        """In space: one along each coordinate that is held, to a point that stands."""
+        for unit in torch.eye(3, dtype=x.dtype)[list(held)]:
+            ends = torch.stack((x, x - 0.1 * self.size * unit))
+            self.ax.plot(*numbers(ends).T, color=INK, lw=1.4, marker="o", ms=3, zorder=3)
 
     def _ground(self, moves: list[int], turns: bool, into: Tensor) -> Tensor:
         """The side (3) on which the ground lies of what holds these coordinates."""
@@ -205,7 +212,8 @@ class Symbols:
             Path(stroke) for stroke in (*SIGNS[kind], ((1, 1), (1, 1)), ((-1, -1), (-1, -1)))
         ]
         sign = MarkerStyle(Path.make_compound_path(*strokes), transform=Affine2D().rotate(angle))
-        look = dict(ms=SIZE, mfc=self.ax.get_facecolor(), mec=INK, mew=1.0, clip_on=False, zorder=3)
+        look = dict(ms=SIZE, mfc=self.ax.get_facecolor(), mec=INK, mew=1.0, zorder=3)
+        look["clip_on"] = len(self.seen) == 3  # in space a layout takes it for far larger
         self.ax.plot(*numbers(x[None, self.seen]).T, marker=sign, ls="", **look)
 
     def _plate(self, x: Tensor, into: Tensor) -> None:
@@ -248,14 +256,14 @@ class Symbols:
 
     def _spring(self, start: Tensor, end: Tensor) -> None:
         """A zigzag from what stands to a node."""
-        s = torch.linspace(0, 1, 17, dtype=start.dtype)
+        s = torch.linspace(0, 1, 13, dtype=start.dtype)
         out = torch.zeros_like(s)
-        out[3:14:2], out[4:14:2] = 1.0, -1.0
+        out[3:10:2], out[4:10:2] = 1.0, -1.0
         along = end - start
         side = normal_to(torch.nn.functional.normalize(along, dim=0), self.seen)
         points = start + s[:, None] * along + 0.02 * self.size * out[:, None] * side
         self.ax.plot(*numbers(points[:, self.seen]).T, color=INK, lw=1.0, zorder=3)
-        self._mark(start, "turn", torch.zeros_like(start))
+        self._mark(start, "clamp", -along)
 
 
 def draw_loads(
