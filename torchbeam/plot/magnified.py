@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ..core.arguments import instance
 from ..math import quaternions as quat
@@ -36,11 +37,17 @@ def undeformed_state(state: Any, scene: Scene | None) -> State:
 
 
 def magnified(state: State, at_rest: State, times: float) -> State:
-    """With `times` the displacements, and section axes that turn as far as these tilt them."""
+    """With `times` the displacements, and section axes that tilt as the beam does then."""
     R0, R = (quat.matrix(x.rotation.detach()) for x in (at_rest, state))
-    x, y, _ = (R0 + times * (R - R0)).unbind(-1)
+    moved = at_rest.position + times * (state.position.detach() - at_rest.position)
+    return replace(state, position=moved, rotation=tilted(R0 + times * (R - R0)))
+
+
+def tilted(axes: Tensor) -> Tensor:
+    """Quaternions (..., 4) of axes (..., 3, 3) that moves without bound have made oblique: x stays
+    along the beam, y in its plane with it.
+    """
+    x, y, _ = axes.unbind(-1)
     x = torch.nn.functional.normalize(x, dim=-1)
     z = torch.nn.functional.normalize(torch.linalg.cross(x, y), dim=-1)
-    turned = quat.from_matrix(torch.stack((x, torch.linalg.cross(z, x), z), -1))
-    moved = at_rest.position + times * (state.position.detach() - at_rest.position)
-    return replace(state, position=moved, rotation=turned)
+    return quat.from_matrix(torch.stack((x, torch.linalg.cross(z, x), z), -1))

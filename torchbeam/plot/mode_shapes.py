@@ -20,6 +20,7 @@ from .animation import animate
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
 from .limits import even, prepared
+from .magnified import tilted
 
 PERIOD = 2.0  # s, of the film of a mode
 TURN = 0.5  # rad, the largest of a mode that hardly displaces the axis, in a film
@@ -45,7 +46,7 @@ def mode_shapes(
     position, turn = nodes_of(state)
     check_count("count", count)
     moves, silent = _moves("mode_shapes", modes, position, number("scale", scale))
-    move = torch.where(silent[:, None, None], 0.0, moves.real[:count])[:count]
+    move = torch.where(silent[:, None, None], 0.0, moves.real)[:count]
     at_rest = turn[..., 0]
     moved = position + move[..., :3]
     # a mode is linear in its size
@@ -99,17 +100,16 @@ def mode_film(
         raise refusal("modes without their equilibrium", "what tb.modes returns", were=True)
     if check_count("mode", mode) > there:
         raise ValueError(f"mode = {mode} was given of {there} modes; one of them is wanted")
-    position, _ = nodes_of(state)
+    position, turn = nodes_of(state)
     moves, _ = _moves("mode_film", modes, position, number("scale", scale))
     steps = torch.arange(max(round(PERIOD * tolerance("fps", fps)), 2)).to(position)
     phase = steps / len(steps)
     swing = torch.exp(2j * torch.pi * phase) if modes.eigenvalue[mode - 1].imag != 0 else phase
     move = (moves[mode - 1] * swing[:, None, None]).real
-    turned = quat.multiply(quat.exponential(move[..., 3:]), state.rotation.detach())
     film = replace(
         state.detach().broadcast((len(steps),)),
         position=position[0] + move[..., :3],
-        rotation=turned,
+        rotation=tilted(turn[0] + quat.skew(move[..., 3:]) @ turn[0]),
     )
     ax, seen = prepared(ax, plane, film.position)
     plane = None if len(seen) == 3 else "".join("xyz"[i] for i in seen)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..core.arguments import instance
 from ..core.functions_of_time import shared
+from ..core.validation import refusal
 from ..math import quaternions as quat
 from ..nodal.conditions import conditions
 from ..nodal.discretise import discretise
@@ -85,7 +86,9 @@ class Symbols:
         return cls(ax, seen, scene, _first(position, 2), _first(axes, 3))
 
     def draw(self, state: Any, inputs: dict[str, Any] | None = None) -> None:
-        """All of them, and the loads that act in a state."""
+        """All of them, and the loads that act in a state. Raises ValueError for no sample."""
+        if 0 in self.scene.batch_shape:
+            raise refusal("a scene without a sample", "one or more", are=True)
         self.loads(state, inputs)
         self.supports()
         self.joints()
