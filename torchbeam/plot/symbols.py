@@ -211,11 +211,10 @@ class Symbols:
         if len(self.seen) == 2 and side[self.seen].norm() > 0:
             right, up = side[self.seen].tolist()
             angle = math.atan2(up, right) + math.pi / 2
-        strokes = [
-            Path(stroke) for stroke in (*SIGNS[kind], ((1, 1), (1, 1)), ((-1, -1), (-1, -1)))
-        ]
-        sign = MarkerStyle(Path.make_compound_path(*strokes), transform=Affine2D().rotate(angle))
-        look = dict(ms=SIZE, mfc=self.ax.get_facecolor(), mec=INK, mew=1.0, zorder=3)
+        path = Path.make_compound_path(*map(Path, SIGNS[kind]))
+        sign = MarkerStyle(path, transform=Affine2D().rotate(angle))
+        size = SIZE * abs(path.vertices).max()  # a marker is scaled by its largest coordinate
+        look = dict(ms=size, mfc=self.ax.get_facecolor(), mec=INK, mew=1.0, zorder=3)
         look["clip_on"] = len(self.seen) == 3  # in space a layout takes it for far larger
         self.ax.plot(*numbers(x[None, self.seen]).T, marker=sign, ls="", **look)
 
@@ -236,24 +235,27 @@ class Symbols:
         state = of_mesh(state, self.scene, "a state").detach()
         nodes = moving_nodes(model.space, model.space.to_reduced(state))
         now = conditions(model, shared(state.t), self.scene.tensors(inputs))
-        forces, moments, at = [], [], []
+        acts = []
         for act in (act for act in now.loads if not act.along):
-            x, R = self.position[act.node], self.axes[act.node]
-            arm = getattr(act.load, "offset", None)
-            arm = torch.zeros_like(x) if arm is None else R @ _first(arm, 1)
+            x, arm = self.position[act.node], getattr(act.load, "offset", None)
+            arm = torch.zeros_like(x) if arm is None else self.axes[act.node] @ _first(arm, 1)
             if isinstance(act.load, Spring):
                 self._spring(_first(act.load.to, 1), x + arm)
             elif not isinstance(act.load, RootSpring):
                 F, M = _first(external(model, nodes, now, (act,))[..., act.node, :], 1).split(3)
-                forces, moments = [*forces, F], [*moments, M - torch.linalg.cross(arm, F)]
-                at.append((act.node, x + arm))
-        draw_loads(self, at, forces, moments)
+                acts.append((x + arm, F, M - torch.linalg.cross(arm, F), self.into(act.node)))
+        arrows = Arrows(self.ax, self.seen, ARROW * self.size, LOAD)
+        strongest = max((F.norm().item() for _, F, *_ in acts), default=0.0)
+        most = max((M.norm().item() for _, _, M, _ in acts), default=0.0)
+        for x, F, M, into in acts:
+            arrows.force(x, F, strongest, into)
+            arrows.moment(x, M, max(most, 1e-9 * strongest * self.size))
         along = external(model, nodes, now, tuple(act for act in now.loads if act.along))
         if not isinstance(along, float):
             f = _first(along[..., :3], 2) / _first(model.tributary_length, 2)
-            arrows = Arrows(self.ax, self.seen, 0.5 * ARROW * self.size, LOAD)
+            arrows = replace(arrows, length=arrows.length / 2)
             rows = [list(row) for row in self._rows()]
-            most = max(f[row].norm(dim=-1).max().item() for row in rows)
+            most = max((f[row].norm(dim=-1).max().item() for row in rows), default=0.0)
             for row in rows:
                 arrows.row(self.position[row], f[row], most)
 
@@ -267,17 +269,6 @@ class Symbols:
         points = start + s[:, None] * along + 0.02 * self.size * out[:, None] * side
         self.ax.plot(*numbers(points[:, self.seen]).T, color=INK, lw=1.0, zorder=3)
         self._mark(start, "clamp", -along)
-
-
-def draw_loads(
-    pen: Symbols, at: list[tuple[int, Tensor]], forces: list[Tensor], moments: list[Tensor]
-) -> None:
-    """Forces (3) N and moments (3) N m on nodes, at places (3) m."""
-    arrows = Arrows(pen.ax, pen.seen, ARROW * pen.size, LOAD)
-    strongest, most = (max((v.norm().item() for v in x), default=0) for x in (forces, moments))
-    for (node, x), F, M in zip(at, forces, moments, strict=True):
-        arrows.force(x, F, strongest, pen.into(node))
-        arrows.moment(x, M, max(most, 1e-9 * strongest * pen.size))
 
 
 def _first(x: Tensor, axes: int) -> Tensor:
@@ -297,7 +288,7 @@ def _ground_below(y: float) -> list[tuple[tuple[float, float], ...]]:
 
 TRIANGLE = ((0, 0), (-0.45, -0.65), (0.45, -0.65), (0, 0))
 CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-# strokes of a sign at (0, 0), its ground below, in a square from -1 to 1
+# strokes of a sign at (0, 0), its ground below; SIZE is as much as from -1 to 1
 SIGNS: dict[str, Any] = {
     "clamp": _ground_below(0.0),
     "pin": [TRIANGLE, *_ground_below(-0.65)],

@@ -246,6 +246,17 @@ def test_undeformed_beams_of_structures_and_batches():
         tb.plot.shape(many, symbols=True)
 
 
+def test_bodies_alone_have_symbols():
+    """A ball under its weight, held by a hinge on the ground, which stands for a support."""
+    ball = {"ball": tb.Body(2.0, 1e-3, position=(1.0, 0, 0))}
+    hinge = tb.Hinge(None, ("ball", (-1.0, 0, 0)))
+    loads = [tb.Gravity((0, 0, -9.81)), tb.PointLoad("ball", (0, 0, 3.0))]
+    scene = tb.Scene(ball, loads, joints=[hinge])
+    ax = tb.plot.symbols(tb.rest(scene), scene=scene, plane="xz")
+    assert "3 N" in texts(ax)
+    assert any((at[0]).norm() < 1e-12 for at in data(ax))
+
+
 def test_section_axes_are_named_where_they_are_seen():
     assert texts(tb.plot.shape(tb.rest(tb.Scene(BEAM)), plane="xz", frames=True)) == ["x", "z"]
     three = tb.plot.shape(tb.rest(tb.Scene(BEAM)), tb.plot.axes(three=True), frames=True)
