@@ -11,6 +11,7 @@ from torch import Tensor
 from ..core.arguments import instance
 from ..math import quaternions as quat
 from ..scene.scene import Scene
+from ..state.rest_shape import RestShape
 from ..state.state import State
 
 
@@ -18,22 +19,17 @@ def undeformed_state(state: Any, scene: Scene | None) -> State:
     """The same, with nodes where the beam has them: of a scene, or of the state itself. Raises
     ValueError for a state of another form, and one that does not know its beam.
     """
-    state = instance("a state", state, State)
-    beam = state.rest_shape
-    nodes = (beam.position, beam.rotation) if scene is None and beam is not None else None
-    if scene is not None:
-        nodes = scene.beam.nodes, scene.beam.frames
+    shape = instance("a state", state, State).rest_shape
+    shape = shape if scene is None else RestShape.of(scene.beam)
+    own = state.position, state.rotation
     try:
-        if nodes is None:
-            raise RuntimeError
-        position, rotation = (x.detach().to(state.position) for x in nodes)
-        q = rotation.expand(*state.rotation.shape)
-        return replace(state, position=position.expand_as(state.position), rotation=q)
-    except RuntimeError:
+        x, q = (at.to(now).expand_as(now) for at, now in zip(shape, own, strict=True))
+    except (TypeError, RuntimeError):  # there is none, or one of other samples
         raise ValueError(
             "a state that does not know its undeformed beam was given; scene=, whose state it is, "
             "is wanted"
         ) from None
+    return replace(state, position=x, rotation=q)
 
 
 def magnified(state: State, at_rest: State, times: float) -> State:
