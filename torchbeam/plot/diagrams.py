@@ -12,13 +12,14 @@ from ..scene.scene import Scene
 from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .shapes import even, prepared
+from .limits import even, prepared
+from .shapes import EDGE_ON
+from .symbols import Symbols
 
 # Of a resultant: the section axis along which it is drawn, y or z, and to which side. Bending
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
 SIDES = {"F1": (2, 1), "F2": (1, 1), "F3": (2, 1), "M1": (2, 1), "M2": (2, 1), "M3": (1, -1)}
 FEW = 0.02  # of the largest value: what is less, or as near to another, is not written
-EDGE_ON = 0.1  # of a section axis: it is hardly seen, and the other one is taken
 
 
 def diagram(
@@ -31,6 +32,7 @@ def diagram(
     plane: str | None = None,
     height: float = 0.15,
     values: bool = True,
+    symbols: bool = False,
 ) -> Axes:
     """Diagram of a stress resultant along all beams of one state, drawn from their axes: F1 normal
     force, F2 and F3 shear forces (N), M1 torque, M2 and M3 bending moments (N m), section axes.
@@ -43,6 +45,7 @@ def diagram(
         plane: "xy", "xz" or "yz", as in `shape`
         height: of the largest value, as a share of the size of what is drawn
         values: write the values at ends of beams and at extremes
+        symbols: of supports, joints and loads, see `symbols`
 
     Raises:
         ValueError: for a batch, a resultant of another name, and as `shape`.
@@ -53,6 +56,7 @@ def diagram(
     choice("resultant", resultant, tuple(SIDES))
     instance("scene", scene, Scene)
     height, values = tolerance("height", height), boolean("values", values)
+    boolean("symbols", symbols)
     position, axes = nodes_of(state)
     told = SectionForces(scene, inputs=inputs)(state)[..., list(SIDES).index(resultant)].detach()
     samples = max(len(position), told.shape[:-2].numel())
@@ -62,7 +66,7 @@ def diagram(
     ax, seen = prepared(ax, plane, position)
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
-        column = 3 - column
+        column = 3 - column  # the other one
     most = told.abs().max().clamp(min=1e-300)
     size = torch.linalg.vector_norm(position[0].amax(0) - position[0].amin(0))
     scale, first = side * height * size / most, 0
@@ -78,6 +82,8 @@ def diagram(
         _draw(ax, ends[..., seen], (scale * value[..., None] * ways)[..., seen])
         if values:
             _write(ax, (ends + scale * value[..., None] * ways)[..., seen], value, FEW * most)
+    if symbols:
+        Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
     ax.set_title(f"{resultant} / {'N' if resultant[0] == 'F' else 'N m'}")
     return even(ax, seen)
 
