@@ -20,7 +20,7 @@ from ..nodal.loads import external
 from ..scene.effects import RootSpring, Spring
 from ..scene.joint import Joint
 from ..scene.scene import Scene
-from ..sensors.of_scene import nodes_of as moving_nodes
+from ..sensors.sensor import nodes_of as moving_nodes
 from ..state.state_check import of_mesh
 from .arrows import Arrows, normal_to
 from .axis import nodes_of
