@@ -51,11 +51,9 @@ def shape(
             surfaces of bodies, and tendons, as far as limits say that are set; `color` is that of
             all, and what else there is for lines has no meaning. A state without the scene's
             batch axes has the radii of the first sample
-        frames: draw the section axes of the nodes too: x red, y green, z blue, with their names at
-            the last node
+        frames: draw section axes at the nodes, x red, y green, z blue, named at the last node
         symbols: of the scene's supports, joints and loads, see `symbols`
-        undeformed: draw the axis of the undeformed beam too, in grey
-        magnify: displacements are drawn times so many, beside the undeformed beam
+        undeformed: draw the undeformed axis too, in grey; magnify: displacements times so many
         nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
     Between nodes the curve is cubic, with the sections' x axes as its tangents.
@@ -68,9 +66,8 @@ def shape(
         >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest
     """
     nodes_of(state)
-    for name, value in dict(
-        frames=frames, nodes=nodes, symbols=symbols, undeformed=undeformed
-    ).items():
+    options = dict(frames=frames, nodes=nodes, symbols=symbols, undeformed=undeformed)
+    for name, value in options.items():
         boolean(name, value)
     check_label(label)
     if scene is not None:
