@@ -31,13 +31,16 @@ class MostLikely(nn.Module):
         self.policy = policy
 
     def forward(self, observation: Tensor) -> Tensor:
-        return self.policy.act(observation).clamp(-1, 1)
+        features, _ = self.policy.see(observation, self.policy.blank(0))
+        return self.policy.act(features).clamp(-1, 1)
 
 
 def to_onnx(policy: Policy, path: str | Path) -> None:
-    """Write a policy, for any number n of observations at once. Raises ImportError without onnx and
-    onnxscript.
+    """Write a policy without a memory, for any number n of observations at once. Raises ImportError
+    without onnx and onnxscript, ValueError for a policy with a memory.
     """
+    if policy.memory:
+        raise ValueError("a policy with a memory was given; one without (memory=0) is wanted")
     try:
         import onnxscript  # noqa: F401
     except ImportError:

@@ -28,3 +28,9 @@ def test_what_is_no_policy_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([str(tmp_path / "nothing.pt"), str(tmp_path / "out.onnx")])
     assert "is not there" in capsys.readouterr().err
+
+
+def test_a_policy_with_a_memory_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["training/policies/payload-uncertain-shac-gru.pt", str(tmp_path / "out.onnx")])
+    assert "a policy with a memory was given; one without (memory=0)" in capsys.readouterr().err
