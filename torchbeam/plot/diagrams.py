@@ -56,14 +56,16 @@ def diagram(
     position, axes = nodes_of(state)
     told = SectionForces(scene, inputs=inputs)(state)[..., list(SIDES).index(resultant)].detach()
     samples = max(len(position), told.shape[:-2].numel())
-    if samples != 1 or told.numel() == 0:
+    if samples != 1:
         raise ValueError(f"{samples} samples were given to a diagram; one sample is wanted")
+    if told.numel() == 0:
+        raise ValueError("bodies alone were given to a diagram; a scene with a beam is wanted")
     told = _along(told.reshape(-1, 3), scene.beam.order)
     ax, seen = prepared(ax, plane, position)
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
         column = 3 - column
-    most = told.abs().max().clamp(min=1e-300)
+    most = told.abs().max().clamp(min=torch.finfo(told.dtype).tiny)
     size = torch.linalg.vector_norm(position[0].amax(0) - position[0].amin(0))
     scale, first = side * height * size / most, 0
     for row in rows_of(state):
@@ -86,7 +88,7 @@ def _along(told: Tensor, order: int) -> Tensor:
     """Values (N, 3) at the start, the middle and the end of elements -> at the points of curves
     (intervals between nodes, POINTS + 1), along parabolas.
     """
-    x = torch.linspace(-1, 1, order * POINTS + 1, dtype=told.dtype)
+    x = torch.linspace(-1, 1, order * POINTS + 1, dtype=told.dtype, device=told.device)
     shapes = torch.stack((x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2))
     return (told @ shapes).unfold(-1, POINTS + 1, POINTS).flatten(0, 1)
 
