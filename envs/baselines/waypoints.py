@@ -15,9 +15,11 @@ from .linear import amount
 
 
 class Waypoints(Controller):
-    """The command led from zero straight to each of the waypoints in turn, then held: no feedback
-    of the arm, but of the command, where something else has changed it. By how much it goes on is
-    measured in the component that goes furthest.
+    """Leads the command of a soft arm from zero through waypoints, on straight lines, and holds
+    the last one.
+
+    It reads the command, and corrects it if something else has changed it; it reads nothing of the
+    arm. Its pace is that of the component that changes most.
 
     Args:
         waypoints: (w, a) commands, in the units of the task's limits (rad, shares of a torque)

@@ -82,6 +82,19 @@ def test_a_weight_at_a_node_is_not_spread_along_the_elements_beside_it(order):
     assert_close(forces[..., 4], 1e-6 * moment, rtol=1e-6, atol=1e-14)
 
 
+def test_linked_interpolation_is_off_by_as_much_as_is_said():
+    """Of a beam that is clamped at both ends: f h^2/8 next to these, f h^2/12 elsewhere."""
+    beam = tb.Beam.straight(1.0, 8, SECTION).linked()
+    ends = [tb.Support(0), tb.Support(-1)]
+    scene = tb.Scene(beam, [tb.LineLoad(force=(0, 0, -1e-6))], small=True, supports=ends)
+    forces = tb.sensors.SectionForces(scene)(tb.equilibrium(scene)) * 1e6
+    s = places(beam)
+    assert_close((forces[..., 2] - (s - 0.5)).abs().amax(), torch.tensor(1 / 8 / 24).double())
+    off = (forces[..., 4] - (6 * s * s - 6 * s + 1) / 12).abs() * 64
+    assert_close(off.amax(), torch.tensor(1 / 8).double())
+    assert_close(off[3:5], torch.full((2, 3), 1 / 12).double())
+
+
 def test_a_force_on_the_node_within_an_element_of_order_2():
     """The moment has its kink there, and none beyond."""
     beam = tb.Beam.straight(1.0, 4, SECTION, order=2)
