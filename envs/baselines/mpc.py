@@ -132,6 +132,7 @@ def expected(g: Tensor, H: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
     """
     g, H = (x.unflatten(0, share.shape) for x in (g, H))
     sound = torch.isfinite(g).all(-1) & torch.isfinite(H).all(-1).all(-1)
+    share = share.clamp(min=torch.finfo(share.dtype).tiny)  # a likelihood that is next to none
     share = torch.where(sound.any(0) & ~sound, 0.0, share)
     share = share / share.sum(0)
     counts = share > 0

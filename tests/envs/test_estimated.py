@@ -181,6 +181,13 @@ def test_a_plan_is_of_all_latencies_by_their_likelihood():
     assert torch.allclose(g[1], torch.full((3,), 1 + 4 / s))
 
 
+def test_a_sound_plan_counts_however_unlikely_its_estimate_is():
+    """Beside a likely one that has none."""
+    g, H = torch.tensor([[math.nan], [2.0]]), torch.tensor([[[1.0]], [[3.0]]])
+    found = expected(g, H, torch.tensor([[1.0], [0.0]]))
+    assert [x.item() for x in found] == [2.0, 3.0]
+
+
 def test_ranges_are_what_is_known_beforehand():
     """Of an env that draws from others, too."""
     env = make(2, params_in_info=False)
