@@ -168,7 +168,7 @@ torch.serialization.add_safe_globals(
     ]
 )
 
-for shown in (Scene, Solution, Instant):  # in notebooks
+for shown in (Scene, Solution, Instant, Modes):  # in notebooks
     shown._repr_html_ = in_html  # type: ignore[attr-defined]
 
 entry_points(globals(), __all__)

@@ -15,11 +15,9 @@ from torch import Tensor
 from torch.distributions import LogNormal
 
 import torchbeam as tb
-from torchbeam.extend import BatchSubset
 
 from .. import imperfections
 from ..core import BeamVectorEnv
-from ..episodes import Episodes
 from ..plant import Plant
 from ..task import Task
 from .holding import Controller, vector_env
@@ -98,18 +96,13 @@ class Estimated(Controller):
             over = now.done if self.z.window is None else torch.zeros_like(now.done)
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
-        action = self.decided(observation).clamp(-1, 1)
-        self.asked = torch.cat((action[:, None], self.asked[:, :-1]), 1)
-        return action
-
-    def decided(self, observation: Tensor) -> Tensor:
-        """(n, a) of the controller, in the episodes as they are believed to be."""
-        env, now = self.env, self.env.state
         env.set_state(self.believed())
         try:
-            return self.controller.act(observation)
+            action = self.controller.act(observation).clamp(-1, 1)
         finally:
             env.set_state(now)
+        self.asked = torch.cat((action[:, None], self.asked[:, :-1]), 1)
+        return action
 
     @torch.no_grad()
     def prepare(self) -> None:
@@ -118,26 +111,23 @@ class Estimated(Controller):
             return
         self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
         if not self.known and self.predicted.about is not None:
-            self._plant({}, self.predicted.about[self.counting()])
+            self._plant({}, self.predicted.about[self._likely()])
 
-    def counting(self) -> tuple[Tensor, Tensor]:
-        """The estimates that are planned with, by latency and episode: the likeliest of each."""
+    def _likely(self) -> tuple[Tensor, Tensor]:
+        """Where the most likely latencies stand among the estimates of the episodes (n,)."""
         likely = self.z.log_likelihood.argmax(0)
         return likely, torch.arange(len(likely), device=likely.device)
 
-    def believed(self) -> Episodes:
-        """The episodes (k,) by the estimates that count."""
-        now, at = self.env.state, self.counting()
-        if len(at[1]) > len(now.steps):
-            few = BatchSubset(at[1], len(now.steps))
-            now = replace(few.gather(replace(now, plant=None)), plant=now.plant)
+    def believed(self) -> Any:
+        """The episodes (n,), by the most likely latencies."""
+        now, at = self.env.state, self._likely()
         own, params = self.filter.unknowns, dict(self.told)
         if own.of_model:
             params |= own.given(self.z.x[at][:, self.filter.moves :][:, : own.of_model])
             params["latency"] = params["latency"].clamp(*self.late)
         x, about = self.z.x[at][:, self.filter.moves :], self.z.about
         plant = now.plant if self.known else self._plant(params, x if about is None else about[at])
-        acting = self.acting(params, self.asked[at[1]])
+        acting = self.acting(params, self.asked)
         return replace(now, plant=plant, beam=self.z.state[at], acting=acting)
 
     def _plant(self, params: dict[str, Tensor], about: Tensor) -> Plant:
@@ -296,8 +286,7 @@ def _prior(low: float, high: float) -> tb.Parameter:
 
 
 class AdaptiveMPC(Estimated):
-    """`MPC` by the plant that is estimated while it is controlled: see `Estimated`. What a plan
-    costs is the expectation over the estimates that began with different latencies.
+    """`MPC` by the plant that is estimated while it is controlled: see `Estimated`.
 
     Args:
         horizon: intervals
@@ -335,12 +324,3 @@ class AdaptiveMPC(Estimated):
             inner, known=known, modes=modes, disturbance=disturbance, estimator=estimator,
             ranges=ranges,
         )  # fmt: skip
-
-    def counting(self) -> tuple[Tensor, Tensor]:
-        """All of them, one latency behind the other."""
-        shape = self.z.log_likelihood.shape
-        each = torch.meshgrid(*map(torch.arange, shape), indexing="ij")
-        return tuple(index.flatten() for index in each)
-
-    def decided(self, observation: Tensor) -> Tensor:
-        return self.controller.decided(self.believed(), self.z.log_likelihood.softmax(0))

@@ -11,7 +11,6 @@ from torchbeam.extend import count
 
 from .. import imperfections
 from ..core import BeamVectorEnv
-from ..episodes import Episodes
 from .holding import Controller, vector_env
 from .linear import amount
 from .trajectory import TipWay, within_bounds
@@ -86,23 +85,17 @@ class MPC(Controller):
         self.plan = torch.where(fresh[:, None, None], 0.0, self.plan)
 
     def act(self, observation: Tensor) -> Tensor:
-        return self.decided(self.env.state)
-
-    def decided(self, now: Episodes, share: Tensor | None = None) -> Tensor:
-        """(n, a) by episodes that stand so; share (s, n): of what several (s n,), one behind the
-        other, count in an episode's cost, None = one each.
-        """
         for _ in range(self.iterations):
-            self.plan = self._better(self.plan, now, share)
+            self.plan = self._better(self.plan)
         first = self.plan[:, 0]
         self.plan = torch.cat((self.plan[:, 1:], self.plan[:, -1:]), 1)
         return first
 
-    def acting(self, plan: Tensor, now: Episodes | None = None) -> Tensor:
+    def acting(self, plan: Tensor) -> Tensor:
         """(n, horizon, a): what acts in the next intervals; given over those of the delay at the
         end, an action would act after them.
         """
-        now, simulation = self.env.state if now is None else now, self.env.simulation
+        now, simulation = self.env.state, self.env.simulation
         if not self.informed:
             return torch.cat((now.pending, plan), 1)
         late, params = () if now.late is None else (now.late,), now.plant.params
@@ -113,29 +106,12 @@ class MPC(Controller):
         )
         return params["gain"].reshape(-1, 1, 1) * acts
 
-    def _better(self, plan: Tensor, now: Episodes, share: Tensor | None) -> Tensor:
-        """The plan after a step; see `decided`."""
+    def _better(self, plan: Tensor) -> Tensor:
+        """The plan after a step."""
+        now = self.env.state
         way = TipWay(self.env.task, now.plant) if self.informed else self.way
-        each = plan if share is None else plan.repeat(len(share), 1, 1)
-        tips, slopes = way.slopes(now, each, lambda plan: self.acting(plan, now))
+        tips, slopes = way.slopes(now, plan, self.acting)
         own = slopes.flatten(3)
-        gap, flat = self.way.gaps(now, tips), each.flatten(1)
+        gap, flat = self.way.gaps(now, tips), plan.flatten(1)
         g, H = self.way.quadratic(gap, own, flat, self.weight)
-        if share is not None:
-            g, H = expected(g, H, share)
-        return within_bounds(g, H, plan.flatten(1), self.damping).view_as(plan)
-
-
-def expected(g: Tensor, H: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
-    """Of gradients (s n, m) and matrices (s n, m, m), by shares (s, n), of those that are finite
-    where there are some.
-    """
-    g, H = (x.unflatten(0, share.shape) for x in (g, H))
-    sound = torch.isfinite(g).all(-1) & torch.isfinite(H).all(-1).all(-1)
-    share = share.clamp(min=torch.finfo(share.dtype).tiny)  # a likelihood that is next to none
-    share = torch.where(sound.any(0) & ~sound, 0.0, share)
-    share = share / share.sum(0)
-    counts = share > 0
-    g = torch.where(counts[..., None], g, 0.0)
-    H = torch.where(counts[..., None, None], H, 0.0)
-    return (share[..., None] * g).sum(0), (share[..., None, None] * H).sum(0)
+        return within_bounds(g, H, flat, self.damping).view_as(plan)

@@ -9,11 +9,6 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 LONG, LONGEST = 25, 45  # words
 SHARE = 0.1  # of sentences that are longer than LONG
-# Not yet written anew. A page that holds is taken off; none is put on.
-NOT_YET = {
-    "architecture", "control_libraries", "design", "estimation", "from_measurements", "hardware",
-    "learning", "noise", "own_environment", "published_tasks",
-}  # fmt: skip
 
 
 def sentences(text: str) -> list[str]:
@@ -56,11 +51,6 @@ def test_sentences_are_told_apart():
     assert [words(sentence) for sentence in sentences(page)] == [2, 6, 1]
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if p.stem not in NOT_YET], ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_sentences_are_short(page):
     assert not holds(page), holds(page)
-
-
-@pytest.mark.parametrize("page", [p for p in PAGES if p.stem in NOT_YET], ids=lambda p: p.stem)
-def test_what_is_short_is_taken_off_the_list(page):
-    assert holds(page), f"{page.stem} holds: take it off NOT_YET"

@@ -8,13 +8,10 @@ import torch
 from torchbeam_envs import FlutterHoldVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Estimated
 from torchbeam_envs.baselines.estimated import LASTING
-from torchbeam_envs.baselines.mpc import expected
-from torchbeam_envs.plant import Plant
 from torchbeam_envs.uncertain import UNCERTAIN
 
 import torchbeam as tb
 from tests.cases.episodes import play
-from torchbeam.extend import BatchSubset
 
 torch.set_num_threads(1)
 SMALL = dict(elements=2, substeps=1, output="torch", autoreset_mode="Disabled", planar=True)
@@ -142,50 +139,6 @@ def test_what_is_prepared_changes_no_action(monkeypatch):
             observation, *_ = env.step(actions[-1])
         both.append(torch.stack(actions))
     assert torch.equal(*both) and both[0].abs().max() > 0.1
-
-
-def test_a_plan_is_of_all_latencies_by_their_likelihood():
-    """A share of one for a latency is a plan by that alone; half and half lies between in cost, and
-    an estimate that no step follows from does not count.
-    """
-    env = make(2, params_in_info=False)
-    observation, _ = env.reset(seed=2)
-    controller = AdaptiveMPC(env, horizon=6)
-    controller.begin(env)
-    controller(observation)
-    now, inner = controller.believed(), controller.controller
-    n, s = 2, len(controller.latencies)
-    assert len(now.steps) == n * s
-    start = inner.plan.clone()
-
-    def plan(share):
-        inner.plan = start
-        inner.decided(now, share)
-        return inner.plan[:, :-1]
-
-    alone = [plan(torch.eye(s).double()[:, [k, k]]) for k in range(s)]
-    assert (alone[0] - alone[-1]).abs().max() > 1e-3
-    for k in (0, s - 1):
-        few = BatchSubset(torch.arange(n) + n * k, n * s)
-        step = tb.Stepper(few.gather(now.plant.stepper.scene), now.plant.stepper.dt)
-        plant = Plant({name: few.take(x, 0) for name, x in now.plant.params.items()}, step)
-        own = replace(few.gather(replace(now, plant=None)), plant=plant)
-        inner.plan = start
-        inner.decided(own)
-        assert (inner.plan[:, :-1] - alone[k]).abs().max() < 1e-9
-    g, H = torch.ones(s * n, 3), torch.eye(3).expand(s * n, 3, 3).clone()
-    g[:n], H[0] = 5.0, math.nan
-    share = torch.full((s, n), 1 / s)
-    g, H = expected(g, H, share)
-    assert torch.allclose(g[0], torch.ones(3)) and torch.allclose(H[0], torch.eye(3))
-    assert torch.allclose(g[1], torch.full((3,), 1 + 4 / s))
-
-
-def test_a_sound_plan_counts_however_unlikely_its_estimate_is():
-    """Beside a likely one that has none."""
-    g, H = torch.tensor([[math.nan], [2.0]]), torch.tensor([[[1.0]], [[3.0]]])
-    found = expected(g, H, torch.tensor([[1.0], [0.0]]))
-    assert [x.item() for x in found] == [2.0, 3.0]
 
 
 def test_ranges_are_what_is_known_beforehand():

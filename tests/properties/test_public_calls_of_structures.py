@@ -221,6 +221,13 @@ def animated(of):
         return torch.tensor(tb.plot.animate(of.run(), f"{folder}/a.gif", dpi=20).exists())
 
 
+def mode_filmed(of):
+    modes = tb.modes(of.scene, count=1, inputs=GIVEN)
+    with TemporaryDirectory() as folder:
+        path = tb.plot.mode_film(modes, f"{folder}/a.gif", scene=of.scene, fps=2, dpi=20)
+        return torch.tensor(path.exists())
+
+
 def filed(of):
     """The tip after a step from a state that was read from a file."""
     with TemporaryDirectory() as folder:
@@ -384,6 +391,11 @@ SAME = {
     "plot.energies": lambda of: drawn(of, lambda: tb.plot.energies(of.run())),
     "plot.diagram": lambda of: drawn(of, lambda: tb.plot.diagram(of.equilibrium(), "M2",
         scene=of.scene, inputs=GIVEN)),
+    "plot.symbols": lambda of: drawn(of, lambda: tb.plot.symbols(of.equilibrium(), scene=of.scene,
+        inputs=GIVEN)),
+    "plot.reactions": lambda of: drawn(of, lambda: tb.plot.reactions(of.equilibrium(),
+        scene=of.scene)),
+    "plot.mode_film": mode_filmed,
     "plot.history": lambda of: drawn(of, lambda: tb.plot.history(of.run(),
         S.TipPosition(**of.named))),
     "plot.mode_shapes": lambda of: drawn(of, lambda: tb.plot.mode_shapes(of.equilibrium(),

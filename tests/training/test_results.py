@@ -396,6 +396,7 @@ def made(task, name, options, folder):
     """A run as if it were made, and what is in its file."""
     run = results.Run(task, name, None if name in results.BASELINES else 0)
     there = {"budget": vars(results.budget(options, run)), "environment": run.environment}
+    there |= {"algorithm": name}
     there |= {"episodes": options.episodes, "validation_return": -1.0}
     there |= {"settings": {} if name in results.BASELINES else run.settings}
     (folder / f"{run.name}.json").write_text(json.dumps(there))

@@ -13,6 +13,7 @@ import pytest
 import torch
 from torchbeam_envs.baselines import LQR, Zero
 
+from torchbeam.solvers import newton
 from training import common, ppo, results, sac, shac, student
 from training.evaluate import evaluate, make
 from training.evaluate import main as evaluation
@@ -40,11 +41,12 @@ def learner(name, task=TINY, **settings):
     return made(task, arguments(**{**small, **settings}))
 
 
-def test_gradient_of_a_window_is_that_of_differences():
+def test_gradient_of_a_window_is_that_of_differences(monkeypatch):
     """32 steps, episode ends within them, critic's values in the objective: central differences in
     two directions of the policy's weights, in float64. 1e-6 is what differences of step 1e-5 are
-    worth; the steps' Newton solves stop at 1e-8.
+    worth where Newton's method goes as far as it can: the gradient is that of an exact solution.
     """
+    monkeypatch.setitem(newton.TOLERANCE, torch.float64, 1e-12)
     one = learner("shac", horizon=32, num_envs=3)
     for part in (one.policy, one.target):
         part.double()

@@ -115,8 +115,6 @@ def simulate(
       of the mesh, so stiff, long or batched scenes need "midpoint". Longer fixed steps create
       energy. A sample of the nodal form then gets a status and keeps its last output.
 
-    Options that a method does not have are refused.
-
     Args:
         scene: its tensors may carry gradient, and everything is differentiable.
         t: (time,) s, strictly increasing; the first is the time of the initial state. A tensor has
@@ -124,8 +122,7 @@ def simulate(
         initial: a state of the form; None = undeformed and at rest. Supported nodes must be where
             their supports are at t[0], see `Support`, and at rest if neither the supports nor frame
             a move. States of `rest`, `equilibrium`, `State.from_nodes` and solutions are. Rounding
-            errors are corrected. If the state is of another time than t[0], frame a turns on until
-            then, see `State.frame`.
+            errors are corrected. From a state of another time, frame a turns on until t[0].
         method: by name, see above.
         form: "nodal" (energy consistent, for everything), "minimal" or "block_rate" (the
             index-reduced derivation).

@@ -53,10 +53,9 @@ class Stepper:
             damping is strong, see `torchbeam.dynamics.midpoint4`. "generalized_alpha": balance at
             the end of the step, high frequencies damped (second order). Its stress and reaction are
             at the end of the step; its state remembers accelerations, which `begin` starts
-        rho_inf: of generalized_alpha: share of an infinitely fast motion that is left after a step,
-            1 (nothing is lost) to 0
+        rho_inf: of generalized_alpha: share of an infinitely fast motion left after a step, 0 to 1
         lumped: mass at the nodes alone, as in the explicit form. By default neighbours are coupled,
-            which makes the error of the translational inertia fourth order
+            so that the error of translational inertia is of fourth order
         conserve: scale the velocities after each step so that the energy balance closes exactly:
             for long undamped runs. A piece that nothing holds keeps its rigid motion, so its
             momentum and angular momentum stay; its steps are eager

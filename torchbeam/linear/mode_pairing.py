@@ -96,8 +96,7 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     - **Derivatives.** Frequencies and shapes are differentiable at fixed pairs.
     - **Mixed shapes.** Where two computed frequencies meet their shapes mix, and neither resembles
       a measured one. Their `mac` is then far below 1.
-    - **Order.** The best pairs are made first, for each sample by itself. A mode that no channel
-      sees is paired last.
+    - **Order.** The best pairs are made first. A mode that no channel sees is paired last.
 
     Raises:
         ValueError: for fewer computed modes than measured ones, other channels, or a measured shape

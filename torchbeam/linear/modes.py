@@ -45,6 +45,7 @@ class Modes:
         eigenvalue: (..., count) complex, 1/s; a positive real part grows
         shape: (..., count, N+1, 6) complex: displacement (m) and rotation (rad) of the nodes, frame
             a
+        state: the equilibrium about which they are
 
     Examples:
         >>> modes = tb.modes(scene, count=2)
@@ -56,6 +57,19 @@ class Modes:
 
     eigenvalue: Tensor
     shape: Tensor
+    state: State | None = None
+
+    @property
+    def summary(self) -> dict[str, str]:
+        """Each mode in words, of a batch from the least to the largest."""
+        unstable = concrete(self.unstable)
+        return {
+            f"mode {k + 1}": (
+                f"{span(self.frequency[..., k] / (2 * torch.pi))} Hz, damping ratio "
+                f"{span(self.damping_ratio[..., k])}{', unstable' * bool(unstable[..., k].any())}"
+            )
+            for k in range(self.eigenvalue.shape[-1])
+        }
 
     def __repr__(self) -> str:
         grow = int(concrete(self.unstable).sum())
@@ -209,7 +223,8 @@ def _modes(
             shape
             / sum((x * (x @ M)).sum(-1, keepdim=True) for x in (shape.real, shape.imag)).sqrt()
         )
-    return Modes(value, moves(model, shape, None if basis is None else basis[..., None, :, :]))
+    shape = moves(model, shape, None if basis is None else basis[..., None, :, :])
+    return Modes(value, shape, state)
 
 
 def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, inputs: dict[str, Tensor]) -> None:

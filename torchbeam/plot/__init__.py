@@ -14,8 +14,11 @@ from .canvas import axes, grid, save
 from .curves import campbell, energies, history, load_path, tried
 from .diagrams import diagram
 from .identification import correlation, design, fit, profile
+from .mode_shapes import mode_film, mode_shapes
 from .obstacles import obstacles
-from .shapes import mode_shapes, shape
+from .reactions import reactions
+from .shapes import shape
+from .symbols import symbols
 from .tendons import tendons
 from .uncertainty import bands, convergence, histogram, tornado
 
@@ -23,8 +26,8 @@ from .uncertainty import bands, convergence, histogram, tornado
 __all__ = [
     "animate", "axes", "bands", "campbell", "convergence", "correlation", "design", "diagram",
     "energies",
-    "fit", "grid", "histogram", "history", "load_path", "mode_shapes", "obstacles", "profile",
-    "save", "shape", "tendons", "tornado", "tried",
+    "fit", "grid", "histogram", "history", "load_path", "mode_film", "mode_shapes", "obstacles",
+    "profile", "reactions", "save", "shape", "symbols", "tendons", "tornado", "tried",
 ]
 # fmt: on
 

@@ -19,7 +19,8 @@ from ..state.solution import Solution
 from ..state.state import State
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import Axes, matplotlib_wanted, numbers
-from .shapes import TRIAD, framed, prepared
+from .limits import framed, prepared
+from .shapes import TRIAD
 from .solid_picture import SolidPicture
 
 CLOCK: dict[str, Any] = dict(fontsize=9, loc="left", family="monospace")

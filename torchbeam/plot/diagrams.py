@@ -12,7 +12,9 @@ from ..scene.scene import Scene
 from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .shapes import even, prepared
+from .limits import even, prepared
+from .shapes import EDGE_ON
+from .symbols import Symbols
 
 # Of a resultant: the section axis along which it is drawn, y or z, and to which side. Bending
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
@@ -21,7 +23,6 @@ FEW = 0.02  # of the largest value: what is less, or as near to another, is not 
 # of the largest force, or of its moment across what is drawn, times the root of eps: what is less
 # is what rounding leaves of zero
 NOTHING = 10.0
-EDGE_ON = 0.1  # of a section axis: it is hardly seen, and the other one is taken
 
 
 def diagram(
@@ -34,6 +35,7 @@ def diagram(
     plane: str | None = None,
     height: float = 0.15,
     values: bool = True,
+    symbols: bool = False,
 ) -> Axes:
     """Diagram of a stress resultant along all beams of one state, drawn from their axes.
 
@@ -48,6 +50,7 @@ def diagram(
         plane: "xy", "xz" or "yz", as in `shape`
         height: of the largest value, as a share of the size of what is drawn
         values: write the values at ends of beams and at extremes
+        symbols: of supports, joints and loads, see `symbols`
 
     Raises:
         ValueError: for a batch, bodies alone, a resultant of another name, and as `shape`.
@@ -58,6 +61,7 @@ def diagram(
     choice("resultant", resultant, tuple(SIDES))
     instance("scene", scene, Scene)
     height, values = tolerance("height", height), boolean("values", values)
+    boolean("symbols", symbols)
     position, axes = nodes_of(state)
     forces = SectionForces(scene, inputs=inputs)(state).detach()
     samples = max(len(position), forces.shape[:-3].numel())
@@ -68,7 +72,7 @@ def diagram(
     ax, seen = prepared(ax, plane, position)
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
-        column = 3 - column
+        column = 3 - column  # the other one
     size = torch.linalg.vector_norm(position[0].amax(0) - position[0].amin(0))
     told = _along(_clear(forces.reshape(-1, 3, 6), resultant, size), scene.beam.order)
     most = told.abs().max().clamp(min=torch.finfo(told.dtype).tiny)
@@ -85,6 +89,8 @@ def diagram(
         _draw(ax, ends[..., seen], (scale * value[..., None] * ways)[..., seen])
         if values:
             _write(ax, (ends + scale * value[..., None] * ways)[..., seen], value, FEW * most)
+    if symbols:
+        Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
     ax.set_title(f"{resultant} / {'N' if resultant[0] == 'F' else 'N m'}")
     return even(ax, seen)
 

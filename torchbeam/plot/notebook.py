@@ -1,4 +1,4 @@
-"""What a notebook shows of a scene, a state or a solution: a picture beside a table."""
+"""What a notebook shows of a scene, a state, a solution or modes: a picture beside a table."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from ..linear.modes import Modes
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.reduced import ReducedStates
@@ -16,8 +17,10 @@ from ..state.solution import Solution
 from ..state.state import State, rest
 from .axis import PLANES, nodes_of
 from .canvas import Axes
+from .limits import prepared
+from .mode_shapes import mode_shapes
 from .obstacles import obstacles
-from .shapes import prepared, shape
+from .shapes import shape
 from .tendons import tendons
 
 SHAPES = 8  # at most so many in a picture
@@ -48,10 +51,12 @@ def _picture(value: Any) -> str | None:
     """
     try:
         states = _states(value)
+        if states is None:
+            return None
         nodes = states.nodes.flatten(0, -2)
         if nodes.isinf().any() or nodes.isnan().all(0).any():
             return None
-        figure = (_of_scene(value, states) if isinstance(value, Scene) else shape(states)).figure
+        figure = _drawn(value, states).figure
         file = io.BytesIO()
         figure.savefig(file, dpi=DPI, format="png")
     except (ImportError, RuntimeError):
@@ -59,8 +64,22 @@ def _picture(value: Any) -> str | None:
     return base64.b64encode(file.getvalue()).decode()
 
 
+def _drawn(value: Any, states: Any) -> Axes:
+    """Its picture, with the states that are drawn."""
+    if isinstance(value, Modes):
+        first = value.eigenvalue.reshape(-1, value.eigenvalue.shape[-1])[0]
+        shapes = value.shape.reshape(-1, *value.shape.shape[-3:])[0]
+        return mode_shapes(states, Modes(first, shapes))
+    return _of_scene(value, states) if isinstance(value, Scene) else shape(states)
+
+
 def _states(value: Any) -> Any:
-    """Those that are drawn."""
+    """Those that are drawn, None = there are none: of modes the first sample's equilibrium."""
+    if isinstance(value, Modes):
+        state = None if value.state is None or not len(value.shape) else value.state.broadcast()
+        while state is not None and state.batch_shape:
+            state = state[0]
+        return state
     if isinstance(value, Scene):
         return _samples(rest(value))
     return _instants(value) if isinstance(value, Solution) else _samples(value)

@@ -1,4 +1,4 @@
-"""Shapes: pictures of the beam itself, its section axes and its modes."""
+"""Shapes: pictures of the beam itself and its section axes."""
 
 from __future__ import annotations
 
@@ -7,15 +7,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import boolean, choice, instance, number
-from ..core.arguments import count as check_count
-from ..linear.modes import Modes
+from ..core.arguments import boolean, instance, tolerance
+from ..core.validation import refusal
 from ..scene.scene import Scene
-from .axis import PLANES, axis_curves, nodes_of, rows_of
-from .canvas import GREY, Axes, axes, check_axes, check_label, is_3d, line_style, numbers
+from ..state.state import State
+from ..state.state_check import of_mesh
+from .axis import axis_curves, nodes_of, rows_of
+from .canvas import GREY, Axes, check_label, line_style, numbers
+from .limits import even, framed, prepared
+from .magnified import magnified, undeformed_state
 from .solid_picture import SolidPicture
+from .symbols import Symbols
 
 TRIAD = ("#c0392b", "#27ae60", "#2c5fb3")  # x, y, z
+EDGE_ON = 0.1  # of a section axis: it is hardly seen
 
 
 def shape(
@@ -28,6 +33,9 @@ def shape(
     color: Any = None,
     label: str | None = None,
     nodes: bool = True,
+    symbols: bool = False,
+    undeformed: bool = False,
+    magnify: float = 1.0,
     **line: Any,
 ) -> Axes:
     """Axis of the beam (m, frame a) in a state, or in each of a batch or trajectory, the first
@@ -43,28 +51,42 @@ def shape(
             surfaces of bodies, and tendons, as far as limits say that are set; `color` is that of
             all, and what else there is for lines has no meaning. A state without the scene's
             batch axes has the radii of the first sample
-        frames: draw the section axes of the nodes too: x red, y green, z blue
+        frames: draw section axes at the nodes, x red, y green, z blue, named at the last node
+        symbols: of the scene's supports, joints and loads, see `symbols`
+        undeformed: draw the undeformed axis too, in grey; magnify: displacements times so many
         nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
 
     Between nodes the curve is cubic, with the sections' x axes as its tangents.
 
     Raises:
         ValueError: for what is no state, a plane that is none, flat axes for a beam that lies
-            in no plane, and a state of another scene.
+            in no plane, a state of another scene, and one that does not know its undeformed beam.
 
     Examples:
         >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest
     """
-    position, turn = nodes_of(state)
-    boolean("frames", frames), boolean("nodes", nodes)
+    nodes_of(state)
+    options = dict(frames=frames, nodes=nodes, symbols=symbols, undeformed=undeformed)
+    for name, value in options.items():
+        boolean(name, value)
     check_label(label)
     if scene is not None:
-        instance("scene", scene, Scene)
+        of_mesh(state, instance("scene", scene, Scene), "a state")
+    elif symbols:
+        raise refusal("symbols=True without a scene", "scene=, whose state it is,")
+    picture = state
+    if tolerance("magnify", magnify) != 1:
+        picture = magnified(state, undeformed_state(state, scene), magnify)
+    position, turn = nodes_of(picture)
     ax, seen = prepared(ax, plane, position)
-    solid = None if scene is None else SolidPicture.of(scene, state, ax, seen, color)
+    if undeformed or magnify != 1:
+        _draw_undeformed(ax, seen, undeformed_state(state, scene), magnify, color)
+    if symbols:
+        Symbols.of(ax, seen, scene, position, turn).draw(state)
+    solid = None if scene is None else SolidPicture.of(scene, picture, ax, seen, color)
     if solid is not None:
-        framed(ax, seen, solid.reach(state)[:, seen])
-        solid.draw(state)
+        framed(ax, seen, solid.reach(picture)[:, seen])
+        solid.draw(picture)
         if frames:
             _triads(ax, position, turn, seen)
         return ax
@@ -83,61 +105,15 @@ def shape(
     return even(ax, seen)
 
 
-def mode_shapes(
-    state: Any,
-    modes: Modes,
-    ax: Axes | None = None,
-    *,
-    count: int = 4,
-    scale: float = 0.15,
-    plane: str | None = None,
-) -> Axes:
-    """Mode shapes about a state, the first `count`, both of one sample: the beam's axis moved by
-    each mode at the instant at which its displacement is largest, then `scale` times the beam's
-    length; frequencies in Hz, of motions that do not oscillate the rate in 1/s. A mode that hardly
-    displaces the axis (torsion) is named, not drawn. Raises ValueError for a batch, and as `shape`.
-
-    Examples:
-        >>> ax = tb.plot.mode_shapes(tb.rest(scene), tb.modes(tb.Scene(beam), count=3))
-    """
-    position, turn = nodes_of(state)
-    instance("modes", modes, Modes)
-    check_count("count", count)
-    scale = number("scale", scale)
-    if len(position) > 1 or modes.shape.ndim != 3:
-        raise ValueError(
-            "modes or a state of more than one sample were given to mode_shapes; one sample is "
-            "wanted"
-        )
-    length = torch.linalg.vector_norm(position[0].diff(dim=0), dim=-1).sum()
-    moves = modes.shape.detach()[:count]
-    flat = moves[..., :3].flatten(1)
-    peak = flat.gather(1, flat.abs().argmax(-1, keepdim=True))[..., None]
-    move = (moves * torch.exp(-1j * peak.angle())).real
-    largest = torch.linalg.vector_norm(move[..., :3], dim=-1).amax(-1)
-    silent = largest < 1e-3 * length * torch.linalg.vector_norm(move[..., 3:], dim=-1).amax(-1)
-    size = torch.where(silent, 0.0, scale * length / largest.clamp(min=1e-300))
-    move = move * size[:, None, None]
-    at_rest = turn[..., 0]
-    moved = position + move[..., :3]
-    # a mode is linear in its size
-    tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))
-    chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
-    ax, seen = prepared(ax, plane, torch.cat((position, moved)))
-    rows = rows_of(state)
-    ax.plot(
-        *numbers(axis_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--"
-    )
-    for i, curve in enumerate(numbers(axis_curves(rows, moved, tilted, chord)[..., seen])):
-        value = modes.eigenvalue[i].detach()
-        speed = f"{value.real.item():.3g} /s"
-        if value.imag != 0:
-            speed = f"{value.imag.abs().item() / (2 * torch.pi):.4g} Hz"
-        line = curve[:0] if silent[i] else curve
-        label = f"{i + 1}: {speed}{' (turns about its axis)' if silent[i] else ''}"
-        ax.plot(*line.T, color=f"C{i}", lw=1.8, label=label)
+def _draw_undeformed(ax: Axes, seen: list[int], at_rest: State, magnify: float, color: Any) -> None:
+    """The undeformed axis, of a batch the first sample's, and what is magnified, in a legend."""
+    position, turn = nodes_of(at_rest)
+    curve = axis_curves(rows_of(at_rest), position[:1], turn[:1, ..., 0])[0]
+    ax.plot(*numbers(curve[:, seen]).T, color=GREY, lw=1.5, label="undeformed")
+    if magnify != 1:
+        shade, text = "C0" if color is None else color, f"displacements times {magnify:g}"
+        ax.plot(*([] for _ in seen), color=shade, lw=1.8, label=text)
     ax.legend(frameon=False, fontsize=8)
-    return even(ax, seen)
 
 
 def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
@@ -150,89 +126,18 @@ def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
         ax.plot(*ends.T, "o", ms=6, mfc="none", mec="k", mew=0.8, color=GREY, ls="-", lw=0.8)
 
 
-def prepared(ax: Axes | None, plane: str | None, position: Tensor) -> tuple[Axes, list[int]]:
-    """Axes, and which coordinates they show of positions (samples, N+1, 3); raises as `shape`."""
-    choice("plane", plane, (*PLANES, None))
-    if ax is not None and is_3d(check_axes(ax)):
-        return ax, [0, 1, 2]
-    if plane is None:
-        extent = position.flatten(0, -2).amax(0) - position.flatten(0, -2).amin(0)
-        least = 1e-6 * extent.max()
-        flat = [name for name, pair in PLANES.items() if extent[3 - sum(pair)] <= least]
-        if not flat and ax is not None:
-            raise ValueError(
-                "flat axes were given for a beam that is in no plane of two coordinates; say plane="
-            )
-        at = [pair for pair in flat if extent[list(PLANES[pair])].min() > 0] or flat
-        plane = at[0] if at else None
-    seen = [0, 1, 2] if plane is None else list(PLANES[plane])
-    if ax is None:
-        ax = axes((6, 5) if plane is None else (6, 3.8), three=plane is None)
-    return ax, seen
-
-
-def even(ax: Axes, seen: list[int]) -> Axes:
-    """The axes with equal scales, names, and room around what was drawn."""
-    names = (ax.set_xlabel, ax.set_ylabel, *([ax.set_zlabel] if is_3d(ax) else []))
-    for set_label, i in zip(names, seen, strict=True):
-        set_label(f"{'xyz'[i]} / m")
-    if not is_3d(ax):
-        ax.set_aspect("equal", adjustable="datalim")
-        return ax
-    flat, deep = ax.xy_dataLim, ax.zz_dataLim  # of all that was drawn
-    least, most = (flat.x0, flat.y0, deep.x0), (flat.x1, flat.y1, deep.x1)
-    half = max(0.3 * max(b - a for a, b in zip(least, most, strict=True)), 1e-12)
-    sizes = []
-    for set_limits, a, b in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), least, most, strict=True):
-        middle, reach = (a + b) / 2, max((b - a) / 2 * 1.05, half / 2)
-        set_limits(middle - reach, middle + reach)
-        sizes.append(reach)
-    ax.set_box_aspect(sizes)
-    for axis, size in zip((ax.xaxis, ax.yaxis, ax.zaxis), sizes, strict=True):
-        axis.set_major_locator(_few(max(2, round(5 * size / max(sizes)))))
-        axis.labelpad = 5
-    return ax
-
-
-def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
-    """Equal scales, with limits that stay: those that a user has set, or with room for what was
-    drawn and for points (n, 2 or 3) m.
-    """
-    names = ("x", "y", "z") if is_3d(ax) else ("x", "y")
-    axes_of = {
-        f"{name}lim": getattr(ax, f"get_{name}lim")()
-        for name in names
-        if not getattr(ax, f"get_autoscale{name}_on")()
-    }
-    (everywhere,) = ax.plot(*numbers(points).T, alpha=0)
-    even(ax, seen)
-    everywhere.remove()
-    ax.set(**axes_of)
-    if is_3d(ax):
-        sizes = [b - a for a, b in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
-        ax.set_box_aspect(sizes, zoom=1.0 if ax.axison else 1.15)  # nothing is written beside it
-        return
-    if not axes_of:
-        ax.figure.canvas.draw()  # equal scales settle
-    ax.set_aspect("equal", adjustable="box")
-    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
-
-
-def _few(count: int) -> Any:
-    """Locator of at most so many ticks."""
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(count)
-
-
 def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:
-    """Section axes turn (samples, N+1, 3, 3) drawn at the nodes (samples, N+1, 3)."""
+    """Section axes turn (samples, N+1, 3, 3) drawn at the nodes (samples, N+1, 3), with their names
+    at the last.
+    """
     reach = 0.06 * torch.linalg.vector_norm(position.diff(dim=-2), dim=-1).sum(-1)[:, None, None]
     for i, color in enumerate(TRIAD):
         ends = numbers((position + reach * turn[..., i])[..., seen])
         starts = numbers(position[..., seen])
         for start, end in zip(*(x.reshape(-1, len(seen)) for x in (starts, ends)), strict=True):
             ax.plot(*zip(start, end, strict=True), color=color, lw=1)
+        if turn[0, -1, seen, i].norm() > EDGE_ON:
+            ax.text(*ends[0, -1].tolist(), "xyz"[i], color=color, fontsize=8)
 
 
 def _shade(i: int, count: int) -> Any:

@@ -1,6 +1,7 @@
 """What a notebook shows: a picture and a table, in HTML."""
 
 import base64
+import dataclasses
 import io
 import re
 import sys
@@ -76,6 +77,23 @@ def test_picture_and_table(what):
         type(shown).__name__, "effects", "supports", "joints",
     }  # fmt: skip
     assert len(page.images) == 1 and colours(page.images[0]) > 20
+
+
+@pytest.mark.parametrize("scene", [tb.Scene(BEAM), SCENE])
+def test_modes_have_a_row_each(scene):
+    """With their frequencies, of a batch from the lowest to the highest, and a picture."""
+    modes = tb.modes(scene, count=5)
+    page = Reader(modes._repr_html_())
+    assert page.cells[::2] == [f"mode {k}" for k in range(1, 6)]
+    hz = modes.frequency.reshape(-1, 5) / (2 * torch.pi)
+    for text, value in zip(page.cells[1::2], hz.mT, strict=True):
+        said = [float(x) for x in text.partition(" Hz")[0].split(" to ")]
+        assert said == pytest.approx(
+            sorted({f"{x:.4g}": x.item() for x in value}.values()), rel=1e-3
+        )
+    assert len(page.images) == 1 and colours(page.images[0]) > 20
+    page = Reader(dataclasses.replace(modes, state=None)._repr_html_())
+    assert len(page.cells) == 10 and not page.images
 
 
 def test_without_matplotlib_the_table_alone(monkeypatch):

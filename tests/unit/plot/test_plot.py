@@ -6,7 +6,7 @@ import errno
 import math
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -92,6 +92,45 @@ def test_mode_shapes(tmp_path):
     assert_close(first[-1, 1].abs(), torch.tensor(0.15))
     hz = [float(text.get_text().split()[1]) for text in ax.get_legend().get_texts()]
     assert_close(torch.tensor(hz), modes.frequency / (2 * torch.pi), rtol=1e-3, atol=0)
+
+
+def test_a_film_of_a_mode(tmp_path):
+    """Two seconds of one period, that run on: the first picture has the tip at 0.2 of the length,
+    the middle one at the other side; its frequency above. A torsion turns what is solid.
+    """
+    scene = tb.Scene(BEAM, plane="xz")
+    modes = tb.modes(scene, count=2)
+    path = tb.plot.mode_film(modes, tmp_path / "mode.gif", mode=2, scale=0.2, fps=5, dpi=50)
+    film = Image.open(path)
+    assert film.n_frames == 10 and film.info["duration"] == 200
+    rows = []
+    for k in (0, 5):
+        film.seek(k)
+        blue = np.asarray(film.convert("RGB")).astype(int)
+        at = np.argwhere((blue[..., 2] - blue[..., 0] > 60) & (blue[..., 0] < 120))
+        rows.append(at[at[:, 1] > at[:, 1].max() - 6, 0].mean())
+    assert abs(rows[0] - rows[1]) > 30
+    fine = tb.Scene(tb.Beam.straight(1.0, 8, SECTION, order=2), plane="xz")
+    ax, flat = tb.plot.axes(), tb.modes(fine, count=6)
+    tb.plot.mode_film(flat, tmp_path / "sixth.gif", ax, mode=6, fps=1, plane="xz")
+    drawn_first = data(ax)[0]
+    exact = data(tb.plot.mode_shapes(flat.state, flat, count=6))[6]
+    off = (drawn_first[:, None] - exact).norm(dim=-1).amin(1).max()
+    assert off < 0.01  # the axes tilt as the beam does: no kink at a node
+    modes = tb.modes(tb.Scene(BEAM), count=8)
+    spin = modes.shape[..., 3].abs().amax(-1) / modes.shape[..., :3].abs().flatten(1).amax(-1)
+    path = tb.plot.mode_film(
+        modes, tmp_path / "torsion.gif", mode=int(spin.argmax()) + 1, scene=tb.Scene(BEAM), fps=2
+    )
+    assert Image.open(path).n_frames == 4
+    for wrong, said in ((9, "mode = 9 was given of 8 modes"), (0, "a whole number of at least 1")):
+        with pytest.raises(ValueError, match=said):
+            tb.plot.mode_film(modes, path, mode=wrong)
+    many = tb.modes(tb.Scene(BEAM, [tb.TipLoad(force=torch.rand(2, 3))]), count=1)
+    with pytest.raises(ValueError, match="given to mode_film; one sample"):
+        tb.plot.mode_film(many, path)
+    with pytest.raises(ValueError, match="modes without their equilibrium were given"):
+        tb.plot.mode_film(replace(modes, state=None), path)
 
 
 def test_history_and_energies(solution, tmp_path):

@@ -77,11 +77,20 @@ class Swing:
 
     @property
     def clear(self) -> bool:
-        """Whether noise, and what goes by less than some turns, has no such line."""
-        n = self.rows.numel() - self.level.shape[1]
-        chance = math.log(n / 2) + (n / 2 - 1) * math.log1p(-min(self.share, 1 - 1e-12))
+        """Whether independent noise, and what goes by less than some turns, has no such line."""
         turns = self.frequency * self.spectrum.duration
-        return self.share > SHARE and turns >= TURNS and chance < math.log(ALARM)
+        return self.share > SHARE and turns >= TURNS and self._stands_out(self.share)
+
+    def beyond_noise(self, white: Tensor) -> bool:
+        """Whether noise that remembers has no such line, by readings (n,) without its memory."""
+        rest = self.rest(white).square().sum().item()
+        return self._stands_out(self.left(white) / max(rest, torch.finfo(white.dtype).tiny))
+
+    def _stands_out(self, share: float) -> bool:
+        """Of a share of squares that independent noise hardly ever has in one of its lines."""
+        n = self.rows.numel() - self.level.shape[1]
+        chance = math.log(n / 2) + (n / 2 - 1) * math.log1p(-min(share, 1 - 1e-12))
+        return chance < math.log(ALARM)
 
 
 def period_hints(problem: FitProblem, r: Tensor, J: Tensor, k: int, x: Tensor) -> tuple[str, ...]:
@@ -106,7 +115,7 @@ def period_hints(problem: FitProblem, r: Tensor, J: Tensor, k: int, x: Tensor) -
         rows, scale = swing.rows, weight[swing.rows].mean()
         left = swing.left((model - data)[rows] * scale)
         left /= max(swing.squares, torch.finfo(r.dtype).tiny)
-        if swing.clear and left > LEFT:
+        if swing.clear and swing.beyond_noise(target[rows]) and left > LEFT:
             by = problem.white.inverse(J.mT)[:, rows]
             said.append(_sentence(problem, swing, (data[rows], model[rows], by), left, x))
     return tuple(said)

@@ -14,6 +14,8 @@ from torch.testing import assert_close
 import torchbeam as tb
 from torchbeam.dynamics import step_solver
 from torchbeam.engine.chain import kept_programs, native, step_structure, touching_step
+from torchbeam.engine.chain.interaction_sorts import INTERACTIONS
+from torchbeam.engine.chain.kinds import Kinds
 
 R = 0.005
 SECTION = tb.Section.circle(R, E=1e8, nu=0.35, rho=1200.0)
@@ -274,7 +276,8 @@ def test_what_takes_some_seconds_is_said_before_it_is_made(pairs, monkeypatch, c
     """Code of what touches is some five times as much as that of a beam."""
     monkeypatch.setattr(native, "Tracing", lambda local, known: SimpleNamespace(shapes={}))
     program = object.__new__(native.NativeProgram)
-    program.kinds, program._untraced = SimpleNamespace(pairs=pairs), (None, {})
+    between = tuple(pairs if sort.far else () for sort in INTERACTIONS)
+    program.kinds, program._untraced = Kinds((), (), between), (None, {})
     monkeypatch.setattr(native.NativeProgram, "_functions", lambda *_: {})
     assert program.functions == {}
     said = "for beams or bodies that touch is traced and compiled, which takes some ten seconds"
