@@ -3,8 +3,9 @@
 python -m training.export training/policies/reach-shac.pt out/reach.onnx
 
 Its input `observation` (n, o) is float32, what the environment shows, normalised within; its output
-`action` (n, a) is the most likely one, within [-1, 1]. Wants onnx and onnxscript
-(`pip install torchbeam[onnx]`).
+`action` (n, a) is the most likely one, within [-1, 1]. A policy with a memory also takes `memory`
+(n, m), zeros where an episode begins, and gives `memory_after`, for the next interval. Wants onnx
+and onnxscript (`pip install torchbeam[onnx]`).
 """
 
 from __future__ import annotations
@@ -24,34 +25,40 @@ from .policies import Policy, load
 
 
 class MostLikely(nn.Module):
-    """Observation (n, o) -> action (n, a)."""
+    """Observation (n, o) -> action (n, a); with a memory (n, m) also to that, for the next one."""
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()
         self.policy = policy
 
-    def forward(self, observation: Tensor) -> Tensor:
-        features, _ = self.policy.see(observation, self.policy.blank(0))
-        return self.policy.act(features).clamp(-1, 1)
+    def forward(
+        self, observation: Tensor, memory: Tensor | None = None
+    ) -> Tensor | tuple[Tensor, Tensor]:
+        features, after = self.policy.see(observation, memory)
+        action = self.policy.act(features).clamp(-1, 1)
+        return action if after is None else (action, after)
 
 
 def to_onnx(policy: Policy, path: str | Path) -> None:
-    """Write a policy without a memory, for any number n of observations at once. Raises ImportError
-    without onnx and onnxscript, ValueError for a policy with a memory.
+    """Write a policy, for any number n of observations at once. Raises ImportError without onnx and
+    onnxscript.
     """
-    if policy.memory:
-        raise ValueError("a policy with a memory was given; one without (memory=0) is wanted")
     try:
         import onnxscript  # noqa: F401
     except ImportError:
         raise ImportError("to_onnx wants onnx: pip install 'torchbeam[onnx]'") from None
-    seen = torch.zeros(1, policy.shape["sizes"][0], dtype=torch.float32)
+    inputs = {"observation": torch.zeros(2, policy.observed, dtype=torch.float32)}
+    outputs = ["action"]
+    if policy.memory:
+        inputs["memory"] = policy.blank(2)
+        outputs.append("memory_after")
+    n = torch.export.Dim("n")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # of torch's own modules
+        warnings.simplefilter("ignore")  # of torch's own modules
         program = torch.onnx.export(
-            MostLikely(policy).eval(), (seen,), dynamo=True, verbose=False,
-            input_names=["observation"], output_names=["action"],
-            dynamic_shapes=({0: torch.export.Dim("n")},),
+            MostLikely(policy).eval(), (*inputs.values(),), dynamo=True, verbose=False,
+            input_names=[*inputs], output_names=outputs,
+            dynamic_shapes=tuple({0: n} for _ in inputs),
         )  # fmt: skip
     write(path, program.model_proto.SerializeToString())
 

@@ -8,14 +8,18 @@ import torch
 from torch import Tensor
 
 from ..core import BeamVectorEnv
+from ..parameters import numbers
 from ..soft_arm import SoftArm
 from .holding import Controller, vector_env
+from .linear import amount
 
 
 class Waypoints(Controller):
-    """The command led from zero straight to each of the waypoints in turn, then held: no feedback
-    of the arm, but of the command, where something else has changed it. By how much it goes on is
-    measured in the component that goes furthest.
+    """Leads the command of a soft arm from zero through waypoints, on straight lines, and holds
+    the last one.
+
+    It reads the command, and corrects it if something else has changed it; it reads nothing of the
+    arm. Its pace is that of the component that changes most.
 
     Args:
         waypoints: (w, a) commands, in the units of the task's limits (rad, shares of a torque)
@@ -42,23 +46,27 @@ class Waypoints(Controller):
                 f"{type(env.task).__name__} was given to Waypoints; a soft arm (ReachObstacles, "
                 "ReachBehind) is wanted"
             )
-        places = torch.as_tensor(waypoints, dtype=env.dtype, device=env.device)
-        if places.ndim != 2 or places.shape[-1] != env.task.actions or not len(places):
+        places = torch.from_numpy(numbers("waypoints", waypoints)).to(env.device, env.dtype)
+        if (
+            places.ndim != 2
+            or places.shape[-1] != env.task.actions
+            or not len(places)
+            or not torch.isfinite(places).all()
+        ):
             raise ValueError(
-                f"waypoints of shape {tuple(places.shape)} were given; (w, {env.task.actions}) is "
-                "wanted"
+                f"waypoints of shape {tuple(places.shape)} were given; finite "
+                f"(w, {env.task.actions}) is wanted"
             )
-        if not pace > 0:
-            raise ValueError(f"pace = {pace} was given; a positive number is wanted")
         self.places = torch.cat((torch.zeros_like(places[:1]), places))
         lengths = (self.places[1:] - self.places[:-1]).abs().amax(-1)
         self.ends = torch.cat((lengths.new_zeros(1), lengths.cumsum(0)))
-        self.pace = pace * env.task.change
+        self.pace = amount("pace", pace) * env.task.change
 
     def act(self, observation: Tensor) -> Tensor:
         task, now = self.env.task, self.env.state
         passed = (self.pace * (now.steps + 1).to(self.ends)).clamp(max=self.ends[-1])
         k = torch.searchsorted(self.ends, passed).clamp(min=1)
-        share = ((passed - self.ends[k - 1]) / (self.ends[k] - self.ends[k - 1]))[:, None]
+        length = self.ends[k] - self.ends[k - 1]
+        share = ((passed - self.ends[k - 1]) / torch.where(length > 0, length, 1.0))[:, None]
         goal = torch.lerp(self.places[k - 1], self.places[k], share)
         return task.held(now) + (goal - task.command(now)) / task.change

@@ -131,8 +131,22 @@ def test_waypoints_for_another_task_are_refused():
     for bad in ([[0.1, 0.2]], [0.1] * 5, []):
         with pytest.raises(ValueError, match="waypoints of shape"):
             Waypoints(arm, bad)
-    with pytest.raises(ValueError, match="pace = 0"):
-        Waypoints(arm, [[0.1] * 5], 0)
+    with pytest.raises(ValueError, match="waypoints"):
+        Waypoints(arm, [[np.nan] * 5])
+    for bad in ([[0.1] * 5, [0.1]], "a", None):
+        with pytest.raises(ValueError, match=r"waypoints = .* was given"):
+            Waypoints(arm, bad)
+    for bad in (0, -1.0, np.nan, "fast", True):
+        with pytest.raises(ValueError, match="pace = "):
+            Waypoints(arm, [[0.1] * 5], bad)
+
+
+def test_a_way_that_ends_where_it_begins_stays_there():
+    env = ReachObstaclesVectorEnv(2, planar=True)
+    observation, _ = env.reset(seed=0)
+    controller = Waypoints(env, [[0.0] * 5])
+    controller.begin(env)
+    assert not controller(observation).any()
 
 
 def test_the_stored_way_leads_the_tip_among_the_bars():

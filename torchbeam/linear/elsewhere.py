@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import torch
+from numpy.lib.format import write_array
 
 from ..core import files
 from ..core.validation import as_tensor, refusal, shown
@@ -26,7 +28,7 @@ def labels(columns: Mapping[str, slice]) -> list[str]:
 
 def array_of(name: str, value: Any) -> np.ndarray:
     """Of numbers. Raises ValueError for what are none, and for a name that no file can hold."""
-    if not name.isidentifier() or name.startswith("_") or len(name) > LONGEST:
+    if not (name.isascii() and name.isidentifier()) or name[0] == "_" or len(name) > LONGEST:
         raise refusal(
             f"the name {shown(name)}", f"letters, digits and _, up to {LONGEST}, a letter first,"
         )
@@ -49,7 +51,11 @@ def write(
     files.folder(path.parent)
     with files.written(path, path.suffix) as part:
         if path.suffix == ".npz":
-            np.savez(part, **arrays, **{k: np.array(v, dtype=str) for k, v in names.items()})
+            labelled = {k: np.array(v, dtype=str) for k, v in names.items()}
+            with ZipFile(part, "w") as archive:  # savez takes no array of the name "file"
+                for name, array in {**arrays, **labelled}.items():
+                    with archive.open(f"{name}.npy", "w", force_zip64=True) as content:
+                        write_array(content, array, allow_pickle=False)
         else:
             cells = {k: np.array(v, dtype=object) for k, v in names.items()}
             savemat(part, {**arrays, **cells}, oned_as="column")

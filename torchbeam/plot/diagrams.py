@@ -20,6 +20,9 @@ from .symbols import Symbols
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
 SIDES = {"F1": (2, 1), "F2": (1, 1), "F3": (2, 1), "M1": (2, 1), "M2": (2, 1), "M3": (1, -1)}
 FEW = 0.02  # of the largest value: what is less, or as near to another, is not written
+# of the largest force, or of its moment across what is drawn, times the root of eps: what is less
+# is what rounding leaves of zero
+NOTHING = 10.0
 
 
 def diagram(
@@ -34,9 +37,11 @@ def diagram(
     values: bool = True,
     symbols: bool = False,
 ) -> Axes:
-    """Diagram of a stress resultant along all beams of one state, drawn from their axes: F1 normal
-    force, F2 and F3 shear forces (N), M1 torque, M2 and M3 bending moments (N m), section axes.
-    Bending moments stand on the side that they stretch, the others to the side of z, F2 of y.
+    """Diagram of a stress resultant along all beams of one state, drawn from their axes.
+
+    F1 is the normal force, F2 and F3 are shear forces (N), M1 is the torque, M2 and M3 are bending
+    moments (N m), in section axes. Bending moments stand on the side that they stretch; the others
+    stand on the side of z, F2 on that of y. A resultant that is rounding beside the others is zero.
 
     Args:
         state: one sample, of the nodal form
@@ -48,7 +53,7 @@ def diagram(
         symbols: of supports, joints and loads, see `symbols`
 
     Raises:
-        ValueError: for a batch, a resultant of another name, and as `shape`.
+        ValueError: for a batch, bodies alone, a resultant of another name, and as `shape`.
 
     Examples:
         >>> ax = tb.plot.diagram(tb.equilibrium(scene), "M2", scene=scene)
@@ -58,17 +63,19 @@ def diagram(
     height, values = tolerance("height", height), boolean("values", values)
     boolean("symbols", symbols)
     position, axes = nodes_of(state)
-    told = SectionForces(scene, inputs=inputs)(state)[..., list(SIDES).index(resultant)].detach()
-    samples = max(len(position), told.shape[:-2].numel())
-    if samples != 1 or told.numel() == 0:
+    forces = SectionForces(scene, inputs=inputs)(state).detach()
+    samples = max(len(position), forces.shape[:-3].numel())
+    if samples != 1:
         raise ValueError(f"{samples} samples were given to a diagram; one sample is wanted")
-    told = _along(told.reshape(-1, 3), scene.beam.order)
+    if forces.numel() == 0:
+        raise ValueError("bodies alone were given to a diagram; a scene with a beam is wanted")
     ax, seen = prepared(ax, plane, position)
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
         column = 3 - column  # the other one
-    most = told.abs().max().clamp(min=1e-300)
     size = torch.linalg.vector_norm(position[0].amax(0) - position[0].amin(0))
+    told = _along(_clear(forces.reshape(-1, 3, 6), resultant, size), scene.beam.order)
+    most = told.abs().max().clamp(min=torch.finfo(told.dtype).tiny)
     scale, first = side * height * size / most, 0
     for row in rows_of(state):
         x, R = position[0, row], axes[0, row]
@@ -88,11 +95,20 @@ def diagram(
     return even(ax, seen)
 
 
+def _clear(forces: Tensor, resultant: str, size: Tensor) -> Tensor:
+    """Values (N, 3) of a resultant; zeros where none of them is clear of rounding."""
+    told = forces[..., list(SIDES).index(resultant)]
+    lever = size if resultant[0] == "F" else torch.ones_like(size)
+    largest = torch.maximum(forces[..., :3].abs().max() * size, forces[..., 3:].abs().max())
+    clear = told.abs().max() * lever > NOTHING * torch.finfo(told.dtype).eps ** 0.5 * largest
+    return torch.where(clear, told, 0.0)
+
+
 def _along(told: Tensor, order: int) -> Tensor:
     """Values (N, 3) at the start, the middle and the end of elements -> at the points of curves
     (intervals between nodes, POINTS + 1), along parabolas.
     """
-    x = torch.linspace(-1, 1, order * POINTS + 1, dtype=told.dtype)
+    x = torch.linspace(-1, 1, order * POINTS + 1, dtype=told.dtype, device=told.device)
     shapes = torch.stack((x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2))
     return (told @ shapes).unfold(-1, POINTS + 1, POINTS).flatten(0, 1)
 

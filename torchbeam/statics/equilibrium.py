@@ -69,8 +69,9 @@ def equilibrium(
     stands as it does at t (its axes are the inertial ones at t = 0).
 
     Args:
-        initial: where to start; None = undeformed, at no load. What it lacks in balance is taken
-            away in steps; supports lead from there to where they are, turned the shorter way
+        initial: the start; None = undeformed, without load. Forces that are out of balance there
+            are taken away in steps. Supported nodes go from there to their supports, turned the
+            shorter way
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
         throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds

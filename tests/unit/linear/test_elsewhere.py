@@ -56,6 +56,13 @@ def test_a_loop_of_numpy_by_the_file_moves_as_the_model_does(ending, tmp_path):
     assert abs(tip[2]) > 0.01 and np.abs(y - tip.numpy()).max() < 1e-12
 
 
+@pytest.mark.parametrize("ending", [".npz", ".mat"])
+def test_names_that_writers_have_arguments_of(ending, tmp_path):
+    more = {"file": (1.0, 2.0), "allow_pickle": 3.0, "arr_0": 4.0, "appendmat": 5.0}
+    content, _ = read(model().save(tmp_path / f"strip{ending}", **more))
+    assert all(np.array_equal(content[name].ravel(), np.ravel(more[name])) for name in more)
+
+
 def test_a_batch_goes_into_a_file_whole(tmp_path):
     several = model((3,))
     content, _ = read(several.save(tmp_path / "several.npz"))
@@ -73,6 +80,7 @@ def test_a_batch_goes_into_a_file_whole(tmp_path):
         ("strip.npz", {"a-b": 1.0}, "letters, digits"),
         ("strip.npz", {"_hidden": 1.0}, "letters, digits"),
         ("strip.npz", {"n" * 32: 1.0}, "letters, digits"),
+        ("strip.mat", {"µ": 1.0}, "letters, digits"),
     ],
 )
 def test_what_no_file_can_hold_is_refused(path, more, sentence, tmp_path):

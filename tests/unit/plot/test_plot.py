@@ -170,6 +170,35 @@ def test_diagram_of_a_bending_moment(order, tmp_path):
     assert [text.get_text() for text in ax.texts] == ["0.005"] and ax.get_title() == "M2 / N m"
 
 
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_diagram_of_nothing_is_the_axis(dtype):
+    scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION), dtype=dtype)
+    ax = tb.plot.diagram(tb.rest(scene), "M1", scene=scene, plane="xz")
+    axis, curve = data(ax)[:2]
+    assert (curve[1:-1] == axis).all() and not ax.texts
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("resultant", ["F3", "M1", "M2"])
+def test_diagram_of_what_rounding_leaves_is_the_axis(resultant, dtype):
+    """Of a post that a force bends in a plane: nothing acts across it."""
+    post = tb.Beam.straight(1.0, 4, SECTION, direction=(0.6, 0.0, 0.8), up=(0.0, 1.0, 0.0))
+    scene = tb.Scene(post, [tb.LineLoad(force=(1e-3, 0, 0.002))], dtype=dtype)
+    state = tb.equilibrium(scene)
+    forces = tb.sensors.SectionForces(scene)(state)
+    assert forces[..., 1].abs().max() > 1e-4
+    ax = tb.plot.diagram(state, resultant, scene=scene)
+    axis, curve = data(ax)[:2]
+    assert (curve[1:-1] == axis).all() and not ax.texts
+
+
+def test_diagram_of_bodies_alone_is_refused():
+    parts = {name: tb.Body(mass=1.0, inertia=(1e-3,) * 3) for name in ("a", "b")}
+    scene = tb.Scene(parts, joints=[tb.Hinge("a", "b")])
+    with pytest.raises(ValueError, match="bodies alone were given to a diagram"):
+        tb.plot.diagram(tb.rest(scene), "M2", scene=scene)
+
+
 def test_diagram_of_a_frame(tmp_path):
     """Along each of its beams; a force across the plane that is seen is turned into it."""
     beams = {"post": tb.Beam.straight(1.0, 2, SECTION, direction=(0, 1, 0), up=(1.0, 0, 0))}

@@ -67,6 +67,68 @@ def test_a_beam_on_a_bed_has_its_peak_under_the_load(order, errors):
         assert abs(peak.item() / 0.25e-3 - 1) < error
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_weight_at_a_node_is_not_spread_along_the_elements_beside_it(order):
+    """Of 2 kg at the tip of a cantilever and 1 kg in its middle, in statics."""
+    beam = tb.Beam.straight(1.0, 4, SECTION, order=order)
+    masses = [tb.PointMass(2.0, node=-1), tb.PointMass(1.0, node=beam.node_count // 2)]
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -1e-6)), *masses], small=True)
+    forces = tb.sensors.SectionForces(scene)(tb.equilibrium(scene))
+    s = places(beam)
+    to_tip, within = 1.0 - s, (torch.arange(4)[:, None] < 2).double()
+    shear = to_tip + 2.0 + within
+    moment = to_tip**2 / 2 + 2.0 * to_tip + within * (0.5 - s)
+    assert_close(forces[..., 2], -1e-6 * shear, rtol=1e-6, atol=1e-14)
+    assert_close(forces[..., 4], 1e-6 * moment, rtol=1e-6, atol=1e-14)
+
+
+def test_linked_interpolation_is_off_by_as_much_as_is_said():
+    """Of a beam that is clamped at both ends: f h^2/8 next to these, f h^2/12 elsewhere."""
+    beam = tb.Beam.straight(1.0, 8, SECTION).linked()
+    ends = [tb.Support(0), tb.Support(-1)]
+    scene = tb.Scene(beam, [tb.LineLoad(force=(0, 0, -1e-6))], small=True, supports=ends)
+    forces = tb.sensors.SectionForces(scene)(tb.equilibrium(scene)) * 1e6
+    s = places(beam)
+    assert_close((forces[..., 2] - (s - 0.5)).abs().amax(), torch.tensor(1 / 8 / 24).double())
+    off = (forces[..., 4] - (6 * s * s - 6 * s + 1) / 12).abs() * 64
+    assert_close(off.amax(), torch.tensor(1 / 8).double())
+    assert_close(off[3:5], torch.full((2, 3), 1 / 12).double())
+
+
+def test_a_force_on_the_node_within_an_element_of_order_2():
+    """The moment has its kink there, and none beyond."""
+    beam = tb.Beam.straight(1.0, 4, SECTION, order=2)
+    scene = tb.Scene(beam, [tb.PointLoad(5, (0, 0, -1e-6))], small=True)  # at 0.625 m
+    forces = tb.sensors.SectionForces(scene)(tb.equilibrium(scene))
+    moment = 1e-6 * (0.625 - places(beam)).clamp(min=0)
+    assert_close(forces[..., 4], moment, rtol=1e-6, atol=1e-14)
+
+
+@pytest.mark.parametrize(("plane", "out", "of"), [("xz", 1, [1, 3, 5]), ("xy", 2, [2, 3, 4])])
+def test_what_acts_out_of_the_plane_is_not_seen(plane, out, of):
+    """Loads by a function are cut to the plane there, and so are the forces."""
+    force = torch.full((3,), -1e-3, dtype=torch.float64)
+    force[out] = 5e-3
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 4, SECTION), [tb.LineLoad(force=lambda t: force)], plane=plane
+    )
+    forces = tb.sensors.SectionForces(scene)(tb.equilibrium(scene))
+    assert not forces[..., of].any() and forces.abs().amax() > 4e-4
+
+
+def test_gradient_beside_a_body_that_has_weight():
+    """Of the moment at the clamp by g, -(m L^2/2 + 2 L): a body is no part of any element."""
+    g = torch.tensor(-1e-6, dtype=torch.float64, requires_grad=True)
+    parts = {"arm": tb.Beam.straight(1.0, 2, SECTION)}
+    parts["load"] = tb.Body(mass=2.0, inertia=(1e-3,) * 3, position=(1.0, 0, 0))
+    weight = tb.Gravity(torch.stack((0 * g, 0 * g, g)))
+    joints, held = [tb.Weld(("arm", -1), "load")], [tb.Support(("arm", 0))]
+    scene = tb.Scene(parts, [weight], joints=joints, supports=held)
+    moment = tb.sensors.SectionForces(scene)(tb.equilibrium(scene))[0, 0, 4]
+    (by,) = torch.autograd.grad(moment, g)
+    assert_close(by, by.new_tensor(-2.5), rtol=1e-6, atol=0)
+
+
 def test_another_mesh_is_refused():
     scene = tb.Scene(tb.Beam.straight(1.0, 4, SECTION))
     other = tb.rest(tb.Scene(tb.Beam.straight(1.0, 5, SECTION)))

@@ -219,8 +219,9 @@ class KalmanFilter:
         return self.update(self.predict(before, u), y)
 
     def predict(self, before: Filtered, u: Any = None) -> Predicted:
-        """What is expected an interval later, for `update` with its readings: most of the work of a
-        call, which can be done while the interval passes. u: as in a call.
+        """What is expected an interval later: `update` takes it, with the readings.
+
+        It is most of the work of a call, and can be done during the interval. u: as in a call.
         """
         instance("before", before, Filtered)
         inputs, about = self.interval.side_by_side(u), self._about(before)

@@ -284,7 +284,8 @@ class Measurement:
 
     def read(self, solution: Any, parameters: Mapping[str, Tensor] | None = None) -> Tensor:
         """Readings (N, *values.shape) of a solution of N samples, or of a state of rest (N, ...);
-        `parameters` (N, ...) by name where delay, clock, gain, place or frame are some.
+        `parameters` (N, ...) by name where delay, clock, gain, place or frame are some. Raises
+        ValueError where one of these is missing, and for a solution that does not fit.
         """
         if self.sensor is None or (self.times is None) is not isinstance(solution, State):
             raise ValueError(
@@ -294,6 +295,12 @@ class Measurement:
                 "tb.Measurement(values, times=..., sensor=...) is wanted for a Solution, "
                 "tb.Measurement(values, sensor=...) for a State"
             )
+        for name in self.parameters:
+            if name not in self.hum and name not in (parameters or {}):
+                raise ValueError(
+                    f"read() of a Measurement with the parameter {name!r} was asked for without "
+                    f"it; parameters={{{name!r}: (N, ...)}} is wanted"
+                )
         if isinstance(solution, State):
             readings = self.sensor_of(parameters, solution.position.ndim - 3)(solution)
             return self.scaled(self._shaped(readings, readings.ndim - 1), parameters)

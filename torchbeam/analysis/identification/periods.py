@@ -129,8 +129,9 @@ def _sentence(
     """
     data, model, by = there
     own = swing.like(model)
+    what = repr(swing.name) if swing.name else "what was measured"
     text = (
-        f"{swing.name!r} swings most at {swing.frequency:.3g} Hz, and of that line the fit leaves "
+        f"{what} swings most at {swing.frequency:.3g} Hz, and of that line the fit leaves "
         f"{100 * left:.0f} %; "
     )
     if not own.clear:

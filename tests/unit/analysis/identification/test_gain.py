@@ -204,6 +204,15 @@ def test_what_is_no_gain_is_refused(gain, said):
         tb.Measurement(torch.zeros(4, 3), times=torch.arange(4.0), gain=gain)
 
 
+@pytest.mark.parametrize("by", [None, {"h": torch.ones(1)}])
+@pytest.mark.parametrize("of", [{"gain": "g"}, {"place": {"station": "g"}}])
+def test_reading_without_the_parameter_is_refused(of, by):
+    beam = tb.Beam.straight(1.0, 2, tb.Section.rectangle(0.02, 0.001, E=70e9, nu=0.3, rho=2700.0))
+    tip = tb.Measurement(torch.zeros(3), 1e-3, sensor=tb.sensors.Position(0.5, beam), **of)
+    with pytest.raises(ValueError, match="with the parameter 'g' was asked for without it"):
+        tip.read(tb.State.stack([tb.rest(tb.Scene(beam))]), by)
+
+
 def test_a_parameter_that_is_no_gain_is_refused():
     with pytest.raises(ValueError, match="the gain 'w' of shape"):
         tb.identify(lambda p: wave({"w": p["w"][:, 0]}), replace(gauge(), gain="w"),

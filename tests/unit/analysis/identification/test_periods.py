@@ -30,6 +30,14 @@ def off(fit):
     return [doubt for doubt in fit.doubts if "swings most" in doubt]
 
 
+def test_a_record_without_a_name_is_told_in_words():
+    start = {"a": 2.0, "w": 21.0}
+    fit = tb.identify(
+        lambda p: wave({**p, "b": 0.7 + 0 * p["w"]}), replace(measured(), name=None), start
+    )
+    assert off(fit)[0].startswith("what was measured swings most at 4.76 Hz")
+
+
 @pytest.mark.parametrize("noise", ["white", "blocks"])
 @pytest.mark.parametrize("by", ["w", "log w", "stiffness"])
 @pytest.mark.parametrize("factor", [0.7, 1.4])
