@@ -86,10 +86,9 @@ def equilibrium(
             of the energy that this leads to, is pushed evenly along each axis, to both sides, and
             let go: a RuntimeWarning says where that leads to a lower one, and by what push
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
-            samples at once; what follows (gradients, `branch`) is eager. "auto": compiled for many
-            samples (32,768 and more, times elements; all those of a run of `monte_carlo` count)
-            where llvmlite is installed and the scene is taken; else eager, of which a
-            SlowPathWarning tells (TORCHBEAM_ENGINE says otherwise)
+            samples at once; gradients and `branch` are eager. "auto": compiled where samples times
+            elements are 32,768 or more (all of a `monte_carlo` count), llvmlite is installed and
+            the scene is taken; else eager, with a SlowPathWarning. TORCHBEAM_ENGINE says otherwise
         inputs: of the scene by name, (..., size)
         accuracy: relative, of positions and axes of the middle and the tip: the state is on a mesh
             of its own choice, see `simulate`
