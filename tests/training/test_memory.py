@@ -12,18 +12,14 @@ import torch
 from gymnasium.spaces import Box
 from torchbeam_envs.baselines import LQR, Zero
 
+from tests.cases.tiny_task import TINY
 from training import common, ppo, results, shac, student, tuned
 from training.evaluate import evaluate, make
 from training.evaluate import main as evaluation
 from training.policies import Policy, load, save
-from training.tuned import TASKS, Task
+from training.tuned import TASKS
 
 torch.set_num_threads(1)
-TINY = Task(
-    "tiny",
-    "torchbeam/TipReachPlanar-v1",
-    dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05),
-)
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments),
     "shac": (shac.SHAC, shac.Arguments),

@@ -13,6 +13,7 @@ import pytest
 import torch
 from torchbeam_envs.baselines import LQR, Zero
 
+from tests.cases.tiny_task import TINY
 from torchbeam.solvers import newton
 from training import common, ppo, results, sac, shac, student
 from training.evaluate import evaluate, make
@@ -21,11 +22,6 @@ from training.policies import Policy, Statistics, load, save
 from training.tuned import HELD_OUT, TASKS, Task
 
 torch.set_num_threads(1)
-TINY = Task(
-    "tiny",
-    "torchbeam/TipReachPlanar-v1",
-    dict(elements=2, substeps=1, max_episode_steps=12, control_interval=0.05),
-)
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments),
     "sac": (sac.SAC, sac.Arguments),
@@ -186,7 +182,7 @@ def test_the_best_policy_of_validation_is_kept(tmp_path, monkeypatch):
     [
         ("ppo", dict(num_envs=16, rate=5e-3)),
         ("sac", dict(num_envs=16, rate=5e-3, warmup=192, target=0.03, updates=64, minibatch=64)),
-        ("shac", dict(num_envs=8, rate=1e-2)),
+        ("shac", dict(num_envs=8, rate=1e-2, falling=960)),
     ],
 )
 def test_learns(name, settings):

@@ -12,7 +12,7 @@ from ..scene.scene import Scene
 from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .limits import even, prepared
+from .limits import even, extent, prepared
 from .shapes import EDGE_ON
 from .symbols import Symbols
 
@@ -73,32 +73,35 @@ def diagram(
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
         column = 3 - column  # the other one
-    size = torch.linalg.vector_norm(position[0].amax(0) - position[0].amin(0))
+    size = extent(position)
     told = _along(_clear(forces.reshape(-1, 3, 6), resultant, size), scene.beam.order)
     most = told.abs().max().clamp(min=torch.finfo(told.dtype).tiny)
     scale, first = side * height * size / most, 0
     for row in rows_of(state):
         x, R = position[0, row], axes[0, row]
-        curve = axis_curve(x[None], R[None, :, :, 0])[0]
-        out = axis_curve(R[None, ..., column], torch.zeros_like(x)[None])[0]
-        count = len(x) - 1
-        value = told[first : first + count]
-        first += count
-        ends = torch.cat((curve[:-1].unflatten(0, (count, POINTS)), curve[POINTS::POINTS, None]), 1)
-        ways = torch.cat((out[:-1].unflatten(0, (count, POINTS)), out[POINTS::POINTS, None]), 1)
-        _draw(ax, ends[..., seen], (scale * value[..., None] * ways)[..., seen])
+        value = told[first : first + len(x) - 1]
+        first += len(x) - 1
+        foot = _by_interval(axis_curve(x[None], R[None, :, :, 0])[0])
+        way = _by_interval(axis_curve(R[None, ..., column], torch.zeros_like(x)[None])[0])
+        top = foot + scale * value[..., None] * way
+        _draw(ax, foot[..., seen], top[..., seen])
         if values:
-            _write(ax, (ends + scale * value[..., None] * ways)[..., seen], value, FEW * most)
+            _write(ax, top[..., seen], value, FEW * most)
     if symbols:
         Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
     ax.set_title(f"{resultant} / {'N' if resultant[0] == 'F' else 'N m'}")
     return even(ax, seen)
 
 
-def _clear(forces: Tensor, resultant: str, size: Tensor) -> Tensor:
+def _by_interval(curve: Tensor) -> Tensor:
+    """Points (n POINTS + 1, 3) of a curve -> of each interval between nodes (n, POINTS + 1, 3)."""
+    return torch.cat((curve[:-1].unflatten(0, (-1, POINTS)), curve[POINTS::POINTS, None]), 1)
+
+
+def _clear(forces: Tensor, resultant: str, size: float) -> Tensor:
     """Values (N, 3) of a resultant; zeros where none of them is clear of rounding."""
     told = forces[..., list(SIDES).index(resultant)]
-    lever = size if resultant[0] == "F" else torch.ones_like(size)
+    lever = size if resultant[0] == "F" else 1.0
     largest = torch.maximum(forces[..., :3].abs().max() * size, forces[..., 3:].abs().max())
     clear = told.abs().max() * lever > NOTHING * torch.finfo(told.dtype).eps ** 0.5 * largest
     return torch.where(clear, told, 0.0)
@@ -113,9 +116,8 @@ def _along(told: Tensor, order: int) -> Tensor:
     return (told @ shapes).unfold(-1, POINTS + 1, POINTS).flatten(0, 1)
 
 
-def _draw(ax: Axes, base: Tensor, ordinates: Tensor) -> None:
+def _draw(ax: Axes, base: Tensor, top: Tensor) -> None:
     """The beam's axis, the curve (intervals, points, 2 or 3), and lines from one to the other."""
-    top = base + ordinates
     ax.plot(*numbers(base.flatten(0, 1)).T, color=GREY, lw=1.5)
     closed = torch.cat((base[:1, 0], top.flatten(0, 1), base[-1:, -1]))
     ax.plot(*numbers(closed).T, color="C0", lw=1.5)

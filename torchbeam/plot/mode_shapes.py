@@ -50,14 +50,14 @@ def mode_shapes(
     at_rest = turn[..., 0]
     moved = position + move[..., :3]
     # a mode is linear in its size
-    tilted = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))
+    along = at_rest + torch.linalg.cross(move[..., 3:], at_rest.expand_as(moved))
     chord = torch.linalg.vector_norm(position.diff(dim=-2), dim=-1, keepdim=True)
     ax, seen = prepared(ax, plane, torch.cat((position, moved)))
     rows = rows_of(state)
     ax.plot(
         *numbers(axis_curves(rows, position, at_rest)[0][..., seen]).T, color=GREY, lw=1, ls="--"
     )
-    for i, curve in enumerate(numbers(axis_curves(rows, moved, tilted, chord)[..., seen])):
+    for i, curve in enumerate(numbers(axis_curves(rows, moved, along, chord)[..., seen])):
         line = curve[:0] if silent[i] else curve
         turns = " (turns about its axis)" if silent[i] else ""
         label = f"{i + 1}: {_speed(modes.eigenvalue[i])}{turns}"

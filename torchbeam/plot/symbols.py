@@ -20,6 +20,7 @@ from ..nodal.loads import external
 from ..scene.effects import RootSpring, Spring
 from ..scene.joint import Joint
 from ..scene.scene import Scene
+from ..sensors.section_forces import bare_beams
 from ..sensors.sensor import nodes_of as moving_nodes
 from ..state.state_check import of_mesh
 from .arrows import Arrows, normal_to
@@ -244,13 +245,18 @@ class Symbols:
             elif not isinstance(act.load, RootSpring):
                 F, M = _first(external(model, nodes, now, (act,))[..., act.node, :], 1).split(3)
                 acts.append((x + arm, F, M - torch.linalg.cross(arm, F), self.into(act.node)))
+        acting_along = tuple(act for act in now.loads if act.along)
+        along = external(bare_beams(self.scene), nodes, now, acting_along)
+        if not isinstance(along, float):
+            fixed = _first(external(model, nodes, now, acting_along) - along, 2)
+            for k in (fixed != 0).any(-1).nonzero()[:, 0].tolist():  # what is fixed to nodes
+                acts.append((self.position[k], *fixed[k].split(3), self.into(k)))
         arrows = Arrows(self.ax, self.seen, ARROW * self.size, LOAD)
         strongest = max((F.norm().item() for _, F, *_ in acts), default=0.0)
         most = max((M.norm().item() for _, _, M, _ in acts), default=0.0)
         for x, F, M, into in acts:
             arrows.force(x, F, strongest, into)
             arrows.moment(x, M, max(most, 1e-9 * strongest * self.size))
-        along = external(model, nodes, now, tuple(act for act in now.loads if act.along))
         if not isinstance(along, float):
             f = _first(along[..., :3], 2) / _first(model.tributary_length, 2)
             arrows = replace(arrows, length=arrows.length / 2)

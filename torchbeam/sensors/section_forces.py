@@ -15,6 +15,8 @@ from ..nodal.conditions import conditions
 from ..nodal.discretise import discretise
 from ..nodal.element_loads import element_loads
 from ..nodal.loads import Nodes, external
+from ..nodal.model import Model
+from ..scene.scene import Scene
 from ..state.state_check import of_mesh
 from .sensor import OfScene, nodes_of
 
@@ -53,11 +55,8 @@ class SectionForces(OfScene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        scene = replace(self.scene, plane=None)
-        object.__setattr__(self, "model", discretise(scene))
-        # what is fixed to nodes weighs there, and not along the elements beside them
-        bare = tuple(effect for effect in scene.effects if effect.kind != "inertia")
-        object.__setattr__(self, "bare", discretise(replace(scene, effects=bare)))
+        object.__setattr__(self, "model", discretise(replace(self.scene, plane=None)))
+        object.__setattr__(self, "bare", bare_beams(self.scene))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -97,6 +96,14 @@ class SectionForces(OfScene):
             between = tuple(length * f + g for f, g in zip(per_length, between, strict=True))
         inside = model.length.new_tensor(INSIDE.get(self.scene.plane, (1.0,)))
         return tuple(inside * f for f in between)
+
+
+def bare_beams(scene: Scene) -> Model:
+    """The model, in space, of a scene without masses fixed to nodes, which weigh there and not
+    along the elements beside them.
+    """
+    bare = tuple(effect for effect in scene.effects if effect.kind != "inertia")
+    return discretise(replace(scene, plane=None, effects=bare))
 
 
 def _between(

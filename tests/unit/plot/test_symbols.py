@@ -93,6 +93,14 @@ def test_loads_have_their_numbers(order, tmp_path):
     assert_close(data(ax)[0], torch.stack((tail, at)))  # the shaft of the force: it pushes down
 
 
+def test_a_mass_weighs_on_its_node():
+    """Not along the elements beside it: the beam's own weight is even."""
+    mass = tb.PointMass(2.0, node=-1)
+    scene = tb.Scene(BEAM, [tb.Gravity((0, 0, -10.0)), mass])
+    ax = tb.plot.symbols(tb.rest(scene), scene=scene, plane="xz")
+    assert texts(ax) == ["16.2 N/m", "20 N"]
+
+
 def test_a_moment_turns_as_it_is_seen():
     """About y, in x-z with x to the right: clockwise, from z to x; against it if negative."""
     for value, turn in ((5.0, -1), (-5.0, 1)):
