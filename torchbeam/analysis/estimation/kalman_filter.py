@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
 from ...core.arguments import boolean, count, function, instance, number, step_size
-from ...core.validation import as_tensor, axis_last, positive
+from ...core.validation import as_tensor, axis_last, positive, refusal
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
 from ...linear.chart import Place
@@ -223,7 +223,7 @@ class KalmanFilter:
 
         It is most of the work of a call, and can be done during the interval. u: as in a call.
         """
-        instance("before", before, Filtered)
+        before = self._estimate(before)
         inputs, about = self.interval.side_by_side(u), self._about(before)
         after, expected, x, columns = self._moved(before.state, before.x, inputs, about)
         more, rows = after.more[..., : self.moves], None
@@ -238,6 +238,9 @@ class KalmanFilter:
         before, _, about, after, expected, x, columns, more, rows = instance(
             "predicted", predicted, Predicted
         )
+        self._estimate(before)
+        if after is None:
+            raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
         error = self._readings(y, expected) - expected
         by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
         read = (~torch.isnan(error)).sum(-1).to(error)
@@ -294,6 +297,15 @@ class KalmanFilter:
         return replace(
             found, x=found.x + change, state=self.interval.changed(found.state, by, place)
         )
+
+    def _estimate(self, before: Filtered) -> Filtered:
+        """Raises ValueError for what is none, or of a filter of other unknowns."""
+        size = instance("before", before, Filtered).x.shape[-1]
+        if size != self.size:
+            raise refusal(
+                f"an estimate of {size} numbers", f"one of the {self.size} that this filter has"
+            )
+        return before
 
     def _about(self, before: Filtered) -> Tensor:
         """(..., p): coordinates of parameters at which each sample's structure stands: where it

@@ -176,11 +176,12 @@ class MovingHorizon(KalmanFilter):
 
     def predict(self, before: Filtered, u: Any = None) -> Predicted:
         """For `update`; the window is solved there."""
-        return Predicted(instance("before", before, Filtered), self.interval.side_by_side(u))
+        return Predicted(self._estimate(before), self.interval.side_by_side(u))
 
     def update(self, predicted: Predicted, y: Any = None) -> Filtered:
         """What is known an interval later; see `KalmanFilter`."""
         before, inputs, *_ = instance("predicted", predicted, Predicted)
+        self._estimate(before)
         x = before.x
         y = self._readings(y, x)
         lead = broadcast_shapes(x.shape[:-1], y.shape[:-1], inputs.shape[:-1])
