@@ -171,14 +171,13 @@ class Fit:
         """(p, 2) least and largest values of the parameters that agree with the data, at a level of
         confidence.
 
-        "laplace"    from the covariance: quantiles of Student's t with `freedom`, in the
-                     coordinates of the search, so that what is positive by its logarithm stays so.
-                     Exact where the model is linear in them
-        "profile"    where the least misfit, over all other parameters, rises by as much as that
-                     quantile says: the model's curvature counts. A batch of some ten fits for each
-                     parameter
-        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise
-                     make: their bias-corrected percentiles
+        Args:
+            method: "laplace": from the covariance, by quantiles of Student's t with `freedom`, in
+                the coordinates of the search: positive parameters stay positive. It is exact for a
+                linear model. "profile": ends at which the least misfit, over all other parameters,
+                rises by as much as that quantile. It includes the model's curvature, for a batch of
+                some ten fits for each parameter. "bootstrap": bias-corrected percentiles of
+                `repeats` fits, as a batch, to data from the fitted model and noise
 
         An undetermined parameter has the interval of all possible values. At a bound, the interval
         ends at the same rise of the least misfit, by slope and curvature there, or by "profile".
