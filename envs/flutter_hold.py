@@ -131,8 +131,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the tip's distance from its place on the straight strip:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    If the strip is lost, or the solver fails, the reward is -2.5, the largest cost, for this
-    interval and each that the time limit leaves; or `failure_reward`.
+    If the strip is lost, or the solver fails, the reward is -2.5, the largest cost. It counts for
+    this interval and for each that remains until the time limit; `failure_reward` replaces it.
 
     ## Starting state
     Straight, kicked: velocities kick (x/L)^2 along y and z, each uniform in [-kick, kick], from the

@@ -71,12 +71,11 @@ class PayloadVectorEnv(BeamVectorEnv):
     ## Action space, observation space, reward, episode end, information
     As in TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
 
-    ## Starting state
-    Still, in the shape in which the usual strip hangs with the usual mass. Another mass then sinks
-    or rises. Displacements count from there. The target is the static tip position of the strip
-    with the usual mass under a random force, uniform in the ellipse with the half axes reach *
-    force. To hold it with another mass takes up to 0.5 N more or less of the 2 N that the force
-    has.
+    ## Starting state Still, in the shape in which the usual strip hangs with the usual mass.
+    Another mass then sinks or rises. Displacements count from there. The target is the static tip
+    position of the strip with the usual mass under a random force. The force is uniform in the
+    ellipse with the half axes reach * force. To hold it with another mass takes up to 0.5 N more or
+    less of the 2 N that the force has.
 
     ## Arguments
     The arguments of TipReach with its defaults but reach = 0.5, max_episode_steps = 100,
@@ -89,9 +88,9 @@ class PayloadVectorEnv(BeamVectorEnv):
     ## Parameters
     payload (half to one and a half times the usual, kg), and those of TipReach.
 
-    ## Version history
-    v2: failing costs what is left, see TipReach; in v1 it cost 100, less than doing nothing.
-    v1: all start in one shape. v0 started in equilibrium with the mass of the episode. The distance
+    ## Version history v2: a failure costs all remaining intervals, see TipReach; in v1 it cost 100,
+    less than doing nothing. v1: all start in one shape. v0 started in equilibrium with the mass of
+    the episode. The distance
         of the target then told the mass, to 2 g of 29 g in the first observation.
 
     Examples:

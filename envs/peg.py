@@ -290,10 +290,10 @@ class PegVectorEnv(BeamVectorEnv):
     `distance` (m) of the tip from its target, `inserted` (within 5 mm of it), `solver_failed`,
     `action_invalid`; masks as in TipReach. `info["params"]["friction"]` is the plate's.
 
-    ## Arguments
-    The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction, up, beam,
-    supports, actuators and force, with its defaults but length = 0.3, damping = 2e-3, substeps = 4,
-    max_episode_steps = 100, randomize = {"friction": (0, 0.4)}, solver = {"halvings": 5}, and
+    ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction,
+    up, beam, supports, actuators and force. Its defaults hold, but length = 0.3, damping = 2e-3,
+    substeps = 4, max_episode_steps = 100, randomize = {"friction": (0, 0.4)}, solver = {"halvings":
+    5}, and
 
     - `radius`, `young`, `density`: of the rod: 0.004 m, 2e8 Pa, 1200 kg/m^3
     - `hole`, `plate`: m, 0.006 (radius) and 0.02 (thickness)

@@ -110,13 +110,12 @@ class TipReachVectorEnv(BeamVectorEnv):
     Per control interval, with d = |target - tip| at its end and a the clipped action given:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
     so 15 cm from the target cost 1 a step. A failed solve costs as much as a distance of 2 L, 20,
-    for its interval and each that the time limit leaves: going on is never worse. This reward is
-    not discounted; `failure_reward` replaces it.
+    for its interval and each that remains until the time limit. Going on is never worse. This
+    reward is not discounted; `failure_reward` replaces it.
 
-    ## Starting state
-    Always the same: at rest under gravity, without tip force. The target is the static tip position
-    under a random force, uniform in the ellipse with the half axes reach * force, from the
-    sub-env's own generator (see `envs/reach.py`).
+    ## Starting state Always the same: at rest under gravity, without tip force. The target is the
+    static tip position under a random force from the sub-env's own generator (see `envs/reach.py`).
+    The force is uniform in the ellipse with the half axes reach * force.
 
     ## Episode end
     Truncation after `max_episode_steps` intervals. Termination only where the solver fails

@@ -267,10 +267,9 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     ## Information
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; masks as in TipReach.
 
-    ## Arguments
-    The arguments of TipTrack, with its defaults but no gravity, length = 1 (m, of both links
-    together) and elements = 3 (in each), without direction, up, beam, supports, actuators and
-    force; and
+    ## Arguments The arguments of TipTrack, without direction, up, beam, supports, actuators and
+    force. Its defaults hold, but gravity = None, length = 1 (m, of both links together) and
+    elements = 3 (in each). Further arguments:
 
     - `angle`: rad, pi / 3: `reach` (0.5) is the share of it that targets turn either hinge by at
       most

@@ -140,10 +140,9 @@ def map_leaves(
     function: Callable[..., Any], tree: Any, *others: Any, results: dict[int, Any] | None = None
 ) -> Any:
     """The tree with `function(value, axes, *values of the others)` in place of each leaf that is
-    not None; trees in tuples, lists and dictionaries likewise. Objects are copied without checking
-    them again and without what they had cached, and not at all where nothing in them changes; one
-    that stands in several places is made once. Static fields are the first tree's; of a `Mark` that
-    others do not share None is left.
+    not None, also in tuples, lists and dictionaries. Objects are copied without checks and without
+    cached values; an unchanged object is not copied. An object in several places is copied once.
+    Static fields come from the first tree. A `Mark` that the others do not share becomes None.
 
     Examples:
         >>> load = tb.TipLoad(force=torch.ones(3))

@@ -105,11 +105,11 @@ class Linear:
     def departure(self, state: State) -> Tensor:
         """State vector z (..., n) of a state of the beam: the argument of a state feedback.
 
-        It is measured along the beam, as moves of the linear model: place and turn of the node of
-        the first support (else node 0), and the strains of the elements. A turn of the whole beam,
-        however far, is a turn of the model, and strain remains strain. To first order, z is the
-        difference of the nodes' places and axes. Its kinematics are exact; A and B belong to the
-        model's own state.
+        It is measured along the beam, as moves of the linear model. These are place and turn of the
+        node of the first support (else node 0), and the strains of the elements. A turn of the
+        whole beam, however far, is a turn of the model, and strain remains strain. To first order,
+        z is the difference of the nodes' places and axes. Its kinematics are exact; A and B belong
+        to the model's own state.
 
         Linearise about the state that you want to reach. The departure vanishes there, and A and B
         are exact. If they change on the way (gravity, loads that do not turn with the beam),

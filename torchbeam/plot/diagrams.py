@@ -39,9 +39,10 @@ def diagram(
 ) -> Axes:
     """Diagram of a stress resultant along all beams of one state, drawn from their axes.
 
-    F1 is the normal force, F2 and F3 are shear forces (N), M1 is the torque, M2 and M3 are bending
-    moments (N m), in section axes. Bending moments stand on the side that they stretch; the others
-    stand on the side of z, F2 on that of y. A resultant that is rounding beside the others is zero.
+    F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
+    moments (N m). All are in section axes. Bending moments stand on the side that they stretch; the
+    others stand on the side of z, F2 on that of y. A resultant that is rounding beside the others
+    is zero.
 
     Args:
         state: one sample, of the nodal form

@@ -125,10 +125,10 @@ def profile(profile: Any, ax: Axes | None = None) -> Axes:
 
 
 def design(plan: Any) -> list[Axes]:
-    """A `Design` in two pictures. The left one shows the criterion after each chosen sensor, beside
-    the criterion of all candidates and the lower bound of any choice of as many. The right one
-    shows the factor by which the criterion rises without a chosen candidate. In grey: the factor
-    with one more candidate.
+    """A `Design` in two pictures. The left picture shows the criterion after each chosen sensor.
+    Lines show the criterion of all candidates, and the lower bound of any choice of as many. The
+    right picture shows the factor by which the criterion rises without a chosen candidate. In grey:
+    the factor with a further candidate.
 
     Examples:
         >>> model = lambda p: (p["F"][:, None] * torch.tensor([1.0, 4.0, 9.0])).unbind(-1)

@@ -34,9 +34,9 @@ def obstacles(
     color: Any = "0.85",
     state: State | None = None,
 ) -> Axes:
-    """Draw the obstacles of a scene's contacts at time t (s) on a picture `ax` of the `plane`
-    ("xy", "xz" or "yz"), up to its limits. They are cut through the middle of the undeformed beam.
-    A batch shows its first sample. A state adds the surfaces of bodies at their places in it, each
+    """Draw the obstacles of a scene's contacts at time t (s) on a picture `ax`, up to its limits.
+    They are cut by the `plane` ("xy", "xz" or "yz") through the middle of the undeformed beam. A
+    batch shows its first sample. A state adds the surfaces of bodies at their places in it, each
     cut through its centre.
 
     Raises:

@@ -22,8 +22,8 @@ ROUNDING = 1e-6  # of the largest force, or moment, of sections: a reaction belo
 def reactions(
     state: Any, ax: Axes | None = None, *, scene: Scene, plane: str | None = None
 ) -> Axes:
-    """Loads of the supports on the beam in one state, as arrows with numbers: forces (N) along the
-    axes of frame a in the picture, and moments (N m).
+    """Draw the loads of the supports on the beam in one state, as arrows with numbers. Forces (N)
+    are along the axes of frame a in the picture; moments are in N m.
 
     Args:
         state: one sample, of the nodal form

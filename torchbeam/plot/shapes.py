@@ -60,8 +60,8 @@ def shape(
 
     Raises:
         ValueError: for another type than a state, an unknown plane, flat axes for a beam that lies
-            in no plane, a state of another scene, and a state without its undeformed beam where
-            that is drawn.
+            in no plane, or a state of another scene. For a missing undeformed beam, if that is
+            drawn.
 
     Examples:
         >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest

@@ -62,9 +62,8 @@ def view(
             too
         port: the next free port is taken
 
-    A beam is a rod of the radius of its contacts, or else the rectangle that has its EI and EA, in
-    the axes of its sections, which show twist. A body is its surface, the ball of its contacts, or
-    a small ball.
+    A beam is a rod of the radius of its contacts, or else the rectangle that has its EI and EA. Its
+    sections' axes show twist. A body is its surface, the ball of its contacts, or a small ball.
 
     Raises:
         ValueError: for another type of `what`, a scene with another number of nodes, or an address

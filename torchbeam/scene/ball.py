@@ -57,7 +57,7 @@ class Ball(Joint):
 
     Raises:
         ValueError: for a negative number, a stiffness that is not symmetric or has a negative
-            eigenvalue, friction without a slip speed, or a limit without a stiffness.
+            eigenvalue, friction without slip speed, or a limit without stiffness.
 
     Examples:
         >>> arms = {"upper": beam, "lower": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}

@@ -38,8 +38,8 @@ class Sensor:
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
         of_part: whether `on` has to name a part of a structure
-        transforms_as: "point" or "vector" if the reading is such three numbers in the axes of frame
-            a, which a `SensorFrame` turns; None = other axes, or no vector
+        transforms_as: "point" or "vector", if the reading is a point or vector in the axes of frame
+            a, which a `SensorFrame` turns. None = other axes, or no vector
 
     Examples:
         >>> class Reach(tb.sensors.Sensor):

@@ -112,9 +112,12 @@ def equilibrium(
     rigid motion without a load stays as it starts. Derivatives then hold it at the first support
     (node 0 without support).
 
-    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form
-    does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
-    motion of it, the sentence says which.
+    Returns:
+        A `State` at rest, with stress and reaction.
+
+    Raises:
+        ValueError: for a scene that the nodal form does not take.
+        RuntimeError: for a sample without equilibrium; it names a free rigid motion.
 
     Examples:
         >>> state = tb.equilibrium(scene)

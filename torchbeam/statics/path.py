@@ -55,10 +55,10 @@ class Path:
             loads. Pivots below 1e-4 of the softest one at the start do not count: a round column
             turns freely about its axis
         sign: int: sign of the tangent's determinant, for loads that are not conservative
-        kind: int, of the segment from the equilibrium before: LIMIT_POINT = 1, the factor turned
-            back; BRANCH_POINT = 2, a pivot (or the determinant, under loads that are not
-            conservative) changed sign while the factor went on; else REGULAR = 0. The event is
-            anywhere on the segment; `critical_load`, or a smaller `step`, finds its factor
+        kind: int, of the segment from the equilibrium before: LIMIT_POINT = 1: the factor turned
+            back. BRANCH_POINT = 2: a pivot changed sign while the factor went on (the determinant,
+            under loads that are not conservative). Else REGULAR = 0. The event is anywhere on the
+            segment; `critical_load`, or a smaller `step`, finds its factor
         valid: bool: False for a repeated equilibrium, or without an equilibrium under the constant
             loads
         reached: (...) bool: whether the path reached its end: `highest`, `lowest` or `target`

@@ -42,8 +42,8 @@ def remesh(
     the parts of these elements.
 
     Raises:
-        ValueError: where the new mesh lacks a node at such an arc length, elements with their own
-            values are not divided evenly, or the scene is a structure.
+        ValueError: for a new mesh without a node at such an arc length, an uneven division of
+            elements with their own values, or a structure.
 
     Examples:
         >>> finer = tb.remesh(scene, 16, order=2)

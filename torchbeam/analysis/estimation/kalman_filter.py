@@ -63,8 +63,8 @@ class KalmanFilter:
             less its gravity part
         dt: s, the interval between readings
         noise: deviation of the readings, a number or (m,); white noise
-        process: name of an input of the scene -> deviation of an unknown force that is added to it:
-            a number, or as many as the input has. The force is independent in each interval. A pair
+        process: name of an input of the scene -> deviation of an unknown force that adds to it, of
+            the input's size or a number. The force is independent in each interval. A pair
             (deviation, time) is an estimated force that changes within that time in s
             (Ornstein-Uhlenbeck process); with math.inf s it is constant
         parameters: name -> (mean, deviation), or a `Parameter` with a prior

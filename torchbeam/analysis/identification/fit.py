@@ -73,10 +73,10 @@ class Fit:
             readings
         y: (...) the model at theta, with offsets and drifts, in the shape of the data
         misfit: RMS of y - data (over sigma, where it is known or estimated by channel)
-        status: 0 = converged, 1 = more iterations are needed, 2 = no step reduces the misfit, 3 =
+        status: 0 = converged. 1 = more iterations are needed. 2 = no step reduces the misfit. 3 =
             not identifiable: the data do not determine some parameters, and theta is no estimate of
-            them. 4 = the model fails there. 5, in `statuses` alone = not followed: other starts
-            were better
+            them. 4 = the model fails there. 5, in `statuses` alone: not followed, because other
+            starts were better
         unidentifiable: a sentence for each parameter that ran away, to 1e9 times its start. Also a
             sentence for each direction in which parameters can change by their own size at the same
             misfit. Empty if all are determined. `open` (p,) bool marks the parameters named
@@ -308,8 +308,7 @@ class Fit:
         return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
-        """Table of parameters with their intervals, the misfit, undetermined parameters, and hints.
-        """
+        """Table of parameters with intervals, the misfit, undetermined parameters, and hints."""
         return table(self, level, REASON)
 
     def report(

@@ -145,9 +145,9 @@ def identify(
     No step passes 1e9 times the start. If the model raises, has a status or is not finite at a
     trial, a shorter step follows. Starts that are done or fail are no longer evaluated.
 
-    `unidentifiable` names each parameter that ran away. It also names parameters, or joint changes
-    of several, that hardly change the misfit when they change by their own size: by no more than
-    `tolerance` of it, or rounding. The status is then never 0.
+    `unidentifiable` names each parameter that ran away. It also names parameters, or combinations,
+    that may change by their own size while the misfit hardly changes: by at most `tolerance` of it,
+    or rounding. The status is then never 0.
 
     Raises:
         ValueError: for a model whose output does not fit the data, or is finite at none of the

@@ -141,8 +141,8 @@ class Obstacle(Tree):
         raise NotImplementedError
 
     def mean_gradient(self, x: Tensor, y: Tensor) -> Tensor:
-        """(..., points, 3), whose product with y - x is what the distance changes by from points x
-        to y: the gradient half way, put right along the way (Gonzalez 1996).
+        """Discrete gradient (..., points, 3): its product with y - x is the change of distance from
+        points x to y. It is the gradient half way, corrected along y - x (Gonzalez 1996).
         """
         n, way = self.gradient((x + y) / 2), y - x
         square = way.square().sum(-1, keepdim=True)
@@ -151,8 +151,8 @@ class Obstacle(Tree):
 
     @property
     def in_body(self) -> Obstacle:
-        """The same as the surface of a body, in its axes: what it is made of are tensors of 3 to
-        the power of their axes' number, none of them absent.
+        """The obstacle as surface of a body, in its axes. Its fields are tensors of 3 to the power
+        of their number of axes; none is absent.
         """
         return self
 
