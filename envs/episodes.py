@@ -19,9 +19,9 @@ class Episodes(Tree):
     Args:
         plant: the beams and their parameters
         member: (n,) long, which sub-env each is
-        start: `torchbeam.State` with batch (n,): what displacements are counted from
+        start: `torchbeam.State` with batch (n,): origin of displacements
         beam: likewise, now
-        goal: (n, g) what the task drew at reset
+        goal: (n, g) goal that the task drew at reset
         key: (n,) long, of the random numbers that the episode draws after its start
         acting: (n, a) the action that acts, or acted last
         pending: (n, delay, a) actions that have not acted yet, the next one first
@@ -32,8 +32,8 @@ class Episodes(Tree):
         observation: (n, o) the last one; finite
         target: (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next
             intervals; None where the task has no target
-        measures: name -> (n,), what the task says of where the episodes stand: it goes into `info`
-        memory: (n, m) what the task keeps from interval to interval beside the beam
+        measures: name -> (n,), measures of the task for the episodes' present, which go into `info`
+        memory: (n, m) memory of the task beside the beam, from interval to interval
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)

@@ -160,10 +160,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     thrust (1.15 to 1.35), and those of TipReach. The goal, for options={"goal": ...}, is the kick
     (m/s) along y and z.
 
-    ## Version history
-    v1: failing costs what is left; in v0 it cost 100, as with failure_reward = -100 (which the
-    studies of learning are made with).
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals; in v0 it cost 100, as with
+    failure_reward = -100 (which the studies of learning are made with). v0: first version.
 
     Examples:
         >>> env = envs.FlutterHoldVectorEnv(2, planar=True)

@@ -124,9 +124,8 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     about the section's y and z, over its length. The change is 0.05 rad at 1, evenly over the
     interval. The angles stay within +-bend = 2 rad, curvatures within 10 1/m.
 
-    ## Observation space
-    `Box(-high, high, (76 + 10 delay,), float32)`, in metres, m/s and rad; what is published, in
-    another order.
+    ## Observation space `Box(-high, high, (76 + 10 delay,), float32)`, in metres, m/s and rad; the
+    published observation, in another order.
 
     | index | observation | high |
     |---|---|---|

@@ -61,12 +61,11 @@ class Payload(TipReach):
 class PayloadVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers that carry a mass on their tips, stepped as one batch.
 
-    ## Description
-    Bring a strip with an unknown mass on its tip to a target, and hold it there, by a force on the
-    tip. The strip is that of `TipReachVectorEnv`: 1.5 m of aluminium flat bar of 0.12 kg, clamped,
-    under gravity. The point mass of 0.05 to 0.15 kg is drawn with the episode and not observed. The
-    sag, the frequency (0.5 Hz sideways with 0.1 kg) and the force that holds the target depend on
-    it. Only the motion tells it, because every episode begins in the same shape.
+    ## Description Bring a strip with an unknown mass on its tip to a target, and hold it there, by
+    a force on the tip. The strip is that of `TipReachVectorEnv`: 1.5 m of aluminium flat bar of
+    0.12 kg, clamped, under gravity. The point mass of 0.05 to 0.15 kg is drawn with the episode and
+    not observed. The sag, the frequency (0.5 Hz sideways with 0.1 kg) and the force that holds the
+    target depend on it. Only the motion reveals it, because every episode begins in the same shape.
 
     ## Action space, observation space, reward, episode end, information
     As in TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.

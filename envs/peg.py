@@ -310,9 +310,8 @@ class PegVectorEnv(BeamVectorEnv):
     friction (0 to twice the usual), and those of TipReach but offset. The goal, for
     options={"goal": ...}, is where the rod starts: x, y (m); in the plane x.
 
-    ## Version history
-    v1: failing costs what is left; in v0 it cost 100, less than doing nothing.
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals; in v0 it cost 100, less than
+    doing nothing. v0: first version.
 
     Examples:
         >>> env = envs.PegVectorEnv(2, planar=True)

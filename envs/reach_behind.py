@@ -124,9 +124,8 @@ class ReachBehindVectorEnv(BeamVectorEnv):
     case 4 about the binormal too. The couples follow them by at most rate = 1000 1/s. Couples per
     length are 3,750 S, as 50 elements are part of the task.
 
-    ## Observation space
-    `Box(-high, high, (160 or 220 + 2 or 4 delay,), float32)`, in metres and m/s, but for what is
-    said here as published, in another order.
+    ## Observation space `Box(-high, high, (160 or 220 + 2 or 4 delay,), float32)`, in metres and
+    m/s, as published but for the notes here, in another order.
 
     | index | observation | high |
     |---|---|---|

@@ -314,8 +314,8 @@ class Task:
         return gap, (now.beam.velocity[:, -1] - moving) @ self.lateral.T / self.of(now, self.speed)
 
     def resting(self, now: Episodes) -> tb.State | None:
-        """The state (n,) that would follow the targets without bending, where hinges turn; None =
-        there is none.
+        """State (n,) that would follow the targets without bending, by turns of hinges; None
+        without.
         """
         return None
 

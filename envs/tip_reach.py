@@ -145,9 +145,8 @@ class TipReachVectorEnv(BeamVectorEnv):
     stiffness. The goal, for options={"goal": ...}, is the target (3,) m in frame a. A target out of
     reach is allowed; its distance stays positive.
 
-    ## Version history
-    v1: failing costs what is left; in v0 it cost 100, as with failure_reward = -100.
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals; in v0 it cost 100, as with
+    failure_reward = -100. v0: first version.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)

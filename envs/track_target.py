@@ -79,9 +79,8 @@ class TrackTargetVectorEnv(BeamVectorEnv):
     Each element takes the couple 75 S (N m), which turns with it: a couple per length of 1,500 S,
     as 20 elements are part of the task.
 
-    ## Observation space
-    `Box(-high, high, (44 + 12 delay,), float32)`, in metres and m/s; what is published, in another
-    order.
+    ## Observation space `Box(-high, high, (44 + 12 delay,), float32)`, in metres and m/s; the
+    published observation, in another order.
 
     | index | observation | high |
     |---|---|---|

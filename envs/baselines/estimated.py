@@ -105,7 +105,7 @@ class Estimated(Controller):
 
     @torch.no_grad()
     def prepare(self) -> None:
-        """Predict what the next observation shows, and make the plant that is planned with."""
+        """Predict the next observation, and build the plant for planning."""
         if self.z is None or self.predicted is not None:
             return
         self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
@@ -144,13 +144,13 @@ class Estimated(Controller):
         return Plant(params, stepper)
 
     def acting(self, params: dict[str, Tensor], asked: Tensor) -> Tensor:
-        """(..., a) what acts, before the gain, by what was asked (..., H, a), the last first."""
+        """Acting actions (..., a), before the gain, from commands (..., H, a), the last first."""
         config, latency = self.env.config, params["latency"].clamp(*self.late)
         due, spare = asked[..., config.delay :, :], self.env.simulation.spare
         return imperfections.acting(due, latency, params["lag"], config.control_interval, spare)
 
     def drive(self, params: dict[str, Tensor], asked: Tensor) -> dict[str, Tensor]:
-        """Inputs by name of what was asked (..., H a)."""
+        """Inputs by name for commands (..., H a)."""
         params = self.told | params
         asked = asked.unflatten(-1, (-1, self.env.task.actions))
         return self.env.task.inputs(params["gain"][..., None] * self.acting(params, asked))

@@ -106,7 +106,7 @@ class Controller:
 
 
 class Zero(Controller):
-    """No action; it wants to know nothing of an env.
+    """No action, in any env.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)

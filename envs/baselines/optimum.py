@@ -41,7 +41,7 @@ class Optimum(Controller):
     starts. `steps` counts the env steps played.
 
     Raises:
-        ValueError: for an env without end, no iterations or starts, and for what `TipWay` refuses.
+        ValueError: for an env without end, no iterations or starts, and as `TipWay`.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, max_episode_steps=4)

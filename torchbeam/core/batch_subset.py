@@ -26,7 +26,7 @@ class NotSeparable(Exception):
 
 @dataclass(frozen=True)
 class BatchSubset:
-    """Samples `index` (n,) of a batch with the one axis (count,).
+    """Samples `index` (n,) of a batch with a single axis (count,).
 
     Examples:
         >>> few = extend.BatchSubset(torch.tensor([0, 2]), 3)
@@ -54,7 +54,9 @@ class BatchSubset:
         return map_leaves(self._taken, tree)
 
     def scatter(self, tree: Any, part: Any) -> Any:
-        """The tree with these samples replaced by those of `part`. Out of place, differentiable."""
+        """The tree with these samples replaced by the samples of `part`. Out of place,
+        differentiable.
+        """
         return map_leaves(self._replaced, tree, part)
 
     def merge(self, tree: Any, part: Any) -> Any:

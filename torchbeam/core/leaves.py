@@ -41,8 +41,7 @@ class Leaf(NamedTuple):
 
 
 def own_leaves(tree: Tree) -> list[Leaf]:
-    """The leaves that a tree declares itself, None among them; a tree in the place of a leaf as it
-    is.
+    """Leaves that a tree declares itself, also None; a tree in place of a leaf is not opened.
 
     Examples:
         >>> [leaf.name for leaf in extend.own_leaves(tb.TipLoad(force=torch.ones(3)))]
@@ -66,8 +65,8 @@ def _parts(value: Any) -> Iterable[Any]:
 
 
 def leaves(tree: Any) -> list[Leaf]:
-    """All leaves of a tree, of trees in tuples, lists and dictionaries, but for None; what stands
-    in two places comes twice.
+    """All leaves of a tree that are not None, also of trees in tuples, lists and dictionaries. A
+    leaf in two places comes twice.
 
     Examples:
         >>> [leaf.name for leaf in extend.leaves(tb.TipLoad(force=torch.ones(3)))]

@@ -59,8 +59,7 @@ def leaf(
     - `size`: int, or several: finite numbers, so many in the last axis or axes
     - `copied`: True: the object keeps a copy
     - `check`: in place of these, function(name, value), which returns the field's value, or raises
-    - `name`: function of the names of class and field that gives the name in messages; None = as
-      `in_words`
+    - `name`: template of the name in messages, see `Tree.in_words`; None = the class's template
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -119,8 +118,8 @@ class Tree:
     compares shape and dtype too.
 
     Attributes:
-        called: name of the class in messages: by default its own name
-        in_words: name of a field in messages, from `called` and the field's name
+        called: name of the class in messages; by default its own name
+        in_words: template of a field's name in messages: {0} is `called`, {1} the name
 
     Raises:
         TypeError: when the class is defined, for a field that is annotated as a tensor and not

@@ -45,8 +45,7 @@ def animate(
     Args:
         what: `Solution` with any batch axes, or a `State` whose first batch axis is the film's
             time, such as equilibria under a growing load
-        path: ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the
-            package imageio-ffmpeg)
+        path: ends in .gif (Pillow) or .mp4 (by an ffmpeg program, or the package imageio-ffmpeg)
         ax: axes to draw on. Their contents and the limits that were set stay. None = new axes
         plane: as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
         scene: as in `shape`: solids are drawn in their size

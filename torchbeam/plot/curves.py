@@ -60,7 +60,7 @@ def history(
 
 def energies(solution: Solution, ax: Axes | None = None) -> Axes:
     """Energies (J) of one sample over time (s): kinetic, strain, their sum, and the loads' work.
-    The gap between the sum and the work is what damping took. Raises ValueError for a batch.
+    The gap between the sum and the work is the loss by damping. Raises ValueError for a batch.
 
     Examples:
         >>> ax = tb.plot.energies(solution)

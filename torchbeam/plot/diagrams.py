@@ -49,7 +49,7 @@ def diagram(
         scene: whose state it is; the loads along its beams count between nodes (`SectionForces`)
         inputs: values of its inputs, by their names
         plane: "xy", "xz" or "yz", as in `shape`
-        height: of the largest value, as a share of the size of what is drawn
+        height: of the largest value, as a share of the structure's size
         values: write the values at ends of beams and at extremes
         symbols: of supports, joints and loads, see `symbols`
 

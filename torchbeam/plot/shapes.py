@@ -53,8 +53,10 @@ def shape(
             radii of the first sample
         frames: draw section axes at the nodes, x red, y green, z blue, named at the last node
         symbols: of the scene's supports, joints and loads, see `symbols`
-        undeformed: draw the undeformed axis too, in grey; magnify: displacements times so many
-        nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
+        undeformed: draw the undeformed axis too, in grey
+        magnify: factor of the displacements
+        nodes: mark the nodes
+        color, label, **line: as for lines of matplotlib
 
     Between nodes the curve is cubic, with the sections' x axes as its tangents.
 

@@ -55,8 +55,8 @@ def view(
         what: a `Solution`, with a slider over its instants; a state of any form; or a `Scene`,
             undeformed
         scene: of a solution or a state: for the sizes of sections, obstacles and tendons
-        samples: of a batch, at most so many of the first, each in its own colour; one that has
-            failed is red
+        samples: number of samples of a batch, from the first on, each in its own colour; a failed
+            sample is red
         speed: of the motion when it plays: 0.1 is ten times slower
         host: address to serve: by default for this machine alone; "0.0.0.0" serves other machines
             too

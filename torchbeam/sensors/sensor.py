@@ -81,7 +81,7 @@ class Sensor:
         return self.read(self.seen(state))
 
     def seen(self, state: Any) -> Any:
-        """What of a state is read. Raises ValueError where it has no such part."""
+        """Part of a state that the sensor reads. Raises ValueError where it has no such part."""
         if self.of_part and self.on is None and (parts := getattr(state, "parts", ())):
             names = ", ".join(repr(part.name) for part in parts)
             raise ValueError(

@@ -46,14 +46,14 @@ class State(Instant):
             `torchbeam.core.status.STATUS`. A failed sample keeps its last good state.
         frame: (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0;
             None where frame a does not turn
-        internal: (..., z) internal states of user loads, one load after the other, those of a load
-            along the beam node by node; None without
+        internal: (..., z) internal states of user loads, load after load; a load along the beam has
+            them node by node; None without
         joints: (..., J, 12) of the joints of a structure, see `joint`; None without
         tendons: (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
             length m; None without
         coordinates: which coordinates each joint has, see `Joint.coordinates`
-        memory: (..., I, m) what the scene's interactions remember, in its order, zeros behind; None
-            = nothing
+        memory: (..., I, m) memory of the scene's interactions, in their order, filled with zeros;
+            None = no memory
         supports: nodes of the supports that `reaction` is of; None where the state was made without
             a scene
         parts: of a structure, whose nodes and stations stand one part after the other; see

@@ -63,7 +63,7 @@ class Comparison:
     said: tuple[str, ...]
 
     def summary(self) -> str:
-        """Table of the models, and which cannot be told apart."""
+        """Table of the models, with models that the data cannot distinguish."""
         head = ("model", "parameters", HEAD[self.by], "less than the best", "+-", "RMS error")
         columns = self.value, self.difference, self.error, self.rms
         rows = [

@@ -88,7 +88,7 @@ class FieldFit:
         return limits[first : first + torch.Size(shape).numel()].reshape(*shape, 2)
 
     def refined(self, model: Any) -> FieldFit:
-        """With the fit that a finer model finds, weights and the posterior's width as they are; see
+        """Fit of a finer model, with the same weights and width of the posterior; see
         `Fit.refined`. A field keeps its numbers: of twice as many elements they are
         `theta["EI"].repeat_interleave(2, -1)`.
         """

@@ -75,7 +75,7 @@ class Fit:
         misfit: RMS of y - data (over sigma, where it is known or estimated by channel)
         status: 0 = converged. 1 = more iterations are needed. 2 = no step reduces the misfit. 3 =
             not identifiable: the data do not determine some parameters, and theta is no estimate of
-            them. 4 = the model fails there. 5, in `statuses` alone: not followed, because other
+            them. 4 = the model fails there. 5 (in `statuses`): not followed, because other
             starts were better
         unidentifiable: a sentence for each parameter that ran away, to 1e9 times its start. Also a
             sentence for each direction in which parameters can change by their own size at the same

@@ -146,8 +146,8 @@ def identify(
     trial, a shorter step follows. Starts that are done or fail are no longer evaluated.
 
     `unidentifiable` names each parameter that ran away. It also names parameters, or combinations,
-    that may change by their own size while the misfit hardly changes: by at most `tolerance` of it,
-    or rounding. The status is then never 0.
+    that may change by their own size while the misfit changes by at most `tolerance` of it, or
+    rounding. The status is then never 0.
 
     Raises:
         ValueError: for a model whose output does not fit the data, or is finite at none of the

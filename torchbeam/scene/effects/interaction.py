@@ -127,7 +127,7 @@ class Interaction(LoadEffect):
         return with_values(self, nodes=rows)
 
     def residual(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
-        """(..., unknowns) m or rad, what is zero at the end of a step, of a class with unknowns."""
+        """Residual (..., unknowns) m or rad of a class with unknowns, zero at the end of a step."""
         raise NotImplementedError
 
     def remember(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:

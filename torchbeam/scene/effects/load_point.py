@@ -199,8 +199,8 @@ class LoadEffect(Tree):
         return None
 
     def depends_on(self, offset: bool) -> frozenset[str]:
-        """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether
-        a centre of mass, of a section or of a point mass, lies off its node.
+        """Names among `MOTION`: dependences of the wrench; empty = a dead load. `offset`: whether a
+        centre of mass, of a section or of a point mass, lies off its node.
         """
         return self.depends
 

@@ -137,7 +137,7 @@ class Obstacle(Tree):
         raise NotImplementedError
 
     def gradient(self, x: Tensor) -> Tensor:
-        """Of the distance (..., points, 3): of length 1, out of what is solid."""
+        """Gradient (..., points, 3) of the distance: unit vectors out of the solid."""
         raise NotImplementedError
 
     def mean_gradient(self, x: Tensor, y: Tensor) -> Tensor:
@@ -168,7 +168,7 @@ class Obstacle(Tree):
 
     @property
     def room(self) -> Tensor | None:
-        """(...) m, the largest radius that has room in a hollow; None = it is none."""
+        """(...) m, largest radius that fits into a hollow; None = no hollow."""
         return None
 
     @property
