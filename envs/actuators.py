@@ -104,7 +104,7 @@ class Actuator:
         return {self.input: value if self.bias is None else value + self.bias}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor | None:
-        """(n, 3) N in frame a, to be drawn at the tip; None where there is none."""
+        """(n, 3) N in frame a, drawn at the tip; None without."""
         return None
 
 

@@ -25,8 +25,8 @@ class Episodes(Tree):
         key: (n,) long, of the random numbers that the episode draws after its start
         acting: (n, a) the action that acts, or acted last
         pending: (n, delay, a) actions that have not acted yet, the next one first
-        late: (n, spare, a) those before them, the oldest first, which act now where there is
-            latency; None where there is none
+        late: (n, spare, a) earlier actions, the oldest first, which act now with latency; None
+            without
         steps: (n,) long, steps since reset
         terminated, truncated: (n,) bool, once an episode is over and until it is reset
         observation: (n, o) the last one; finite
@@ -73,8 +73,8 @@ class Episodes(Tree):
         return replace(detached(self), plant=self.plant)
 
     def merge(self, few: BatchSubset, part: Episodes) -> Episodes:
-        """With the sub-envs `few` those of `part`, whose plant is that of all; what the task says
-        of them is to be told anew.
+        """Replace the sub-envs `few` by `part`, with the plant of all. The task's target and
+        measures of them are removed.
         """
         untold = dict(plant=None, target=None, measures={})
         merged = few.merge(with_values(self, **untold), with_values(part, **untold))

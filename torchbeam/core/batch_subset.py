@@ -48,8 +48,8 @@ class BatchSubset:
         return cls(going.nonzero()[:, 0], len(going))
 
     def gather(self, tree: Any) -> Any:
-        """Tree (see `leaves`) of these samples alone. What has no batch axis, or one of size 1,
-        stays; of a function the values are taken. Differentiable. Raises `NotSeparable`.
+        """Tree (see `leaves`) of these samples alone. Values without batch axis, or with size 1,
+        stay; samples of a function's values are selected. Differentiable. Raises `NotSeparable`.
         """
         return map_leaves(self._taken, tree)
 

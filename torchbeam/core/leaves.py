@@ -208,9 +208,8 @@ def _mapped(
 
 
 def with_values(tree: Any, **values: Any) -> Any:
-    """A copy of a tree with these values of fields, which are not checked again, and nothing that
-    it had cached. What its field `follows` names has been found, and may be again; what is given
-    here has not.
+    """A copy of a tree with these values of fields, without checks and cached values. Fields that
+    its field `follows` names are derived, and may be derived again; values of this call are not.
 
     Examples:
         >>> extend.with_values(tb.TipLoad(force=torch.ones(3)), force=torch.zeros(3)).force

@@ -93,5 +93,5 @@ class Ball(Joint):
         return None if self.stiffness is None else self.stiffness.abs().amax((-1, -2))
 
     def law(self, coordinate: int) -> CoordinateLaw:
-        """Its torque (..., 3) whichever it is; what it resists by is in `BallLaws`."""
+        """Torque (..., 3) of any coordinate; `BallLaws` has the resistance."""
         return CoordinateLaw(effort=self.torque)

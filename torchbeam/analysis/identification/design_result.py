@@ -71,7 +71,7 @@ class Design:
         runs: dict[str, int],
         unit: Tensor,
     ) -> Design:
-        """Of what was chosen from a selection, whose coordinates are over `unit` (p,)."""
+        """Design of chosen candidates of a selection, whose coordinates are over `unit` (p,)."""
         rule, items, every = selection.criterion, selection.items, [*groups]
         order = selection.in_order(chosen)
         M = selection.information(order)

@@ -163,7 +163,7 @@ class Obstacle(Tree):
 
     @property
     def corners(self) -> Tensor | None:
-        """(..., K, 3) m: balls of its `radius` there are next to planes; None = there are none."""
+        """(..., K, 3) m, centres of balls of its `radius` that may touch planes; None = none."""
         return None
 
     @property
