@@ -40,7 +40,8 @@ def shape(
 ) -> Axes:
     """Axis of the beam (m, frame a) in a state, or in each state of a batch or trajectory, the
     first darkest. A structure shows all beams. Bodies are squares, joints are rings at the nodes
-    that they connect, with a line between distant nodes.
+    that they connect, with a line between distant nodes. Between nodes the curve is cubic, with the
+    sections' x axes as its tangents.
 
     Args:
         state: of any form, with any leading axes
@@ -49,8 +50,7 @@ def shape(
         scene: whose state it is. Beams get the thickness of their contacts, or else the rectangle
             that has their EI and EA. Obstacles (of the first sample), surfaces of bodies and
             tendons are drawn within the limits that were set. `color` is the colour of all parts;
-            other keywords of lines have no effect. A state without the scene's batch axes has the
-            radii of the first sample
+            other keywords of lines have no effect. The first sample gives missing radii
         frames: draw section axes at the nodes, x red, y green, z blue, named at the last node
         symbols: of the scene's supports, joints and loads, see `symbols`
         undeformed: draw the undeformed axis too, in grey
@@ -58,12 +58,9 @@ def shape(
         nodes: mark the nodes
         color, label, **line: as for lines of matplotlib
 
-    Between nodes the curve is cubic, with the sections' x axes as its tangents.
-
     Raises:
         ValueError: for another type than a state, an unknown plane, flat axes for a beam that lies
-            in no plane, or a state of another scene. For a missing undeformed beam, if that is
-            drawn.
+            in no plane, a state of another scene, or a missing undeformed beam.
 
     Examples:
         >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest

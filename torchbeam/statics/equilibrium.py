@@ -83,13 +83,11 @@ def equilibrium(
             method. It is for large motions of little stiffness: a slack cable, a hinged beam that
             swings down. Loads grow first, or act at once on `initial`, then supports move. Under
             conservative loads it ends in a minimum of the energy. An even push along each axis, to
-            both sides, then tests this minimum: a RuntimeWarning names a push that leads to a lower
-            one
+            both sides, tests this minimum: a RuntimeWarning names a push to a lower minimum
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
             samples at once; gradients and `branch` are eager. "auto": compiled for 32,768 or more
             samples times elements (all samples of a `monte_carlo` count). It needs llvmlite and a
-            scene that native code takes; else eager, with a SlowPathWarning. TORCHBEAM_ENGINE
-            overrides it
+            scene that native code takes; else eager, with a warning. TORCHBEAM_ENGINE overrides it
         inputs: of the scene by name, (..., size)
         accuracy: relative error of positions and axes of the middle and the tip. The mesh is chosen
             by the function, see `simulate`
@@ -97,7 +95,8 @@ def equilibrium(
     Where Newton's method needs it, the load of a sample is raised in steps. A step is halved if the
     method fails, or a node turns by more than 1 rad. A long step of more than six iterations is
     halved too. Infinite stiffness is exact. Differentiable by the implicit function theorem. A
-    scene in single precision is solved in double, and the state rounded.
+    scene in single precision is solved in double, and the state rounded. Returns a `State` at rest,
+    with stress and reaction.
 
     Past a point of buckling, load steps may stay on an unstable branch. Under conservative loads, a
     RuntimeWarning names the samples whose tangent is not positive definite. Under other loads
@@ -111,9 +110,6 @@ def equilibrium(
     relax=True. Relaxation starts by itself where load steps fail and joints have limits. A free
     rigid motion without a load stays as it starts. Derivatives then hold it at the first support
     (node 0 without support).
-
-    Returns:
-        A `State` at rest, with stress and reaction.
 
     Raises:
         ValueError: for a scene that the nodal form does not take.

@@ -106,8 +106,7 @@ def monte_carlo(
         until: relative error of the mean: half its 95 % interval over the mean, in each number of
             y. Replicates (64 by default) are computed until it is reached; n is the most. Or
             (error, lambda samples: Estimate) for another quantity, such as (0.02, lambda samples:
-            samples.quantile(0.99, 0.95)). Checks follow after 8, 12, 16, 24 ... replicates;
-            repeated checks make the interval a little too short
+            samples.quantile(0.99, 0.95)). Checks after 8, 12, 16 ... replicates shorten it a little
 
     A sample with a y that is not finite has the status 1 and keeps its place. y and status are
     detached and on the CPU.
@@ -115,8 +114,7 @@ def monte_carlo(
     Raises:
         ValueError: for invalid laws, a function whose y does not fit, and a folder of another run
             or that cannot be written.
-        files.NotWritten: an OSError, where the disk is full. Written chunks remain, and the same
-            call continues.
+        files.NotWritten: an OSError, where the disk is full. The same call continues later.
         MemoryError: for more samples than fit in memory (`tb.monte_carlo_stream` keeps none).
 
     Examples:

@@ -59,8 +59,7 @@ class KalmanFilter:
         sensors: a sensor or several. Or a function (scene, inputs) -> sensors, if they depend on
             the scene; the inputs are those of the interval that ends with the reading
         rate: whether readings are the mean rate of the sensor's value over the interval: a bool, or
-            a bool for each sensor. The rate of `NodeVelocity` is the reading of an accelerometer,
-            less its gravity part
+            a bool for each sensor. The rate of `NodeVelocity` is an accelerometer's, less gravity
         dt: s, the interval between readings
         noise: deviation of the readings, a number or (m,); white noise
         process: name of an input of the scene -> deviation of an unknown force that adds to it, of
@@ -77,18 +76,14 @@ class KalmanFilter:
             with unknown actuators; None = `u` itself
         steps: of the structure in an interval
         model: linear model with the coordinates z. A reduced model has amplitudes of modes; the
-            rest follows. None = `linearize` about the equilibrium of the mean parameters without
-            inputs
+            rest follows. None = `linearize` about equilibrium, by mean parameters, without inputs
         method: as in `Stepper`, except methods with a memory beyond z
         second_order: whether the predicted mean and covariance include products of the deviations
             of z and of the parameters. The derivatives are taken at `model`'s own state
 
     Derivatives of the motion and of the readings are exact: an interval is stepped with as many
     samples as z and the readings have numbers. Readings may depend on the force in their interval.
-    A missing reading is NaN.
-
-    Raises:
-        ValueError: for arguments of another type, or that do not fit each other.
+    A missing reading is NaN. Raises ValueError for arguments that do not fit.
 
     Examples:
         >>> wind = tb.LineLoad(force=tb.Input("wind", 3))
@@ -184,8 +179,7 @@ class KalmanFilter:
                 `modes` modes have the same mean energy
             covariance: (..., n, n) of z, in place of `amplitude`
 
-        Raises:
-            ValueError: for an invalid covariance, and for both `amplitude` and `covariance`.
+        Raises ValueError for an invalid covariance, and for both `amplitude` and `covariance`.
         """
         state = self.interval.model.state if state is None else instance("state", state, State)
         batch = (batch,) if isinstance(batch, int) else batch

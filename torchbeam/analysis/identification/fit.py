@@ -89,8 +89,7 @@ class Fit:
         derivatives: their method
         history: (iterations + 1, starts, p) parameters at each iteration
         starts: (starts, p) end of each start
-        misfits: (starts,) misfit of each end
-        statuses: (starts,) status of each start
+        misfits, statuses: (starts,) of each end
         readings: data beside the model's values, of each measurement
         jacobian: (data, p) derivatives of the measured readings, over sigma, by the coordinates of
             the search
@@ -237,10 +236,8 @@ class Fit:
             experiment: name of the experiment whose model and own parameters apply; needed if
                 several have their own
 
-        As in intervals, the model counts as right: a UserWarning says so with `doubts`.
-
-        Raises:
-            ValueError: for a fit from a file, a model that fails at the fit, or other shapes.
+        As in intervals, the model counts as right: a UserWarning says so with `doubts`. Raises
+        ValueError for a fit from a file, a model that fails at the fit, or other shapes.
         """
         warn_of(self.doubts)
         y, J = predicted(
@@ -275,10 +272,7 @@ class Fit:
     def bootstrap(self, repeats: int = 500, *, seed: int = 0) -> Bootstrap:
         """Fits to `repeats` sets of data, drawn from the fitted model and noise, as a batch that
         starts at the fit. Normal and log-normal priors act as observations: their centres are drawn
-        too. Parameters at a bound stay there.
-
-        Raises:
-            ValueError: for other priors.
+        too. Parameters at a bound stay there. Raises ValueError for other priors.
         """
         problem = with_priors_observed(self._noisy("bootstrap"))
         return bootstrap(problem, self.x, self.held, self.scale, self.redundancy, repeats, seed)
@@ -323,18 +317,12 @@ class Fit:
             predictions: name -> (times (m,), result of `predict` (m, ...)), or with a third entry,
                 data measured there: the page counts how many lie in the bands
 
-        Raises:
-            ValueError: for other predictions.
-            files.NotWritten: an OSError, where the disk is full.
+        Raises ValueError for other predictions, files.NotWritten (an OSError).
         """
         return write_report(self, path, level_of("level", level), predictions, REASON[self.status])
 
     def save(self, path: str | Path) -> None:
-        """Write the fit without its model to a file.
-
-        Raises:
-            files.NotWritten: an OSError, where the disk is full.
-        """
+        """Write the fit without its model to a file. Raises files.NotWritten (an OSError)."""
         plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in LOST}
         plain["transform"] = dict(vars(self.transform))
         plain["readings"] = [dict(vars(r)) for r in self.readings]
@@ -342,11 +330,7 @@ class Fit:
 
     @classmethod
     def load(cls, path: str | Path) -> Fit:
-        """Read a fit from its file, without model, profiles and bootstrap.
-
-        Raises:
-            ValueError: for another file.
-        """
+        """Read a fit without model, profiles and bootstrap. Raises ValueError for another file."""
         path = files.path_of("path", path)
         saved = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         try:
