@@ -16,9 +16,7 @@ LONG, LONGEST = 25, 45  # words
 SHARE = 0.1  # of sentences that are longer than LONG
 SHARE_OF_DOCSTRINGS, LONGEST_OF_DOCSTRINGS = 0.01, 40  # of public ones, all together
 # in place of a noun
-CROOKED = re.compile(
-    r"^What\b|\bfor what\b|\bas drawn\b|\bwhat (is|was|it|they|there)\b"
-)
+CROOKED = re.compile(r"^What\b|\bfor what\b|\bas drawn\b|\bwhat (is|was|it|they|there)\b")
 SECTION = re.compile(r"(Args|Attributes|Examples|Raises|Returns|Yields):")
 ENTRY = re.compile(r"^\s*\*{0,2}\w+(, \*{0,2}\w+)*: ")
 
