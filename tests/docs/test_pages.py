@@ -41,6 +41,10 @@ SAID = {
         (lambda names: names["pull"][0], 43826.0),
         (lambda names: names["pull"][2], 64456.5),
     ),
+    "asked_elsewhere": (
+        (lambda names: names["force"].grad / names["difference"], 1.0),
+        (lambda names: names["sag"](1.0) / names["sag"](1e-4), 1.0),
+    ),
     "coming_from": (
         (lambda names: (names["coarse"] - names["fine"]).norm(), 6e-4),
         (lambda names: names["bent"][0], 0.6124),
