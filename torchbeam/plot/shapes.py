@@ -50,7 +50,7 @@ def shape(
         scene: whose state it is. Beams get the thickness of their contacts, or else the rectangle
             that has their EI and EA. Obstacles (of the first sample), surfaces of bodies and
             tendons are drawn within the limits that were set. `color` is the colour of all parts;
-            other keywords of lines have no effect. The first sample gives missing radii
+            other keywords of lines have no effect. A state without batch has the first radii
         frames: draw section axes at the nodes, x red, y green, z blue, named at the last node
         symbols: of the scene's supports, joints and loads, see `symbols`
         undeformed: draw the undeformed axis too, in grey

@@ -106,7 +106,7 @@ def monte_carlo(
         until: relative error of the mean: half its 95 % interval over the mean, in each number of
             y. Replicates (64 by default) are computed until it is reached; n is the most. Or
             (error, lambda samples: Estimate) for another quantity, such as (0.02, lambda samples:
-            samples.quantile(0.99, 0.95)). Checks after 8, 12, 16 ... replicates shorten it a little
+            samples.quantile(0.99, 0.95)). Each check, at 8, 12, 16 ..., shortens intervals a bit
 
     A sample with a y that is not finite has the status 1 and keeps its place. y and status are
     detached and on the CPU.
