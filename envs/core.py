@@ -178,8 +178,8 @@ class BeamVectorEnv(VectorEnv):
             seed: s gives sub-env i the stream s + i; a list gives one each; None goes on with the
                 streams there are
             options: beside the mask: "params": name -> number or (n,), parameters of these
-                episodes; "goal": (g,) or (n, g), instead of the one that is drawn. Random numbers
-                are drawn all the same, so the rest does not change
+                episodes; "goal": (g,) or (n, g), in place of a drawn goal. Random numbers are drawn
+                all the same, so the rest does not change
         """
         self._open()
         if not (options is None or isinstance(options, Mapping)):

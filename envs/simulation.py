@@ -33,12 +33,13 @@ class Simulation:
 
     Attributes:
         plant: of the usual parameters
-        rest: the states that its episodes start from: in equilibrium, and the same with what the
-            method remembers of a step without action
+        rest: states at the start of episodes: an equilibrium, and the same with the method's memory
+            of a step without action
         observer: sensors of the beam
         high: (o,) bounds of whole observations: of each frame target, sensors, actions still to act
         bounds: lower and upper ones of one frame
-        known: the parameters that there are;  usual: name -> () their usual values
+        known: names of the parameters
+        usual: name -> () their usual values
         ranges: name -> (low, high) of those drawn at each reset
         spare: intervals by which actions may be late
         worst: largest cost of an interval; None if a failure has another cost
@@ -155,7 +156,7 @@ class Simulation:
         Args:
             streams: a generator for each sub-env
             params: name -> (n,)
-            goal: (n, g), instead of the one that is drawn
+            goal: (n, g), in place of a drawn goal
         """
         params = params or {}
         self.varying |= params.keys()

@@ -122,11 +122,10 @@ class TipReachVectorEnv(BeamVectorEnv):
     (`info["solver_failed"]`): the observation is then the last finite one, and the other sub-envs
     do not notice.
 
-    ## Information
-    `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with a
-    mask `_name`, False for sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17)
-    and `final_info` with their masks; where an episode has ended the others are then of the one
-    that begins, `params` too.
+    ## Information `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each
+    (num_envs,) with a mask `_name`, False for sub-envs that did not move. SAME_STEP adds
+    `final_obs` (num_envs, 17) and `final_info` with their masks. After the end of an episode all
+    other entries, `params` too, belong to the next one.
 
     ## Arguments
     The fields of `BeamEnvConfig`, with its defaults (see `envs/config.py`), and

@@ -55,7 +55,7 @@ class Estimate:
 
     @classmethod
     def about(cls, centre: Tensor, half: Tensor, *rest: Any) -> Estimate:
-        """With an interval of that half width."""
+        """Estimate with an interval of that half width."""
         return cls(centre, centre - half, centre + half, *rest)
 
     @property

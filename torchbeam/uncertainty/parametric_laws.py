@@ -66,7 +66,7 @@ class ByScore(ByParameters):
 
 @dataclass(frozen=True)
 class Constant(ByParameters):
-    """Always the same value: a column of theta that is not random.
+    """A constant: a column of theta that is not random.
 
     Examples:
         >>> fixed = {"EI": tb.laws.Constant(1.0), "P": tb.laws.Normal(1.0, 0.1)}

@@ -68,7 +68,7 @@ class Samples(Tables):
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Failed samples by reason, those of most first."""
+        """Failed samples by reason, the most frequent first."""
         return reasons_of(self.y, self.status, self.sentences)
 
     @property
@@ -77,8 +77,8 @@ class Samples(Tables):
 
     @property
     def deviation(self) -> Tensor:
-        """Standard deviation (...): of n independent samples over n - 1, of a Sobol sequence, whose
-        mean is that of the law but for little, over n.
+        """Standard deviation (...): over n - 1 for n independent samples; over n for a Sobol
+        sequence, whose mean hardly differs from the law's.
         """
         return self._deviation(self._numbers())
 

@@ -128,7 +128,7 @@ class Design:
         ]
 
     def said(self) -> list[str]:
-        """Sentences."""
+        """Sentences about the result."""
         return [
             f"{100 * self.efficiency:.3g} % of the information of all {len(self.change)} "
             f"candidates; at least {100 * self.optimality:.3g} % of the best choice's; cost "
@@ -142,7 +142,7 @@ class Design:
         return "\n\n".join([*parts, "\n".join(self.said())])
 
     def report(self, path: str | Path) -> Path:
-        """Write a page of HTML, with the picture of `tb.plot.design`. It wants matplotlib. Raises
+        """Write a page of HTML, with the picture of `tb.plot.design`. It needs matplotlib. Raises
         files.NotWritten (an OSError).
         """
         return write_design(self, path)

@@ -135,7 +135,7 @@ class Interaction(LoadEffect):
         raise NotImplementedError
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        """Those of the constraint that the residual is zero."""
+        """Force and moment of the constraint that the residual is zero."""
         by = self.residual_tangent(point, t, inputs)
         return tuple(
             -torch.einsum("...u,...unk->...nk", point.own, by[name]) if name in by else None

@@ -222,7 +222,7 @@ class LoadEffect(Tree):
         return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), point, names)
 
     def internal_states(self, beam: Beam) -> int:
-        """How many numbers it remembers."""
+        """Number of internal states."""
         return self.internal
 
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect | None:

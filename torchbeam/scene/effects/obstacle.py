@@ -183,7 +183,7 @@ class Obstacle(Tree):
 
     @_of_points
     def surface_velocity(self, x: Tensor) -> Tensor | None:
-        """The same of its surface."""
+        """Velocity of its surface, likewise."""
         parts = [spin for spin in (self.turning, self.spinning) if spin is not None]
         return self._carried(x, sum(parts[1:], parts[0]) if parts else None)
 
