@@ -12,22 +12,22 @@ from .holding import Controller, vector_env
 
 
 class ResolvedRate(Controller):
-    """Change of the command by damped least squares (Whitney 1969; Wampler 1986), with J the soft
-    arm's `tip_jacobian` by the actions and e the way that the tip has to go,
+    """Change of the command by damped least squares (Whitney 1969; Wampler 1986). J is the soft
+    arm's `tip_jacobian` by the actions, and e is the remaining way of the tip,
 
         J' (J J' + damping^2 I)^-1 gain e,    e = target - tip + ahead target' - lead tip'
 
-    the target at the end of the interval. With a `turn` the tip's turn has three more rows, where
-    the task wants one. Commands at a limit that would go beyond it are left out, and the others
-    take their part. An arm that follows its command late, by tau, wants lead = ahead = tau, and a
-    gain that is small beside the intervals in it.
+    with the target at the end of the interval. With a `turn`, the tip's turn has three more rows,
+    if the task asks for a turn. A command that would pass its limit is left out, and the others
+    take over. An arm that follows its command with a lag tau needs lead = ahead = tau, and a small
+    gain beside the intervals in tau.
 
     Args:
-        gain: share of the way that an interval is to make good
-        damping: m, beside the singular values of J: moves of the tip by a full action
+        gain: share of the remaining way that an interval covers
+        damping: m, compared with the singular values of J: moves of the tip by a full action
         lead: s, by which the tip's own motion is anticipated
-        ahead: s, by which the target's is
-        turn: m, what a turn of the tip by 1 rad counts
+        ahead: s, by which the target's motion is anticipated
+        turn: m, weight of a turn of the tip by 1 rad
 
     Raises:
         ValueError: for a task of another beam.

@@ -41,10 +41,10 @@ class Description:
     """Result of `describe`; printed, it is a table of lines.
 
     Args:
-        lines: heading -> what is said under it
+        lines: heading -> text below it
         plane: "xy" or "xz": the nodal form solves the scene there; None = in space
-        planes: planes in which the whole scene lies: the answer there is that in space, with half
-            the unknowns
+        planes: planes in which the whole scene lies: the answer there is the same, with half the
+            unknowns
         unknowns: of an implicit step and of an equilibrium: the moves of the nodes that are free
         states: form or method -> numbers in a state of it; None where it does not take the scene
         refusals: form or method -> why it does not

@@ -83,8 +83,8 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     pair.
 
     Args:
-        modes: of `tb.modes`, (...) of them, at least as many as measured; more, so that none is
-            missed
+        modes: of `tb.modes`, with batch axes (...): at least as many as measured, and some more so
+            that none is missed
         shapes: (k, channels) measured, of any scale, real or complex
         read: Modes.shape (..., count, N+1, 6) -> (..., count, channels): the readings of the
             instruments; `lambda x: x[..., 2::2, 2]` reads the deflection z of every second node

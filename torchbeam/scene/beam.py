@@ -144,9 +144,9 @@ class Beam(BeamRows):
 
         Args:
             length: (...) m
-            section: one `Section`, whose batch axes are the beam's. Along the beam: a sequence of
-                one for each element, `Stations`, or a function of the arc length s (..., m) m that
-                returns one `Section` with a last batch axis m
+            section: a `Section`, whose batch axes are the beam's. Along the beam: a sequence of
+                sections by element, or `Stations`. Or a function of the arc length s (..., m) m
+                that returns a `Section` with a last batch axis m
             direction: (..., 3) of the beam, frame a
             up: (..., 3): the section's z axis is `up` made square to the beam; None = frame a's z
                 (y, if the beam runs along z)

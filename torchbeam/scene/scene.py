@@ -171,7 +171,7 @@ class Scene(Tree):
 
     @property
     def summary(self) -> dict[str, str]:
-        """What there is, in words, by headings."""
+        """Description in words, by headings."""
         held = [
             f"{'clamp' if s.clamp else 'support'} of node {s.node}{', moving' * s.moves}"
             for s in self.supports
@@ -197,8 +197,8 @@ class Scene(Tree):
         return lines("Scene", next(iter(said.values())), *named, said["moves"], said["batch"])
 
     def to(self, *args: Any, **kwargs: Any) -> Scene:
-        """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What
-        functions close over stays.
+        """On another device, or in another floating dtype, as `Tensor.to`; differentiable. Values
+        inside functions stay.
 
         Raises:
             ValueError: for a dtype that is neither float32 nor float64.

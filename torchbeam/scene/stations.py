@@ -117,8 +117,8 @@ class Table(Tree):
         return values_at_s[..., 0] if self.width is None else values_at_s
 
     def ramps(self, s: Tensor) -> Tensor:
-        """The same (..., m) of one number at each place, as a sum of ramps: nothing is looked up,
-        so that native code can be made of it.
+        """The same table (..., m) of a number at each place, as a sum of ramps. It needs no
+        look-up, so native code can evaluate it.
         """
         share = (s[..., None] - self.s[..., None, :-1]) / self.s.diff(dim=-1)[..., None, :]
         share = share.clamp(0, 1)

@@ -38,8 +38,8 @@ class Sensor:
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
         of_part: whether `on` has to name a part of a structure
-        transforms_as: "point" or "vector" if the reading is such three numbers in the axes of frame
-            a, which a `SensorFrame` turns; None = other axes, or no vector
+        transforms_as: "point" or "vector", if the reading is a point or vector in the axes of frame
+            a, which a `SensorFrame` turns. None = other axes, or no vector
 
     Examples:
         >>> class Reach(tb.sensors.Sensor):
@@ -81,7 +81,7 @@ class Sensor:
         return self.read(self.seen(state))
 
     def seen(self, state: Any) -> Any:
-        """What of a state is read. Raises ValueError where it has no such part."""
+        """Part of a state that the sensor reads. Raises ValueError where it has no such part."""
         if self.of_part and self.on is None and (parts := getattr(state, "parts", ())):
             names = ", ".join(repr(part.name) for part in parts)
             raise ValueError(

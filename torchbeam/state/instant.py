@@ -113,7 +113,7 @@ class Instant(Tree):
 
     @property
     def summary(self) -> dict[str, str]:
-        """What there is, in words, by headings."""
+        """Description in words, by headings."""
         return {
             "time": f"t = {span(self.t)} s",
             "nodes": f"{self.nodes.shape[-2]} nodes",

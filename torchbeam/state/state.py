@@ -34,11 +34,10 @@ class State(Instant):
             `axes` are the same as matrices
         velocity: (..., N+1, 3) m/s, absolute, frame a
         spin: (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
-        stress: (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`):
-            of an equilibrium; after an implicit step its mean over that step
-        reaction: (..., K, 6) load of each support on the beam, in the order of `scene.supports`,
-            force N and moment N m, frame a: of an equilibrium; after an implicit step its mean over
-            that step
+        stress: (..., N, 6), or (..., 2 N, 6) (see `Beam`): [F1 F2 F3 M1 M2 M3] N and N m, frame B.
+            After an implicit step it is the mean over that step
+        reaction: (..., K, 6) load of each support on the beam, in the order of `scene.supports`:
+            force N and moment N m, frame a. After an implicit step it is the mean over that step
         work: (...) J, done by the loads and by supports that move since the start
         defect: (...) J, gained by the time integration itself since the start; kept where
             `conserve` asks for it, else 0
@@ -47,14 +46,14 @@ class State(Instant):
             `torchbeam.core.status.STATUS`. A failed sample keeps its last good state.
         frame: (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0;
             None where frame a does not turn
-        internal: (..., z) internal states of user loads, one load after the other, those of a load
-            along the beam node by node; None without
+        internal: (..., z) internal states of user loads, load after load; a load along the beam has
+            them node by node; None without
         joints: (..., J, 12) of the joints of a structure, see `joint`; None without
         tendons: (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
             length m; None without
         coordinates: which coordinates each joint has, see `Joint.coordinates`
-        memory: (..., I, m) what the scene's interactions remember, in its order, zeros behind; None
-            = nothing
+        memory: (..., I, m) memory of the scene's interactions, in their order, filled with zeros;
+            None = no memory
         supports: nodes of the supports that `reaction` is of; None where the state was made without
             a scene
         parts: of a structure, whose nodes and stations stand one part after the other; see
@@ -114,9 +113,9 @@ class State(Instant):
                 the beam's axes, carried to the curve without twist. Carrying is parallel transport
                 by second-order tangents, from a root that turns only with its tangent. The
                 undeformed nodes give the undeformed axes
-            twist: rad, a further turn of the axes about the curve: a number (...) at the tip,
-                growing evenly from zero at the root; or a function of s (..., N+1) m that returns
-                (..., N+1)
+            twist: rad, a further turn of the axes about the curve. A number (...) is the turn of
+                the tip, which grows evenly from zero at the root. A function of s (..., N+1) m
+                returns (..., N+1)
             velocity: (..., N+1, 3) m/s, absolute, frame a. None = at rest in frame a
             spin: (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow moving
                 nodes, without `frames`; else at rest in frame a

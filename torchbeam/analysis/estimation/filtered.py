@@ -26,13 +26,13 @@ class Filtered:
 
     Attributes:
         state: of the structure
-        x: (..., size) z, then what is estimated beside it (`unknowns.names`; parameters by their
-            coordinates), then readings on their way
+        x: (..., size) z, then the other unknowns (`unknowns.names`; parameters by their
+            coordinates), then delayed readings
         factor: (..., size, size): factor^T factor is the covariance of x
-        nis: (...) normalised innovation squared: the squares of the last readings' errors in units
-            of what was to be expected, whose mean is `readings` where the model is right
-        readings: (...) how many were read
-        log_likelihood: (...) of all readings: what models and delays are compared by
+        nis: (...) normalised innovation squared: the squares of the last readings' errors, in units
+            of their expected deviations. The mean is `readings` if the model is right
+        readings: (...) number of readings
+        log_likelihood: (...) of all readings: compares models and delays
 
     Examples:
         >>> pushed = tb.Scene(beam, [tb.TipLoad(force=tb.Input("push", 3)), tb.Damping(0.01)])
@@ -76,9 +76,8 @@ class Filtered:
         return dict(zip(own.names, theta.unbind(-1), strict=True))
 
     def interval(self, name: str, level: float = 0.95) -> Tensor:
-        """(..., 2): between which what is called so lies with this probability, by its coordinate.
-
-        Raises ValueError for no such name, and a level that is not between 0 and 1.
+        """(..., 2) ends of the interval that holds the unknown of this name with probability
+        `level`, by its coordinate.
         """
         own = self.filter.unknowns
         i = own.names.index(choice("name", name, own.names))
@@ -88,8 +87,8 @@ class Filtered:
         return own.theta(ends)[..., i] if i < own.of_model else ends[..., i]
 
     def reading(self, sensor: Sensor) -> tuple[Tensor, Tensor]:
-        """What a sensor reads of the state, (..., r), and its deviation; of sensors of places,
-        turns, speeds and strains.
+        """Reading (..., r) of a sensor, and its deviation. The sensor may read places, turns,
+        speeds and strains.
         """
         instance("sensor", sensor, Sensor)
         y, by_z = self.filter.interval.slope_of(sensor.flat, self.state)
@@ -98,12 +97,12 @@ class Filtered:
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Names of what the readings have said nothing of, in any sample."""
+        """Names of unknowns that the readings do not determine, in any sample."""
         return self.filter.unknowns.unseen(self._own(self.factor.norm(dim=-2)))
 
     @property
     def doubt(self) -> str | None:
-        """One sentence on why not to believe it, or None."""
+        """A sentence with a reason to doubt the estimate, or None."""
         failed = self.state.status != SUCCESS
         if failed.any():
             code = int(self.state.status[failed].flatten()[0])

@@ -199,8 +199,8 @@ class LoadEffect(Tree):
         return None
 
     def depends_on(self, offset: bool) -> frozenset[str]:
-        """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether
-        a centre of mass, of a section or of a point mass, lies off its node.
+        """Names among `MOTION`: dependences of the wrench; empty = a dead load. `offset`: whether a
+        centre of mass, of a section or of a point mass, lies off its node.
         """
         return self.depends
 
@@ -222,7 +222,7 @@ class LoadEffect(Tree):
         return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), point, names)
 
     def internal_states(self, beam: Beam) -> int:
-        """How many numbers it remembers."""
+        """Number of internal states."""
         return self.internal
 
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect | None:
