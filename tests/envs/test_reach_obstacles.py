@@ -147,7 +147,7 @@ def test_a_via_point_is_the_best_of_the_ways():
     """
 
     def returns(controller):
-        env = ReachObstaclesVectorEnv(2, elements=8, max_episode_steps=8, output="torch")
+        env = ReachObstaclesVectorEnv(2, elements=10, max_episode_steps=8, output="torch")
         observation, _ = env.reset(seed=6)
         controller = controller(env)
         controller.begin(env)
@@ -178,7 +178,7 @@ def test_via_points_of_another_kind_are_refused():
     with pytest.raises(ValueError, match="a soft arm"):
         ViaPoint(TipReachVectorEnv(1, elements=2), [[0.1, 0, 0]])
     for bad in ([[0.1, 0.2]], [0.1, 0, 0], [[np.nan, 0, 0]]):
-        with pytest.raises(ValueError, match="points of shape|points = "):
+        with pytest.raises(ValueError, match=r"points of shape|points = "):
             ViaPoint(env, bad)
     with pytest.raises(ValueError, match="latest = 0"):
         ViaPoint(env, [[0.1, 0, 0]], latest=0)
