@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ..core import BeamVectorEnv
+from ..episodes import Episodes
 from ..inverse_kinematics import Turned
 from ..soft_arm import SoftArm
 from .holding import Controller, vector_env
@@ -60,10 +61,14 @@ class ResolvedRate(Controller):
         self.ahead, self.turn = ahead, turn if isinstance(task, Turned) else 0.0
 
     def act(self, observation: Tensor) -> Tensor:
-        task, now = self.env.task, self.env.state
+        now = self.env.state
+        return self.towards(now, *self.env.task.target(now, 1).unbind(1))
+
+    def towards(self, now: Episodes, here: Tensor, target: Tensor) -> Tensor:
+        """Actions (n, a) that lead the tip to a target (n, 3) m, which is `here` now."""
+        task = self.env.task
         J, turned = (task.change * x for x in task.tip_jacobian(now))
         tip = now.beam.position[:, -1] + self.lead * now.beam.velocity[:, -1]
-        here, target = task.target(now, 1).unbind(1)
         way = target + self.ahead / task.config.control_interval * (target - here) - tip
         if self.turn:
             off = task.to_turn(now) - self.lead * now.beam.spin[:, -1]
