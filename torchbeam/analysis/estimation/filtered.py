@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,9 +12,11 @@ from torch import Tensor
 from ...core.arguments import choice, instance, level_of
 from ...core.status import STATUS, SUCCESS
 from ...core.summary import kind, lines
+from ...core.validation import refusal
 from ...math.square_root import Conditioned
 from ...sensors.sensor import Sensor
 from ...state.state import State
+from .interval import Moved
 
 MEMORY = 50  # intervals over which the readings' errors are judged
 DOUBT = 5.0  # deviations of their sum of squares, from which on the model is doubted
@@ -55,6 +57,13 @@ class Filtered:
     learnt: tuple[Tensor, Conditioned] | None = None
     about: Tensor | None = None  # (..., p): parameters' coordinates at which the structure stands
     window: Any = None  # of a `MovingHorizon`
+
+    def of(self, size: int) -> Filtered:
+        """Itself. Raises ValueError for another size than a filter has."""
+        if self.x.shape[-1] != size:
+            numbers = self.x.shape[-1]
+            raise refusal(f"an estimate of {numbers} numbers", f"one of the {size} of this filter")
+        return self
 
     def __repr__(self) -> str:
         names = ", ".join(self.filter.unknowns.names) or "none"
@@ -134,3 +143,20 @@ class Filtered:
         """Of x (..., size) what stands beside z."""
         n = self.filter.moves
         return x[..., n : n + len(self.filter.unknowns.names)]
+
+
+class Predicted(NamedTuple):
+    """What is expected of an interval's end, before it is read: what was known at its begin, under
+    which inputs (..., inputs) it goes on; about, after, readings, x, columns  as `_moved` has them;
+    more (..., n)  what z is beyond that state;  rows  further sources of readings and x.
+    """
+
+    before: Filtered
+    inputs: Tensor
+    about: Tensor | None = None
+    after: Moved | None = None
+    readings: Tensor | None = None
+    x: Tensor | None = None
+    columns: Tensor | None = None
+    more: Tensor | None = None
+    rows: Tensor | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -22,7 +22,7 @@ from ...math.shapes import broadcast_shapes, stacked
 from ...math.square_root import Conditioned, Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
-from .filtered import Filtered
+from .filtered import Filtered, Predicted
 from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
@@ -30,23 +30,6 @@ from .products import Products
 from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
-
-
-class Predicted(NamedTuple):
-    """What is expected of an interval's end, before it is read: what was known at its begin, under
-    which inputs (..., inputs) it goes on; about, after, readings, x, columns  as `_moved` has them;
-    more (..., n)  what z is beyond that state;  rows  further sources of readings and x.
-    """
-
-    before: Filtered
-    inputs: Tensor
-    about: Tensor | None = None
-    after: Moved | None = None
-    readings: Tensor | None = None
-    x: Tensor | None = None
-    columns: Tensor | None = None
-    more: Tensor | None = None
-    rows: Tensor | None = None
 
 
 class KalmanFilter:
@@ -221,7 +204,7 @@ class KalmanFilter:
 
         It is most of the work of a call, and can be done during the interval. u: as in a call.
         """
-        before = self._estimate(before)
+        before = instance("before", before, Filtered).of(self.size)
         inputs, about = self.interval.side_by_side(u), self._about(before)
         after, expected, x, columns = self._moved(before.state, before.x, inputs, about)
         more, rows = after.more[..., : self.moves], None
@@ -236,7 +219,7 @@ class KalmanFilter:
         before, _, about, after, expected, x, columns, more, rows = instance(
             "predicted", predicted, Predicted
         )
-        self._estimate(before)
+        before.of(self.size)
         if after is None:
             raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
         error = self._readings(y, expected) - expected
@@ -297,15 +280,6 @@ class KalmanFilter:
         return replace(
             found, x=found.x + change, state=self.interval.changed(found.state, by, place)
         )
-
-    def _estimate(self, before: Filtered) -> Filtered:
-        """Raises ValueError for what is none, or of a filter of other unknowns."""
-        size = instance("before", before, Filtered).x.shape[-1]
-        if size != self.size:
-            raise refusal(
-                f"an estimate of {size} numbers", f"one of the {self.size} that this filter has"
-            )
-        return before
 
     def _about(self, before: Filtered) -> Tensor:
         """(..., p): coordinates of parameters at which each sample's structure stands: where it

@@ -18,8 +18,8 @@ from ...math.square_root import triangle
 from ...scene.scene import Scene
 from ...state.state import State
 from ..identification.losses import HUBER, STUDENT
-from .filtered import Filtered
-from .kalman_filter import KalmanFilter, Predicted
+from .filtered import Filtered, Predicted
+from .kalman_filter import KalmanFilter
 from .unknowns import by_name
 
 LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by readings' deviations
@@ -176,12 +176,13 @@ class MovingHorizon(KalmanFilter):
 
     def predict(self, before: Filtered, u: Any = None) -> Predicted:
         """For `update`; the window is solved there."""
-        return Predicted(self._estimate(before), self.interval.side_by_side(u))
+        before = instance("before", before, Filtered).of(self.size)
+        return Predicted(before, self.interval.side_by_side(u))
 
     def update(self, predicted: Predicted, y: Any = None) -> Filtered:
         """What is known an interval later; see `KalmanFilter`."""
         before, inputs, *_ = instance("predicted", predicted, Predicted)
-        self._estimate(before)
+        before.of(self.size)
         x = before.x
         y = self._readings(y, x)
         lead = broadcast_shapes(x.shape[:-1], y.shape[:-1], inputs.shape[:-1])

@@ -272,7 +272,7 @@ def test_calls_that_are_refused():
     for call, sentence in (
         (lambda: f.update(horizon.predict(horizon.start())), "a prediction of a MovingHorizon"),
         (lambda: horizon.update(larger.predict(larger.start())), "an estimate of 13 numbers"),
-        (lambda: f(larger.start(), [0.0]), "one of the 12 that this filter has"),
+        (lambda: f(larger.start(), [0.0]), "one of the 12 of this filter"),
         (lambda: f.start(amplitude=1.0, covariance=torch.eye(f.moves)), "one of the two"),
         (lambda: f.start(covariance=-torch.eye(f.moves)), "none below 0 is wanted"),
         (lambda: f(start, [0.0, 1.0]), "y "),
