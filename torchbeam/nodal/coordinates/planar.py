@@ -215,6 +215,7 @@ class Planar(Spatial):
             stress=state.stress @ self._stress_map,
             reaction=state.reaction @ self._load_map,
             frame=None if state.frame is None else self.reduced_frame(state.frame),
+            **_crept(state, self._stress_map),
         )
 
     def start(self, state: State) -> State:
@@ -244,6 +245,7 @@ class Planar(Spatial):
             stress=self._maps.to_stress(state.stress),
             reaction=self._maps.to_load(state.reaction),
             frame=frame,
+            **_crept(state, self._stress_map.mT),
         )
 
     def reduced_frame(self, q: Tensor) -> Tensor:
@@ -347,3 +349,10 @@ class Planar(Spatial):
         return omega[..., None] * torch.tensor(
             ((0.0, -1), (1, 0)), dtype=omega.dtype, device=omega.device
         )
+
+
+def _crept(state: State, to: Tensor) -> dict[str, Tensor]:
+    """What arms have crept by, of each of these by a matrix (6, k) or (k, 6)."""
+    if state.inelastic is None:
+        return {}
+    return {"inelastic": (state.inelastic.unflatten(-1, (-1, to.shape[-2])) @ to).flatten(-2)}
