@@ -103,6 +103,18 @@ class MaxwellArms(Tree):
         left = decay.kept * (start[..., None] - self.each(crept)) + decay.mean * change[..., None]
         return ((start + change)[..., None] - left).mT.flatten(-2)
 
+    def now(self, strain: Tensor, crept: Tensor) -> Tensor:
+        """The strain (..., N, k) that stress answers to, of a strain at an instant."""
+        return strain - (self.shares * self.each(crept)).sum(-1)
+
+    def unrelaxed(self, strain: Tensor) -> Tensor:
+        """The strain (..., N, k) of which `at_rest` of the law makes this one."""
+        return strain / self.remaining
+
+    def rate(self, strain: Tensor, crept: Tensor) -> Tensor:
+        """1/s: of what has crept, (..., N, m k)."""
+        return ((strain[..., None] - self.each(crept)) / self.times).mT.flatten(-2)
+
     def at_rest(self, strain: Tensor) -> Tensor:
         """What has crept under a strain (..., N, k) that lasts, (..., N, m k)."""
         return torch.cat([strain] * self.count, -1)
