@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from typing import Any
 
 import torch
 
-from ...core.arguments import boolean
+from ...core.arguments import boolean, whole
 from ...core.leaves import leaf, option
 from ...core.validation import Value, as_tensor, common_dtype, concrete, refusal
+from ...math.nonnegative import nonnegative_least_squares
 from .effect import Effect
 
+REACH = 10.0  # of the times of a fitted series, beyond its band
+FITTED = 200  # frequencies in the band
+REST = 100.0  # weight of the stiffness at rest beside one of these
 
 @dataclass(frozen=True)
 class Viscoelastic(Effect):
@@ -30,9 +35,13 @@ class Viscoelastic(Effect):
         shares: (..., m) of the instantaneous stiffness, one of each arm; or (..., 6, m), for each
             strain [gamma1..3, kappa1..3] its own
         times: (..., m) s, relaxation times; or (..., 6, m), as the shares
-        six: whether shares and times have a row for each strain. Default: true for sequences of six
-            sequences. A tensor or an array (..., m) is one row with batch axes
+        six: whether shares and times have a row for each strain. Default: true for a sequence of
+            sequences. A tensor or an array is (..., m), one row with batch axes
         on: name of a beam of a structure; None = all. Each beam may have its own
+
+    Attributes:
+        error: of `fractional`, how far the complex stiffness is off in its band, relative; else
+            None
 
     Six rows are for a section whose stiffness is diagonal: arms that relax some strains alone could
     make a coupled one indefinite. With linked interpolation a strain of shear, which bending has a
@@ -56,6 +65,7 @@ class Viscoelastic(Effect):
     times: Value = leaf(lambda arms: 1 + int(arms.six), positive=True, name="times")
     six: bool | None = option(boolean, default=None, name="six")
     on: str | None = field(default=None, kw_only=True)
+    error: float | None = field(default=None, kw_only=True)
 
     by_place = False
     kind = "memory"
@@ -86,8 +96,79 @@ class Viscoelastic(Effect):
                 "wanted, which leaves the beam a stiffness"
             )
 
+    @classmethod
+    def fractional(
+        cls,
+        order: Value,
+        share: Value,
+        time: Value,
+        frequencies: tuple[float, float],
+        *,
+        arms: int | None = None,
+        on: str | None = None,
+    ) -> Viscoelastic:
+        """A spring-pot beside a spring: damping that hardly depends on the frequency, as of rubber.
+
+        The stiffness at s = i w is C (1 - share/(1 + (s time)^order)), with Caputo's derivative
+
+            [F; M] + time^order D^order [F; M] = C ((1 - share) e + time^order D^order e)
+
+        (Bagley and Torvik 1983: the fractional Zener model). A Prony series stands for it: times
+        are spread evenly, in their logarithm, a decade beyond the band; shares are fitted to the
+        complex stiffness there in least squares, relative, and to its value at rest. Differentiable
+        by order, share and time, which are one number each.
+
+        Args:
+            order: 0 < order < 1 of the derivative; 1 would be one arm
+            share: of the stiffness that relaxes, less than 1
+            time: s
+            frequencies: rad/s, from the lowest to the highest, of the band that is wanted
+            arms: how many; None = two a decade of the band, and three
+            on: name of a beam of a structure; None = all
+
+        Raises:
+            ValueError: for numbers out of these ranges.
+
+        Examples:
+            >>> rubber = tb.Viscoelastic.fractional(0.4, 0.8, 1e-3, frequencies=(1.0, 1e3))  # rad/s
+            >>> rubber.error
+            0.01
+        """
+        names = ("order", "share", "time")
+        dtype, device = common_dtype(order, share, time)
+        order, share, time = (as_tensor(x, dtype, device) for x in (order, share, time))
+        for name, value in zip(names, (order, share, time), strict=True):
+            above = value >= 1 if name != "time" else value != value
+            if value.ndim or concrete(above | (value <= 0)):
+                raise refusal(
+                    f"{name} = {value.tolist()}",
+                    "a positive number" + " less than 1" * (name != "time"),
+                )
+        low, high = (float(w) for w in frequencies)
+        if not 0 < low < high < torch.inf:
+            raise refusal(f"frequencies = ({low:g}, {high:g})", "(lowest, highest) rad/s")
+        decades = math.log10(high / low)
+        count = math.ceil(2 * decades) + 3 if arms is None else whole("arms", arms)
+        if count < 2:
+            raise refusal(f"arms = {count}", "two or more")
+        ends = -math.log10(REACH * high), -math.log10(low / REACH)
+        times = torch.logspace(*ends, count, dtype=dtype, device=device)
+        w = torch.logspace(math.log10(low), math.log10(high), FITTED, dtype=dtype, device=device)
+        phase = torch.polar(torch.ones_like(order), order * math.pi / 2)
+        lost = share / (1 + (w * time) ** order * phase)
+        size = (1 - lost).abs()
+        each = 1 / (1 + 1j * w[:, None] * times) / size[:, None]
+        rest = torch.full((1, count), REST, dtype=dtype, device=device)
+        wanted = lost / size
+        rows = torch.cat((each.real, each.imag, rest))
+        shares = nonnegative_least_squares(
+            rows, torch.cat((wanted.real, wanted.imag, REST * share[None]))
+        )
+        left = (each.detach() @ shares.detach().to(each.dtype) - wanted.detach()).abs()
+        return cls(shares, times, six=False, on=on, error=left.amax().item())
+
 
 def _rows(value: Any) -> bool:
-    """Whether it is six sequences, one for each strain."""
+    """Whether it is a sequence of sequences, one for each strain."""
     plain = (list, tuple)
-    return isinstance(value, plain) and len(value) == 6 and isinstance(value[0], plain)
+    return isinstance(value, plain) and any(isinstance(row, plain) for row in value)
