@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.leaves import Tree, leaf
 
@@ -156,7 +157,8 @@ def _rows(effect: Any, own: Tensor | None, count: int) -> tuple[Tensor, Tensor]:
     """
     values = []
     for x, none in ((effect.shares, 0.0), (effect.times, 1.0)):
-        x = torch.nn.functional.pad(x, (0, count - x.shape[-1]), value=none)
+        if x.shape[-1] < count:
+            x = pad(x, (0, count - x.shape[-1]), value=none)
         x = x[..., None, :, :] if effect.six else x[..., None, None, :]
         if effect.six and own is not None:
             across = x[..., [0, 5, 4, 3, 4, 5], :]  # y and z of shear: bent about z and y

@@ -16,7 +16,7 @@ from ...math.nonnegative import nonnegative_least_squares
 from .effect import Effect
 
 REACH = 10.0  # of the times of a fitted series, beyond its band
-FITTED = 200  # frequencies in the band
+FITTED = 60  # frequencies in the band
 REST = 100.0  # weight of the stiffness at rest beside one of these
 
 @dataclass(frozen=True)
