@@ -7,6 +7,7 @@ of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -215,7 +216,7 @@ class Planar(Spatial):
             stress=state.stress @ self._stress_map,
             reaction=state.reaction @ self._load_map,
             frame=None if state.frame is None else self.reduced_frame(state.frame),
-            **_crept(state, self._stress_map),
+            **_crept(state, 6, self.project_strain),
         )
 
     def start(self, state: State) -> State:
@@ -245,7 +246,7 @@ class Planar(Spatial):
             stress=self._maps.to_stress(state.stress),
             reaction=self._maps.to_load(state.reaction),
             frame=frame,
-            **_crept(state, self._stress_map.mT),
+            **_crept(state, self.dims.strain, self.embed_strain),
         )
 
     def reduced_frame(self, q: Tensor) -> Tensor:
@@ -351,8 +352,8 @@ class Planar(Spatial):
         )
 
 
-def _crept(state: State, to: Tensor) -> dict[str, Tensor]:
-    """What arms have crept by, of each of these by a matrix (6, k) or (k, 6)."""
+def _crept(state: State, size: int, to: Callable[[Tensor], Tensor]) -> dict[str, Tensor]:
+    """What arms have crept by, of each of these so many strains by a map of strains."""
     if state.inelastic is None:
         return {}
-    return {"inelastic": (state.inelastic.unflatten(-1, (-1, to.shape[-2])) @ to).flatten(-2)}
+    return {"inelastic": to(state.inelastic.unflatten(-1, (-1, size))).flatten(-2)}
