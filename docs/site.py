@@ -24,8 +24,8 @@ REFERENCE = {
         "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
-        "Damping", "Viscoelastic", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
-        "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
+        "Damping", "Viscoelastic", "MassDamping", "rayleigh", "PointMass", "Spring",
+        "RootSpring", "Contact", "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
     "values": ("Values", "What may stand in place of a number.", (
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram",
         "SmoothHistory", "SmoothRotation")),

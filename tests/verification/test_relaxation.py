@@ -12,7 +12,9 @@ import torch
 import torchbeam as tb
 
 SHARES, TIMES = (0.3, 0.2), (0.05, 0.4)
-SECTION = tb.Section.from_stiffness(EA=200.0, GA=80.0, GJ=0.8, EI=(1.0, 1.3), mass=0.3, inertia=1e-3)
+SECTION = tb.Section.from_stiffness(
+    EA=200.0, GA=80.0, GJ=0.8, EI=(1.0, 1.3), mass=0.3, inertia=1e-3
+)
 
 
 def beam(N=2, section=SECTION):
@@ -116,7 +118,10 @@ def test_energy_only_falls():
     to within 1e-13 of what is there.
     """
     g = torch.Generator().manual_seed(3)
-    shares, times = 0.45 * torch.rand(24, 2, generator=g), 10 ** (7 * torch.rand(24, 2, generator=g) - 4)
+    shares, times = (
+        0.45 * torch.rand(24, 2, generator=g),
+        10 ** (7 * torch.rand(24, 2, generator=g) - 4),
+    )
     push = tb.TipLoad(force=lambda t: torch.stack((0 * t, 0 * t, torch.where(t < 0.3, 0.5, 0.0))))
     t = torch.linspace(0, 2, 101)
     for options, conserve in ((dict(small=True), False), ({}, True)):

@@ -312,9 +312,7 @@ def _energy(
     work = states.work
     kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
     if not model.scene.eigenstrains:
-        strain = model.strain_energy(
-            states.position, states.rotation, crept=states.inelastic
-        )
+        strain = model.strain_energy(states.position, states.rotation, crept=states.inelastic)
         return Energy(kinetic, strain, work)
     if all(map(constant, model.scene.eigenstrains)):
         eigenstrain = model.eigenstrain(states.t, {})

@@ -93,7 +93,9 @@ def strain_rise(
             return rise
     before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in (start, after))
     if law.arms is not None:
-        rise = (model.length * _work_of_arms(law, start, before, end, dt, eigenstrain)).sum((-1, -2))
+        rise = (model.length * _work_of_arms(law, start, before, end, dt, eigenstrain)).sum(
+            (-1, -2)
+        )
         if not law.damped:
             return rise
     lost = model.law.dissipation(lambda: (end - before) / dt[..., None, None])

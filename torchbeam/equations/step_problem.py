@@ -268,7 +268,11 @@ class StepProblem(BalanceProblem):
         the ends of the step, its start.
         """
         motion = self.node_motion(kinematics)
-        fields = {"stress": stress, "work": after.work, **self.crept(after.position, after.rotation)}
+        fields = {
+            "stress": stress,
+            "work": after.work,
+            **self.crept(after.position, after.rotation),
+        }
         moves = partial(self.relative_motion, after)
         return replace(after, **self.model.finished(fields, motion, before, moves))
 

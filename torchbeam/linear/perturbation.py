@@ -111,9 +111,7 @@ class Perturbation:
         held, count = self.state.internal, self.model.internal_states
         held = held if z is None or not count else held + z[..., :count]
         ones = torch.ones(self.shape, dtype=self.axes.dtype, device=self.axes.device)
-        return SteadyProblem(
-            self.model, self.t, inputs, ones, internal=held if count else None
-        )
+        return SteadyProblem(self.model, self.t, inputs, ones, internal=held if count else None)
 
     def at(
         self,

@@ -47,7 +47,9 @@ def with_arms(model: Model, B: Tensor, lags: Lags | None) -> Lags | None:
 def _both(first: Lags, second: Lags) -> Lags:
     """States of the one before those of the other."""
     lead = broadcast_shapes(*(x.shape[:-2] for x in (*first, *second)))
-    first, second = (Lags(*(x.expand(*lead, *x.shape[-2:]) for x in part)) for part in (first, second))
+    first, second = (
+        Lags(*(x.expand(*lead, *x.shape[-2:]) for x in part)) for part in (first, second)
+    )
     rates = (torch.cat(pair, -2) for pair in zip(first[2:], second[2:], strict=True))
     a, b = first.G, second.G
     upper = torch.cat((a, a.new_zeros(*lead, a.shape[-1], b.shape[-1])), -1)

@@ -83,7 +83,12 @@ class MaxwellArms(Tree):
         return Decay(1 - rise, phi, torch.where(small, series, (1 - phi) / z))
 
     def relaxed(
-        self, strain: Tensor, start: Tensor, change: Tensor, crept: Tensor, of: tuple[Tensor, Tensor]
+        self,
+        strain: Tensor,
+        start: Tensor,
+        change: Tensor,
+        crept: Tensor,
+        of: tuple[Tensor, Tensor],
     ) -> Tensor:
         """The strain (..., N, k) that stress answers to, from the strain at the same time or in the
         mean, that at the start, its change over the step, and what has crept at the start; of: E

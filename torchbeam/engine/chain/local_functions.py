@@ -26,7 +26,15 @@ from ...nodal.balance import dstress, most_strains, pushed_by, restrained_forces
 from ...state.state import State
 from .interaction_functions import transposed
 from .interaction_sorts import INTERACTIONS
-from .local_problem import INELASTIC, INTERNAL, Fields, LocalProblems, acting_loads, far_fields, told_to
+from .local_problem import (
+    INELASTIC,
+    INTERNAL,
+    Fields,
+    LocalProblems,
+    acting_loads,
+    far_fields,
+    told_to,
+)
 from .own_batch import unbatched
 from .row_kinds import ElementKind, NodeKind
 from .sample_functions import SampleFunctions
