@@ -65,8 +65,8 @@ print(f"at last: tip {-1e3 * rest.tip.position[1, 2]:6.2f} mm down")
 def draw(path: Path = Path("out/creep.png")) -> None:
     left, right = tb.plot.grid(1, 2, (11, 4.2))
     for i, now in enumerate((0.0, 1.0, 10.0, END)):
-        state, of = creep.state[round(now / STEP), 1], dict(color=f"C{i}", label=f"{now:g} s")
-        tb.plot.shape(state, left, plane="xz", nodes=False, **of)
+        state, label = creep.state[round(now / STEP), 1], f"{now:g} s"
+        tb.plot.shape(state, left, plane="xz", nodes=False, color=f"C{i}", label=label)
     tb.plot.shape(rest[1], left, plane="xz", nodes=False, color="0.3", ls="--", label="at last")
     left.legend(frameon=False)
     right.semilogx(t[1:], ratio[1:], label=f"beam, {arms} arms")

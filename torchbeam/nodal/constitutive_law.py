@@ -2,7 +2,9 @@
 
     S [F; M] = strain - eigenstrain + retardation (strain rate)
 
-and where it has `arms`, which forget, the strain is what these make of it, see `maxwell_arms`. S is the section's compliance. A zero on its diagonal makes a strain impossible: residuals keep S as
+and where it has `arms`, which forget, the strain is what these make of it, see `maxwell_arms`.
+
+S is the section's compliance. A zero on its diagonal makes a strain impossible: residuals keep S as
 it is, and tangents take a small flexibility there, so that Newton's method loses nothing (see
 `ElasticLaw.tangent_stiffness`). Matrices of uncoupled sections are stored as their diagonals,
 (..., k, 1): see `times`.

@@ -1,12 +1,12 @@
 """Maxwell arms beside a spring: what a section's stress forgets.
 
-With e the strain less eigenstrain, C the instantaneous stiffness, g_i and tau_i the shares and times
-of the arms, and q_i what their dashpots have crept by,
+With e the strain less eigenstrain, C the instantaneous stiffness, g_i and tau_i the shares and
+times of the arms, and q_i what their dashpots have crept by,
 
     [F; M] = C ((1 - sum g_i) e + sum g_i d_i)        d_i = e - q_i        tau_i q_i' = d_i
 
-Over a step of h the strain is taken for linear in time. Then the arms have a closed form, and so has
-the mean of their stress: with z = h/tau, de the change of strain,
+Over a step of h the strain is taken for linear in time. Then the arms have a closed form, and so
+has the mean of their stress: with z = h/tau, de the change of strain,
 
     d_{n+1} = E d_n + phi de             E = exp(-z)    phi = (1 - E)/z
     mean d  = phi d_n + psi de           psi = (1 - phi)/z
@@ -20,9 +20,9 @@ the integral of g d C (de/dt - d/tau). So what it dissipates is
 
     g (mean d) C de - [g d C d/2]_n^{n+1} = integral of g d C d/tau dt >= 0
 
-whatever the step is to the time: no step gains energy, and the sum is exact to rounding. (The exact
-end with the mean of both ends' stress, (d_n + d_{n+1})/2, does not have this: its dissipation is the
-product of two different linear forms, and negative for some d_n and de.)
+whatever the step is to the time: no step gains energy, and the sum is exact to rounding. (The
+exact end with the mean of both ends' stress, (d_n + d_{n+1})/2, does not have this: its dissipation
+is the product of two different linear forms, and negative for some d_n and de.)
 """
 
 from __future__ import annotations

@@ -40,8 +40,7 @@ class Viscoelastic(Effect):
         on: name of a beam of a structure; None = all. Each beam may have its own
 
     Attributes:
-        error: of `fractional`, how far the complex stiffness is off in its band, relative; else
-            None
+        error: how far the complex stiffness of `fractional` is off in its band, relative
 
     Six rows are for a section whose stiffness is diagonal: arms that relax some strains alone could
     make a coupled one indefinite. With linked interpolation a strain of shear, which bending has a
@@ -65,7 +64,7 @@ class Viscoelastic(Effect):
     times: Value = leaf(lambda arms: 1 + int(arms.six), positive=True, name="times")
     six: bool | None = option(boolean, default=None, name="six")
     on: str | None = field(default=None, kw_only=True)
-    error: float | None = field(default=None, kw_only=True)
+    error: float = field(default=0.0, kw_only=True)
 
     by_place = False
     kind = "memory"
