@@ -87,6 +87,11 @@ def along_s(v: Any) -> tb.Along:
     return tb.Along(lambda s, t: s[..., None] * double(v))
 
 
+def one_arm(v: Any) -> Any:
+    """A number (...) as that of one arm."""
+    return v[..., None] if isinstance(v, Tensor) else (v,)
+
+
 def _dead(v: Any) -> Callable:
     return lambda x, R, V, w, t: (double(v), None)
 
@@ -194,6 +199,16 @@ ROWS = {
     "Damping.tau, six": Row(
         lambda v, N: tb.Damping((v,) * 6), zero=0.0,
         cost=("Damping, six", "0.2 ms each", 2e-4)),
+    "Viscoelastic.shares": Row(
+        lambda v, N: tb.Viscoelastic(one_arm(v), (0.05,)), zero=0.0, draw=0.3,
+        gradient=(0.1, 0.5), at_zero=dict(ways=DYNAMIC, least=True, scale=1e-4),
+        cost=("Viscoelastic, one arm", "10 % after 50 ms", 0.1)),
+    "Viscoelastic.times": Row(
+        lambda v, N: tb.Viscoelastic((0.3,), one_arm(v)), draw=0.1,
+        gradient=(0.02, 0.2)),
+    "Viscoelastic.shares, six of three arms": Row(
+        lambda v, N: tb.Viscoelastic(((v,) * 3,) * 6, (5e-3, 0.05, 0.5)), zero=0.0,
+        cost=("Viscoelastic, three arms, six", "3 % each, after 5 ms to 0.5 s", 0.03)),
     "MassDamping.alpha": Row(
         lambda v, N: tb.MassDamping(v), zero=0.0, draw=2.0, gradient=(0.5, 2.0),
         at_zero=dict(ways=DYNAMIC, least=True, scale=1e-2),

@@ -24,8 +24,8 @@ REFERENCE = {
         "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
-        "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
-        "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
+        "Damping", "Viscoelastic", "MassDamping", "rayleigh", "PointMass", "Spring",
+        "RootSpring", "Contact", "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
     "values": ("Values", "What may stand in place of a number.", (
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram",
         "SmoothHistory", "SmoothRotation")),
@@ -91,6 +91,7 @@ MEMBERS = {
     "LoadEffect": ("wrench", "tangent", "depends_on", "internal_states"),
     "NodeAcceleration": (),
     "Tendon": ("along",),
+    "Viscoelastic": ("fractional",),
     "RandomField": ("captured",),
 }
 BARE = ("effects", "values", "laws")
@@ -101,7 +102,7 @@ SHOWN = 4
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
     "Vibration": ("campbell", "rotor"),
-    "Motion": ("four_bar", "converge", "block_rate_matrix"),
+    "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),
     "Control": ("two_link", "parallel_robot", "mpc", "lqr"),

@@ -88,6 +88,7 @@ from .scene.effects import (
     Spring,
     Tendon,
     TipLoad,
+    Viscoelastic,
     rayleigh,
 )
 from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
@@ -132,8 +133,8 @@ __all__ = [
     "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "compare", "consistent_state",
-    "converge", "critical_load",
+    "Tornado", "Universal", "View", "Viscoelastic", "Weld", "advise", "block_rate", "compare",
+    "consistent_state", "converge", "critical_load",
     "describe", "design", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",

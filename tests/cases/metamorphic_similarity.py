@@ -65,6 +65,7 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
     tb.PointLoad: lambda e: _load(0)(e) | dict(offset=OFFSET),
     tb.LineLoad: _load(1),
     tb.Damping: lambda e: dict(tau=Quantity(time=1)),
+    tb.Viscoelastic: lambda e: dict(shares=ONE, times=Quantity(time=1)),
     tb.MassDamping: lambda e: dict(alpha=Quantity(time=-1)),
     tb.Drag: lambda e: dict(density=Quantity(1, -3), diameter=Quantity(0, 1), normal=ONE,
                             tangential=ONE, flow=VELOCITY,
@@ -112,7 +113,7 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                              work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE,
                              frame=Quantity(kind="frame"), internal=ONE,
                              acceleration=ONE, straining=ONE, joints=ONE,
-                             tendons=ONE, memory=ONE),
+                             tendons=ONE, memory=ONE, inelastic=ONE),
 }
 # fmt: on
 

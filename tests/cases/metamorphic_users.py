@@ -153,6 +153,7 @@ EFFECTS: dict[type, tuple[tuple[str, ...], Callable[[Any, Parts], Any] | None]] 
     tb.LineLoad: (("force", "moment"), _user_given),
     tb.Gravity: (("g",), _user_gravity),
     tb.Damping: ((), None),
+    tb.Viscoelastic: ((), None),
     tb.MassDamping: (("alpha",), _user_mass_damping),
     tb.Drag: (("density",), _user_drag),
     tb.PointMass: (("mass", "inertia"), None),

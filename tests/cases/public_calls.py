@@ -106,6 +106,7 @@ CALLS = {
     "LineLoad": (tb.LineLoad, dict(force=FORCE, moment=FORCE, follower=False)),
     "Gravity": (tb.Gravity, dict(g=FORCE)),
     "Damping": (tb.Damping, dict(tau=0.1, six=False)),
+    "Viscoelastic": (tb.Viscoelastic, dict(shares=(0.1, 0.2), times=(0.1, 1.0), six=False)),
     "MassDamping": (tb.MassDamping, dict(alpha=0.1)),
     "rayleigh": (tb.rayleigh, dict(frequency=(1.0, 2.0), ratio=(0.1, 0.1))),
     "Drag": (tb.Drag, dict(density=1.0, diameter=1.0, normal=1.0, tangential=0.1,

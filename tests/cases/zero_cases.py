@@ -357,6 +357,7 @@ NEVER_ZERO = {  # or not only; why there is no case
     "Tendon.stiffness": POSITIVE, "Tendon.slip_speed": POSITIVE,
     "Tendon.length": "at 0 a tendon of some stiffness pulls with all of its length",
     "State.tendons": "readings alone", "State.memory": "is an interaction's own",
+    "State.inelastic": "as Viscoelastic.shares", "Viscoelastic.times": POSITIVE,
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
     "Cylindrical.limits": ORDERED, "Cylindrical.slip_speed": POSITIVE,
     "Universal.limits": ORDERED, "Universal.slip_speed": POSITIVE,

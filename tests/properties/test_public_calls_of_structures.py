@@ -454,7 +454,7 @@ Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFra
 SlowBaseline SlowPathWarning Smoothness SmoothHistory SmoothRotation SobolIndices Sphere Spring
 Stations Stats
 Stream Support Table Tendon
-TipLoad Tornado Universal View
+TipLoad Tornado Universal View Viscoelastic
 Weld
 laws modal_assurance plot pose_from_points rayleigh sensors"""
 # of functions of the user's own, as identify and monte_carlo; of other scenes, made by remesh

@@ -294,6 +294,7 @@ class SteadyProblem(BalanceProblem):
                 status=status,
                 frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
                 internal=external.internal(model, self.nodes(x), self.conditions, shape),
+                inelastic=self._crept(x, shape),
                 supports=model.constraints.nodes,
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
@@ -302,6 +303,10 @@ class SteadyProblem(BalanceProblem):
                 **model.finished({"stress": x.stress}, self.node_motion(x)),
             )
         )
+
+    def _crept(self, x: Configuration, shape: torch.Size) -> Tensor | None:
+        crept = self.model.crept_at_rest(*x[:2], self.eigenstrain)
+        return None if crept is None else crept.expand(*shape, *crept.shape[-2:])
 
     def apply_supports(self, x: Configuration) -> Configuration:
         if self.known is not None:  # of rows, whose supports are where they have to be

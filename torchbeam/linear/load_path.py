@@ -186,7 +186,7 @@ class LoadPath:
 
     def spectrum(self, factor: Tensor, state: State | None = None) -> Spectrum:
         model, state, (M, D, K), _ = self.matrices(factor, state=state)
-        self.damped, lags = D is not None, model.internal_states > 0
+        self.damped, lags = D is not None, model.lag_count > 0
         value, vectors = slow_values(M, D, K, self.count)
         slow = slow_first(value, self.count, lags)
         if lags:  # and the slowest that decay, which are the next to diverge

@@ -141,7 +141,7 @@ def _linear(
     moves, forces = near.depends_on(), None
     if G is not None:
         near, massless, moves, forces = _minimal(near, massless, moves, G)
-    free, states = near.axes.shape[-1], model.internal_states
+    free, states = near.axes.shape[-1], model.lag_count
     T = (
         near.axes
         if not states
@@ -170,8 +170,9 @@ def _linear(
             D + Y_force @ by_u[..., : forces.shape[-1], :],
         )
     reads, writes = _by_moves(moves, near.moves() @ C[..., sensed:, :], A, massless, creeps, states)
-    if states:
-        state = replace(state, internal=near.state.internal.expand(*state.batch_shape, states))
+    if model.internal_states:
+        internal = near.state.internal.expand(*state.batch_shape, model.internal_states)
+        state = replace(state, internal=internal)
     return Linear(
         A,
         B,

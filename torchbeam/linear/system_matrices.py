@@ -38,6 +38,7 @@ from ..state.state import State
 from ..state.state_check import check_state
 from ..statics.balance_check import check_rest
 from ..topology.protocols import Matrix, total
+from .relaxing import with_arms
 
 
 def at_rest(
@@ -162,6 +163,7 @@ def of_nodes(
         rate = at - external.tangent(model, nodes, now, moved) if by_rates else 0.0
         if not isinstance(rate, float):
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
+    lagging = with_arms(model, B, lagging)
     if model.interactions:
         motion = problem.node_motion(x)
         for interaction in model.interactions:

@@ -2,6 +2,8 @@
 
     S [F; M] = strain - eigenstrain + retardation (strain rate)
 
+and where it has `arms`, which forget, the strain is what these make of it, see `maxwell_arms`.
+
 S is the section's compliance. A zero on its diagonal makes a strain impossible: residuals keep S as
 it is, and tangents take a small flexibility there, so that Newton's method loses nothing (see
 `ElasticLaw.tangent_stiffness`). Matrices of uncoupled sections are stored as their diagonals,
@@ -11,7 +13,7 @@ it is, and tangents take a small flexibility there, so that Newton's method lose
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -26,6 +28,7 @@ from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
 from .coordinates.spatial import Spatial
+from .maxwell_arms import MaxwellArms, arms_of
 
 STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
 # of the flexibility around it: a strain's least, in a tangent
@@ -36,12 +39,13 @@ REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}
 class ElasticLaw(Tree):
     """S (..., N or 1, k, k) compliance, exact; C its inverse, regularised where a strain is
     impossible; both (..., k, 1) for an uncoupled section. `rigid`: whether any strain is
-    impossible.
+    impossible. arms: what its stress relaxes by, None = it does not.
     """
 
     S: Tensor = leaf(3)
     C: Tensor = leaf(3)
     rigid: bool
+    arms: MaxwellArms | None = field(default=None, kw_only=True)
 
     damped = False
 
@@ -63,7 +67,28 @@ class ElasticLaw(Tree):
         """[F; M] (..., N, k)."""
         return times(self.C, effective_strain[..., None])[..., 0]
 
-    def energy(self, strain: Tensor) -> Tensor:
+    def at_rest(self, strain: Tensor) -> Tensor:
+        """What stress answers to of a strain (..., N, k) that lasts."""
+        return strain if self.arms is None else self.arms.remaining * strain
+
+    def at_rest_by(self, strain_by_move: Tensor) -> Tensor:
+        """Derivative of `at_rest`, (..., N, k, m) being that of the strain."""
+        if self.arms is None:
+            return strain_by_move
+        return self.arms.remaining[..., None] * strain_by_move
+
+    def energy(self, strain: Tensor, crept: Tensor | None = None) -> Tensor:
+        """(..., N, k) J/m, by component: e C e/2, or of arms that have crept by (..., N, m k) that
+        of them and what they are beside. None = they have not.
+        """
+        if self.arms is None or crept is None:
+            return self._energy(strain)
+        energy, crept = self.arms.remaining * self._energy(strain), self.arms.each(crept)
+        for share, q in zip(self.arms.shares.unbind(-1), crept.unbind(-1), strict=True):
+            energy = energy + share * self._energy(strain - q)
+        return energy
+
+    def _energy(self, strain: Tensor) -> Tensor:
         """e C e/2 (..., N, k) J/m, by component; an impossible strain stores none, whatever
         rounding leaves of it.
 
@@ -210,14 +235,16 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
         C = _slim(_regular_inverse(beam, compliance, resistance), beam, space)
     else:
         C = S.reciprocal()
+    arms = arms_of(scene, space, _own_flexibility(beam, compliance)) if scene.arms else None
     if scene.damping is None:
-        return ElasticLaw(S, C, rigid)
+        return ElasticLaw(S, C, rigid, arms=arms)
     retardations = [_retardation(damping, beam, space) for damping in scene.dampings]
     return ViscoelasticLaw(
         S,
         C,
         rigid,
         retardations[0] if scene.damping.on is None else _by_part(scene, retardations, S),
+        arms=arms,
     )
 
 
@@ -256,6 +283,14 @@ def _residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
     across = flexibility.new_tensor(((0, 0, 0), (0, 0, -1), (0, 1, 0)))
     bent = across.mT @ flexibility[..., 3:, 3:] @ across
     return pad(beam.length[..., None, None] ** 2 / 12 * bent, (0, 3, 0, 3))
+
+
+def _own_flexibility(beam: Beam, flexibility: Tensor) -> Tensor | None:
+    """(..., N or 1, 6): which part of an element's flexibilities is its section's; None = all."""
+    if not beam.linked_interpolation:
+        return None
+    own, whole = (x.diagonal(dim1=-2, dim2=-1) for x in (beam.compliance, flexibility))
+    return torch.where(whole > 0, own / torch.where(whole > 0, whole, 1.0), 1.0)
 
 
 def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice(None)) -> Tensor:

@@ -22,6 +22,7 @@ from ..nodal.coordinates.spatial import Spatial
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes
 from ..nodal.model import Model
+from ..nodal.moves import remembered
 from ..scene.parts import part_of
 from ..scene.scene import Scene
 from ..state.state_check import of_mesh
@@ -246,4 +247,4 @@ def nodes_of(space: Spatial, state: Any) -> Nodes:
     """The same of a state in the coordinates of a space."""
     spin = space.to_frame(state.rotation, state.spin)
     motion = state.position, state.rotation, state.velocity, spin
-    return Nodes(*motion, state.frame, state.internal)
+    return Nodes(*motion, state.frame, remembered(state))

@@ -54,6 +54,8 @@ class State(Instant):
         coordinates: which coordinates each joint has, see `Joint.coordinates`
         memory: (..., I, m) memory of the scene's interactions, in their order, filled with zeros;
             None = no memory
+        inelastic: (..., N, 6 m) strains that the m arms of `Viscoelastic` have crept by, one arm
+            after the other, in the order of the stress; None = nothing relaxes
         supports: nodes of the supports that `reaction` is of; None where the state was made without
             a scene
         parts: of a structure, whose nodes and stations stand one part after the other; see
@@ -86,6 +88,7 @@ class State(Instant):
     joints: Tensor | None = leaf(2, default=None, kw_only=True)
     tendons: Tensor | None = leaf(2, default=None, kw_only=True)
     memory: Tensor | None = leaf(2, default=None, kw_only=True)
+    inelastic: Tensor | None = leaf(2, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
     coordinates: tuple[tuple[int, ...], ...] = field(default=(), kw_only=True)
@@ -186,6 +189,9 @@ class State(Instant):
         supports = tuple(self.supports[k] - part.first_node for k in held)
         shape = self.rest_shape and self.rest_shape.of_nodes(part.nodes)
         none = dict.fromkeys(REMEMBERED)
+        if self.inelastic is not None:
+            rows["inelastic"] = self.inelastic[..., part.stations, :]
+            none.pop("inelastic")
         none |= dict.fromkeys(("parts", "coordinates", "joined"), ())
         return replace(self, **rows, **none, supports=supports, rest_shape=shape)
 
@@ -327,6 +333,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
         internal=zero.expand(*shape, states) if states else None,
         **no_motion(scene, zero.expand(shape)),
         memory=no_memory(scene, zero.expand(shape)),
+        inelastic=nothing_crept(scene, zero.expand(shape)),
         supports=supported(scene),
         parts=beam.parts,
         joined=beam.joined,
@@ -343,6 +350,12 @@ def no_memory(scene: Any, like: Tensor) -> Tensor | None:
     """What interactions of a scene keep before anything has moved, of the batch axes of `like`."""
     rows, size = scene.memory
     return like.new_zeros(*like.shape, rows, size) if size else None
+
+
+def nothing_crept(scene: Any, like: Tensor) -> Tensor | None:
+    """What sections remember where their stress has not relaxed, of the batch axes of `like`."""
+    rows, size = scene.beam.station_count, 6 * scene.arms
+    return like.new_zeros(1).expand(*like.shape, rows, size) if size else None
 
 
 def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from ..core.validation import broadcast, refusal
 from ..core.warning import warn
 from ..scene.prescribed_motion import orientation, turning
 from .rest_shape import RestShape
-from .state import State, no_memory, no_motion, supported, with_tendons
+from .state import State, no_memory, no_motion, nothing_crept, supported, with_tendons
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
@@ -85,8 +85,24 @@ def with_optional_fields(state: State, scene: Any) -> State:
     if scene.memory[1] and kept != scene.memory:
         memory = no_memory(scene, state.position.new_zeros(state.batch_shape))
         state = replace(state, memory=memory)
+    state = _with_crept(state, scene)
     count = 0 if state.tendons is None else state.tendons.shape[-2]
     return state if count == len(scene.tendons) else with_tendons(state, scene)
+
+
+def _with_crept(state: State, scene: Any) -> State:
+    """With strains that arms have crept by: zero where the state is of a scene without them."""
+    if not scene.arms:
+        return state if state.inelastic is None else replace(state, inelastic=None)
+    if state.inelastic is None:
+        none = nothing_crept(scene, state.position.new_zeros(state.batch_shape))
+        return replace(state, inelastic=none)
+    if state.inelastic.shape[-1] != 6 * scene.arms:
+        raise ValueError(
+            f"a state of {state.inelastic.shape[-1] // 6} arms that relax was given; the scene's "
+            f"Viscoelastic has {scene.arms}"
+        )
+    return state
 
 
 def _of_this_beam(state: State, beam: Any) -> State:

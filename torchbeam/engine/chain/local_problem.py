@@ -42,6 +42,7 @@ from .sorts import SIDES
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
+INELASTIC = "inelastic"
 
 
 class Ends(NamedTuple):
@@ -130,7 +131,7 @@ class LocalProblems:
     @property
     def element_state(self) -> tuple[str, ...]:
         """Fields of an element's state, beside its stress."""
-        return ()
+        return () if self.trees.element.rows.law.arms is None else (INELASTIC,)
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
         """The problem of one node, and its unknowns."""
@@ -309,6 +310,7 @@ class LocalProblems:
             internal=values.get(INTERNAL),
             joints=values.get("joints"),
             memory=values.get("memory"),
+            inelastic=values.get(INELASTIC),
         )
         x = self.UNKNOWNS(values.get("u"), values.get("m"), stress)
         return self._stepping(rows, start, common, values, now, C), x

@@ -4,6 +4,7 @@ An effect is a small frozen dataclass with one kind:
     load         force and moment at load points of the beam: `wrench(point, t, inputs)`,
                  `tangent(point, t, inputs)`
     strain       `Damping`: stress that follows the strain rate
+    memory       `Viscoelastic`: stress that relaxes
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
     tendon       `Tendon`: forces between points of several nodes
@@ -53,6 +54,7 @@ from .values import (
     inputs_over,
     value_at,
 )
+from .viscoelastic import Viscoelastic
 
 # fmt: off
 __all__ = [
@@ -61,7 +63,7 @@ __all__ = [
     "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
-    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing",
+    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "Viscoelastic", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
 # fmt: on
