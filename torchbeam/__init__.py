@@ -90,6 +90,7 @@ from .scene.effects import (
     TipLoad,
     rayleigh,
 )
+from .scene.hysteresis import BoucWen, ElastoPlastic
 from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
 from .scene.scene import Scene
 from .scene.section import Section
@@ -118,9 +119,11 @@ if TYPE_CHECKING:  # imported where they are first asked for
 
 # fmt: off
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "BoucWen",
+    "Box",
     "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
-    "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
+    "Damping", "Description", "Design", "Distance", "Drag", "ElastoPlastic", "Energy",
+    "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
     "MassDamping", "Measurement", "MixedState",

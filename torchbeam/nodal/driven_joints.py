@@ -26,8 +26,10 @@ from torch import Tensor
 from ..core.leaves import leaf
 from ..math.shapes import stacked
 from ..scene.effects.values import Inputs, scalar_at, value_at
+from ..state.instant import READINGS
 from .balls import BallLaws, Balls, BallStep
 from .between_nodes import NodeMotion, Placed, Rates
+from .joint_hysteresis import JointHysteresis
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
 from .joints import Joints
@@ -38,7 +40,7 @@ from .rotation_vector import Turn
 class Driven(NamedTuple):
     """What acts at one motion: the coordinates over the step; w where forces act and where joints
     are closed, and c there; the effort (..., J, w) along the coordinates, and its derivative by
-    them.
+    them; what joints remember after it (..., J, m), None = nothing.
     """
 
     step: CoordinateStep
@@ -47,19 +49,23 @@ class Driven(NamedTuple):
     offset: Tensor
     effort: Tensor
     effort_by: Tensor
+    memory: Tensor | None = None
 
 
 @dataclass(frozen=True)
 class DrivenJoints(Joints):
-    """With `laws`; prescribed (J, w) 1 where a coordinate is, which `held` counts in."""
+    """With `laws`; prescribed (J, w) 1 where a coordinate is, which `held` counts in; hysteresis:
+    laws with memory, None = there are none.
+    """
 
     laws: JointLaws
     prescribed: Tensor = leaf(2)
+    hysteresis: JointHysteresis | None = None
 
     @property
     def dissipative(self) -> bool:
         """Whether there is damping or friction."""
-        return any(laws.dissipative for laws in self._all_laws)
+        return self.hysteresis is not None or any(laws.dissipative for laws in self._all_laws)
 
     @property
     def limited(self) -> bool:
@@ -67,7 +73,7 @@ class DrivenJoints(Joints):
 
     @property
     def smooth(self) -> bool:
-        return not self.limited and not self.has_friction
+        return not self.limited and not self.has_friction and self.hysteresis is None
 
     @property
     def has_friction(self) -> bool:
@@ -104,7 +110,10 @@ class DrivenJoints(Joints):
             after = self.coordinate(motion.end, before)
             rate = None if self.laws.friction is None else self.rate(motion.start, *of.moving())
             step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate)
-        effort, by = self.laws.effort(step)
+        effort, by, memory = *self.laws.effort(step), None
+        if self.hysteresis is not None:
+            resistance, slope, memory = self._resistance(step, of.state)
+            effort, by = effort - resistance, by - slope
         if of.dt is None and of.moving is not None and self.laws.dissipative:
             effort = effort - self.laws.damper * self.rate(motion.end, *of.moving())
         if values.effort is not None:
@@ -115,7 +124,32 @@ class DrivenJoints(Joints):
             turn, more = self._beyond(self.prescribed * self.angles * (step.after - goal))
             closing = self.turned(goal * self.angles + turn)
             offset = self.c + goal * self.travels - more
-        return Driven(step, acting, closing, offset, effort, by)
+        return Driven(step, acting, closing, offset, effort, by, memory)
+
+    def _resistance(self, step: CoordinateStep, state: Any) -> tuple[Tensor, Tensor, Tensor]:
+        """Of laws with memory (..., J, w), which their work over the step is counted by; the
+        derivative by the coordinates after it; what joints remember then. state: before it, None =
+        as drawn.
+        """
+        rows, moves = self._coordinates, step.dt is not None
+        after, before = (rows * step.after).sum(-1), (rows * step.before).sum(-1)
+        memory = after.new_zeros(self.count, self.hysteresis.memory)
+        if not moves:
+            before = torch.zeros_like(after)
+        if state is not None and state.joints is not None:
+            memory = state.joints[..., READINGS:]
+            before = before if moves else (rows * self.given(state.joints)).sum(-1)
+        load, slope, memory = self.hysteresis.response(before, after, memory, moves)
+        load, slope = rows * load[..., None], rows * slope[..., None]
+        if moves:
+            ratio, ratio_by = step.arc()
+            load, slope = load * ratio, slope * ratio + load * ratio_by
+        return load, slope, memory
+
+    def _with_memory(self, wrench: Tensor, motion: Placed) -> Tensor:
+        if self.hysteresis is None:
+            return wrench
+        return stacked(wrench, self.driven(motion).memory, axis=-1)
 
     @staticmethod
     def _beyond(off: Tensor) -> tuple[Tensor, Tensor]:

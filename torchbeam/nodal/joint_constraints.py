@@ -21,6 +21,7 @@ from .balls import BallLaws, Balls
 from .between_nodes import BetweenNodes
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
+from .joint_hysteresis import hysteresis_of
 from .joint_laws import JointLaws
 from .joint_motion import Factor
 from .joints import Joints
@@ -116,7 +117,12 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     names = (field.name for field in dataclasses.fields(JointLaws))
     laws = JointLaws(**{name: _given(scene.joints, name, rows) for name in names})
     held = fields["held"] + prescribed
-    return DrivenJoints(**fields | dict(held=held), laws=laws, prescribed=prescribed)
+    return DrivenJoints(
+        **fields | dict(held=held),
+        laws=laws,
+        prescribed=prescribed,
+        hysteresis=hysteresis_of(scene.joints, like),
+    )
 
 
 def _without_laws(joint: Joint) -> Joint:

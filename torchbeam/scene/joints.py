@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
+from ..core.arguments import instance
 from ..core.declared import sized, together
-from ..core.leaves import leaf
+from ..core.leaves import leaf, option
 from ..core.validation import Value, concrete, shown
 from .curve import axes_along
 from .effects.values import OfTime, scalar_value
+from .hysteresis import HystereticLaw
 from .joint import MET, VECTOR, CoordinateLaw, Joint
 from .structure import Structure
 
@@ -38,6 +40,10 @@ class Weld(Joint):
     """
 
     meets = False
+
+
+def _law(name: str, value: Any) -> HystereticLaw:
+    return instance(name, value, HystereticLaw)
 
 
 def _second(joint: DrivenJoint) -> int:
@@ -131,6 +137,7 @@ class Hinge(DrivenJoint):
     Args:
         torque: N m about the axis on b, its opposite on a: a number, a function of t, or an `Input`
         angle: rad, prescribed likewise
+        hysteresis: law with memory of the angle, `ElastoPlastic` or `BoucWen`
 
     Examples:
         >>> arms = {"upper": beam, "lower": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}
@@ -149,6 +156,7 @@ class Hinge(DrivenJoint):
     _: KW_ONLY
     torque: OfTime = leaf(0, default=None, check=scalar_value)
     angle: OfTime = leaf(0, default=None, check=scalar_value)
+    hysteresis: HystereticLaw | None = option(_law, default=None)
 
 
 @dataclass(frozen=True)
@@ -158,6 +166,7 @@ class Slider(DrivenJoint):
     Args:
         force: N along the axis on b, its opposite on a: a number, a function of t, or an `Input`
         travel: m, prescribed likewise
+        hysteresis: law with memory of the travel, `ElastoPlastic` or `BoucWen`
 
     Examples:
         >>> rail = tb.Slider(("cart", 0), None, axis=(1, 0, 0), force=tb.Input("motor", 1))
@@ -173,6 +182,7 @@ class Slider(DrivenJoint):
     _: KW_ONLY
     force: OfTime = leaf(0, default=None, check=scalar_value)
     travel: OfTime = leaf(0, default=None, check=scalar_value)
+    hysteresis: HystereticLaw | None = option(_law, default=None)
 
 
 @dataclass(frozen=True)
