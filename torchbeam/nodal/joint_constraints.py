@@ -19,9 +19,9 @@ from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
 from .balls import BallLaws, Balls
 from .between_nodes import BetweenNodes
+from .coordinate_laws import coordinate_laws_of
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
-from .joint_hysteresis import hysteresis_of
 from .joint_laws import JointLaws
 from .joint_motion import Factor
 from .joints import Joints
@@ -121,7 +121,7 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
         **fields | dict(held=held),
         laws=laws,
         prescribed=prescribed,
-        hysteresis=hysteresis_of(scene.joints, like),
+        own_laws=coordinate_laws_of(scene.joints, like),
     )
 
 

@@ -9,51 +9,30 @@ at `after`, come to straight from `before`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..core.declared import parameter
 from ..core.derivatives import no_derivatives
-from ..core.leaves import Tree, leaf
+from ..core.leaves import leaf
 from ..core.validation import Value, concrete, refusal, shown
+from .coordinate_law import OwnLaw, Response, Travel, rows
 
 ITERATIONS = 5  # of Newton's method: then to rounding up to n = 10, to 1e-13 of the root at n = 20
 WINDOWS = 4  # of the way to an equilibrium: z is then known to 0.01
 LEAST = 1e-30  # of what a power is taken of
 
 
-class Response(NamedTuple):
-    """load (...) N m or N against q; its slope by `after`; memory (..., m) after."""
-
-    load: Tensor
-    slope: Tensor
-    memory: Tensor
-
-
-def _rows(law: Any) -> int:
-    return law.rows
-
-
 @dataclass(frozen=True)
-class HystereticLaw(Tree):
-    """Base of laws with memory.
-
-    Attributes:
-        memory: how many numbers it keeps: first its hysteretic variable, then the energy J that it
-            has lost since the start, then its own
-        rows: how many axes its numbers have: 1 where they are of several joints
+class HystereticLaw(OwnLaw):
+    """Base of laws with memory: first the hysteretic variable, then the energy J that the law has
+    lost since the start, then its own numbers. The slope of what has not moved is that of small
+    vibrations.
     """
 
-    memory: ClassVar[int] = 2
-    rows = 0
-
-    def response(self, before: Tensor, after: Tensor, memory: Tensor, moves: bool) -> Response:
-        """From q and memory before to q after, (...) and (..., m); moves: over a step, else in
-        equilibrium. The slope of what has not moved is that of small vibrations.
-        """
-        raise NotImplementedError
+    memory = 2
 
     def stored(self, coordinate: Tensor, memory: Tensor) -> Tensor:
         """(...) J that it gives back, of a coordinate and what is remembered there."""
@@ -97,14 +76,15 @@ class ElastoPlastic(HystereticLaw):
         tensor([0., 0.])
     """
 
-    stiffness: Value = leaf(_rows, positive=True)
-    yield_moment: Value = leaf(_rows, positive=True)
-    hardening: Value = leaf(_rows, default=0.0, nonnegative=True)
-    kinematic: Value = leaf(_rows, default=1.0, check=_share)
+    stiffness: Value = leaf(rows, positive=True)
+    yield_moment: Value = leaf(rows, positive=True)
+    hardening: Value = leaf(rows, default=0.0, nonnegative=True)
+    kinematic: Value = leaf(rows, default=1.0, check=_share)
 
     memory = 3
 
-    def response(self, before: Tensor, after: Tensor, memory: Tensor, moves: bool) -> Response:
+    def response(self, travel: Travel) -> Response:
+        before, after, memory, *_ = travel
         k, p, lost, kappa = self.stiffness, *memory.unbind(-1)
         X, R = self._hardened(p, kappa)
         M, way = k * (before - p), after - before
@@ -117,7 +97,7 @@ class ElastoPlastic(HystereticLaw):
         share = k / (k + self.hardening)  # of the way beyond, that is plastic
         flow = share * beyond
         after_memory = p + sign * flow, lost + self.yield_moment * flow, kappa + flow
-        if moves:
+        if travel.dt is not None:
             safe = torch.where(plastic, size, 1.0)
             load = M + k * way / 2 - sign * k * flow * beyond / (2 * safe)
             slope = k / 2 - k * flow * (2 * size - beyond) / (2 * safe**2)
@@ -170,12 +150,12 @@ class BoucWen(HystereticLaw):
         tensor([0., 0.])
     """
 
-    stiffness: Value = leaf(_rows, positive=True)
-    yield_moment: Value = leaf(_rows, positive=True)
-    ratio: Value = leaf(_rows, default=0.0, check=_share)
-    n: Value = leaf(_rows, default=1.0, positive=True)
-    beta: Value = leaf(_rows, default=0.5, positive=True)
-    gamma: Value = leaf(_rows, default=0.5, finite=True)
+    stiffness: Value = leaf(rows, positive=True)
+    yield_moment: Value = leaf(rows, positive=True)
+    ratio: Value = leaf(rows, default=0.0, check=_share)
+    n: Value = leaf(rows, default=1.0, positive=True)
+    beta: Value = leaf(rows, default=0.5, positive=True)
+    gamma: Value = leaf(rows, default=0.5, finite=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -188,8 +168,9 @@ class BoucWen(HystereticLaw):
                 "given, which would give energy; |gamma| <= beta is wanted"
             )
 
-    def response(self, before: Tensor, after: Tensor, memory: Tensor, moves: bool) -> Response:
-        z, lost = memory.unbind(-1)
+    def response(self, travel: Travel) -> Response:
+        before, after, memory, *_ = travel
+        moves, (z, lost) = travel.dt is not None, memory.unbind(-1)
         way, per = after - before, self.stiffness / self.yield_moment
         sign = torch.where(way < 0, -1.0, 1.0).to(way)
         size, w = sign * way, sign * z

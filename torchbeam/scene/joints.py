@@ -13,6 +13,7 @@ from ..core.declared import sized, together
 from ..core.leaves import leaf, option
 from ..core.validation import Value, concrete, shown
 from .curve import axes_along
+from .effects.drive import Drive, effort_of
 from .effects.values import OfTime, scalar_value
 from .hysteresis import HystereticLaw
 from .joint import MET, VECTOR, CoordinateLaw, Joint
@@ -126,8 +127,16 @@ class DrivenJoint(Joint):
             *map(own, (self.stiffness, self.damping, self.friction, self.slip_speed)),
             *limits,
             own(self.limit_stiffness),
-            *(getattr(self, name) for name in self.GIVEN[coordinate if several else 0]),
+            *(
+                None if isinstance(value := getattr(self, name), Drive) else value
+                for name in self.GIVEN[coordinate if several else 0]
+            ),
         )
+
+    @property
+    def drive(self) -> Drive | None:
+        value = getattr(self, self.GIVEN[0][0])
+        return value if isinstance(value, Drive) else None
 
 
 @dataclass(frozen=True)
@@ -135,7 +144,8 @@ class Hinge(DrivenJoint):
     """Revolute joint: b turns about an axis of a.
 
     Args:
-        torque: N m about the axis on b, its opposite on a: a number, a function of t, or an `Input`
+        torque: N m about the axis on b, its opposite on a: a number, a function of t, an `Input`, or
+            a function of angle, rate and t by these names, see `Drive`
         angle: rad, prescribed likewise
         hysteresis: law with memory of the angle, `ElastoPlastic` or `BoucWen`
 
@@ -154,7 +164,7 @@ class Hinge(DrivenJoint):
 
     axis: Value = leaf(1, default=(0.0, 1.0, 0.0), size=3, copied=True, name=VECTOR)
     _: KW_ONLY
-    torque: OfTime = leaf(0, default=None, check=scalar_value)
+    torque: OfTime | Drive = leaf(0, default=None, check=effort_of("angle"))
     angle: OfTime = leaf(0, default=None, check=scalar_value)
     hysteresis: HystereticLaw | None = option(_law, default=None)
 
@@ -164,7 +174,8 @@ class Slider(DrivenJoint):
     """Prismatic joint: b slides along an axis of a, and does not turn.
 
     Args:
-        force: N along the axis on b, its opposite on a: a number, a function of t, or an `Input`
+        force: N along the axis on b, its opposite on a: a number, a function of t, an `Input`, or a
+            function of travel, rate and t by these names, see `Drive`
         travel: m, prescribed likewise
         hysteresis: law with memory of the travel, `ElastoPlastic` or `BoucWen`
 
@@ -180,7 +191,7 @@ class Slider(DrivenJoint):
     GIVEN = (("force", "travel"),)
 
     _: KW_ONLY
-    force: OfTime = leaf(0, default=None, check=scalar_value)
+    force: OfTime | Drive = leaf(0, default=None, check=effort_of("travel"))
     travel: OfTime = leaf(0, default=None, check=scalar_value)
     hysteresis: HystereticLaw | None = option(_law, default=None)
 

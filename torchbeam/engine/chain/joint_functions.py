@@ -16,7 +16,7 @@ from torch import Tensor
 from ...core.leaves import Tree, leaf
 from ...equations.balance_problem import BalanceProblem
 from ...nodal.balls import Balls
-from ...nodal.joint_hysteresis import JointHysteresis
+from ...nodal.coordinate_laws import CoordinateLaws
 from ...nodal.joint_laws import JointLaws
 from ...nodal.joint_motion import Factor, JointValues
 from ...nodal.joints import Joints
@@ -46,14 +46,14 @@ class JointConstants(Tree):
     effort: Tensor | None = leaf(2)
     coordinate: Tensor | None = leaf(2)
     balls: Balls | None
-    hysteresis: JointHysteresis | None
+    own_laws: CoordinateLaws | None
 
 
 class JointKind(NamedTuple):
     """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
     of `Joints.held`, `angles`, `travels`, `second` and, where there are any, `prescribed`; of v, w
     and across the shift, row by row, None = a value; its rows of `Joints.parts`; whether it is a
-    ball; how many numbers a state has of it; the number of its law with memory, None = none.
+    ball; how many numbers a state has of it; the numbers of its own laws.
     """
 
     ends: tuple[EndKind | None, EndKind | None]
@@ -66,7 +66,7 @@ class JointKind(NamedTuple):
     parts: tuple[tuple[tuple[float, ...], ...], ...]
     ball: bool = False
     kept: int = READINGS
-    hysteresis: int | None = None
+    own_laws: tuple[int, ...] = ()
     multiplied: ClassVar[bool] = True
     told: ClassVar[int] = 0
 
@@ -99,8 +99,8 @@ class JointFunctions(InteractionFunctions):
         at = () if joints.balls is None else joints.balls.at
         balls = [k in at for k in range(joints.count)]
         kept = [_numbers_of(model)] * joints.count
-        hysteresis = getattr(joints, "hysteresis", None)
-        laws = [None] * joints.count if hysteresis is None else hysteresis.kinds
+        own_laws = getattr(joints, "own_laws", None)
+        laws = [()] * joints.count if own_laws is None else own_laws.kinds
         factors = joints.v, joints.w, joints.across
         shifts = zip(*(_shifts(factor.shift) for factor in factors), strict=True)
         return tuple(
@@ -134,7 +134,7 @@ class JointFunctions(InteractionFunctions):
         given = (values.get(f"joint {name}") for name in JointValues._fields)
         return JointConstants(
             joints.v, joints.w, joints.c, joints.across, laws, *given, joints.balls,
-            getattr(joints, "hysteresis", None),
+            getattr(joints, "own_laws", None),
         )  # fmt: skip
 
     @staticmethod
@@ -206,8 +206,8 @@ class JointFunctions(InteractionFunctions):
             if getattr(kind, name) is not None
         }
         numbers |= {} if constants.laws is None else {"laws": constants.laws}
-        if constants.hysteresis is not None:
-            numbers["hysteresis"] = constants.hysteresis.alone(kind.hysteresis)
+        if constants.own_laws is not None:
+            numbers["own_laws"] = constants.own_laws.alone(kind.own_laws)
         return replace(
             joints,
             space=rows.space,

@@ -33,6 +33,7 @@ def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
     loads += model.scene.interactions
+    loads += tuple(joint.drive for joint in model.scene.joints if joint.drive is not None)
     return [load for load in loads if written(load)]
 
 
