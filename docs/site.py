@@ -21,7 +21,8 @@ EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py"))
 REFERENCE = {
     "scene": ("Scenes", "What there is: beams, bodies, sections, and what holds and joins them.", (
         "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
-        "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
+        "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance",
+        "ElastoPlastic", "BoucWen", "Drive")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
         "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",

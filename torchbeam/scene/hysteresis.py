@@ -40,10 +40,10 @@ class HystereticLaw(OwnLaw):
 
 
 def _share(name: str, value: Value) -> Any:
-    value = parameter(name, value)
-    if concrete(torch.as_tensor(value) > 1).any():
+    held = parameter(name, value)
+    if concrete(torch.as_tensor(held) > 1).any():
         raise refusal(f"{name} = {shown(value)}", "a number from 0 to 1")
-    return value
+    return held
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ElastoPlastic(HystereticLaw):
 
     Examples:
         >>> law = tb.ElastoPlastic(stiffness=100.0, yield_moment=2.0)
-        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(None, ("door", 0), law=law)])
+        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(None, ("door", 0), hysteresis=law)])
         >>> tb.rest(door).joint[0].memory  # rad of plastic rotation, J lost
         tensor([0., 0.])
     """
@@ -145,7 +145,7 @@ class BoucWen(HystereticLaw):
 
     Examples:
         >>> law = tb.BoucWen(stiffness=100.0, yield_moment=2.0, ratio=0.1, n=2.0)
-        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(None, ("door", 0), law=law)])
+        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(None, ("door", 0), hysteresis=law)])
         >>> tb.rest(door).joint[0].memory  # z, J lost
         tensor([0., 0.])
     """
@@ -158,14 +158,15 @@ class BoucWen(HystereticLaw):
     gamma: Value = leaf(rows, default=0.5, finite=True)
 
     def __post_init__(self) -> None:
+        own = self.n, self.beta, self.gamma
         super().__post_init__()
         n, beta, gamma = (torch.as_tensor(x).detach() for x in (self.n, self.beta, self.gamma))
         if concrete(n < 1).any():
-            raise refusal(f"BoucWen with n = {shown(self.n)}", "n from 1 on")
+            raise refusal(f"BoucWen with n = {shown(own[0])}", "n from 1 on")
         if concrete(gamma.abs() > beta).any():
             raise ValueError(
-                f"BoucWen with gamma = {shown(self.gamma)} beyond beta = {shown(self.beta)} was "
-                "given, which would give energy; |gamma| <= beta is wanted"
+                f"BoucWen with gamma = {shown(own[2])} beyond beta = {shown(own[1])} was given, "
+                "which would give energy; |gamma| <= beta is wanted"
             )
 
     def response(self, travel: Travel) -> Response:

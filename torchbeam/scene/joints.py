@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.arguments import instance
 from ..core.declared import sized, together
 from ..core.leaves import leaf, option
-from ..core.validation import Value, concrete, shown
+from ..core.validation import Value, concrete, refusal, shown
 from .curve import axes_along
 from .effects.drive import Drive, effort_of
 from .effects.values import OfTime, scalar_value
@@ -44,7 +43,9 @@ class Weld(Joint):
 
 
 def _law(name: str, value: Any) -> HystereticLaw:
-    return instance(name, value, HystereticLaw)
+    if not isinstance(value, HystereticLaw):
+        raise refusal(f"{name} = {shown(value)}", "an ElastoPlastic or a BoucWen")
+    return value
 
 
 def _second(joint: DrivenJoint) -> int:

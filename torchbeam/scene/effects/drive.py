@@ -61,6 +61,7 @@ class Drive(OwnLaw):
     values: dict[str, Any] | None = leaf(rows, default=None)
 
     at = 0  # which of several joints has it
+    node = 0  # it does not act along a beam
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", _values("Drive's values", self.values or {}))
@@ -80,21 +81,21 @@ class Drive(OwnLaw):
 
     def checked(self, name: str, coordinate: str) -> Drive:
         """Itself, in a joint with this coordinate. Raises ValueError for another."""
-        known, names = (coordinate, RATE, "t"), parameters(self.function)
-        check_function(name, self.function, named=[x for x in (*known, *self.values) if x in names])
+        known, names = (coordinate, RATE, "t", *self.values), parameters(self.function)
+        other = next((x for x in names if x in COORDINATES and x != coordinate), None)
+        if other is not None:
+            raise refusal(f"{name} by a function of {other}", f"one of {coordinate}, rate or t")
+        check_function(name, self.function, named=[x for x in known if x in names])
         return self
 
     def response(self, travel: Travel) -> Response:
         q, r = travel.after, torch.zeros_like(travel.after)
-        by_rate = 0.0
         if travel.dt is not None:
             q, r = (travel.before + q) / 2, (q - travel.before) / travel.dt
-            by_rate = 1 / travel.dt
         q, r = self._own(q), self._own(r)
-        slope, damper = self._slopes(q, r, travel.t)
-        if travel.dt is not None:
-            slope = slope / 2 + damper * by_rate
-        effort, slope = self._effort(q, r, travel.t), slope
+        slope, by_rate = self._slopes(q, r, travel.t)
+        slope = slope if travel.dt is None else slope / 2 + by_rate / travel.dt
+        effort = self._effort(q, r, travel.t)
         none = travel.memory[..., :0]
         return Response(-self._at_joint(effort, travel), -self._at_joint(slope, travel), none)
 
@@ -110,7 +111,13 @@ class Drive(OwnLaw):
 
         def effort(now: Tensor) -> Tensor:
             named = {name: x for name, x in (known | {"t": now}).items() if name in names}
-            return taken("a Drive's effort", self.function(**named), q)
+            value = taken("a Drive's effort", self.function(**named), q)
+            if value.shape[-1:] not in ((), (1,)):
+                raise refusal(
+                    f"a Drive's function that returns the shape {tuple(value.shape)}",
+                    f"that of its coordinate, {tuple(q.shape)},",
+                )
+            return value
 
         return at_time(effort, t, axes=1) + torch.zeros_like(q)
 
