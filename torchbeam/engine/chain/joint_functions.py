@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ...core.leaves import Tree, leaf
 from ...equations.balance_problem import BalanceProblem
@@ -156,7 +157,8 @@ class JointFunctions(InteractionFunctions):
         problem, x = self.problem(fields, kind)
         reaction = x.u.new_zeros(len(problem.support_motions.nodes), x.stress.shape[-1])
         after = problem.finish(x, reaction)
-        return {"force": after.stress[0], "joints": after.joints[0], "work": after.work}
+        joints = pad(after.joints[0], (0, kind.kept - after.joints.shape[-1]))
+        return {"force": after.stress[0], "joints": joints, "work": after.work}
 
     def solution(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The unknown forces of a step (w), from those that have acted in it (`after_force`)."""
