@@ -371,6 +371,6 @@ JOINTS = {
        for law, beside in ((tb.ElastoPlastic, dict(hardening=0.2)), (tb.BoucWen, dict(n=2.0)))},
     "Hinge.torque, by the angle": Row(
         lambda v, *ends: tb.Hinge(*ends, torque=tb.Drive(_restoring, values=dict(k=v))),
-        draw=2.0, after=OLD, at_zero=dict(ways="eager", least=True, scale=1e-4)),
+        draw=2.0, after=OLD, at_zero=dict(ways="eager", scale=1e-4)),
 }
 # fmt: on

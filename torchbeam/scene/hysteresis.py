@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.declared import parameter
+from ..core.declared import own, parameter
 from ..core.derivatives import no_derivatives
 from ..core.leaves import leaf
 from ..core.validation import Value, concrete, refusal, shown
@@ -43,7 +43,7 @@ def _share(name: str, value: Value) -> Any:
     held = parameter(name, value)
     if concrete(torch.as_tensor(held) > 1).any():
         raise refusal(f"{name} = {shown(value)}", "a number from 0 to 1")
-    return held
+    return own(held)
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ class ElastoPlastic(HystereticLaw):
         tensor([0., 0.])
     """
 
-    stiffness: Value = leaf(rows, positive=True)
-    yield_moment: Value = leaf(rows, positive=True)
-    hardening: Value = leaf(rows, default=0.0, nonnegative=True)
+    stiffness: Value = leaf(rows, positive=True, copied=True)
+    yield_moment: Value = leaf(rows, positive=True, copied=True)
+    hardening: Value = leaf(rows, default=0.0, nonnegative=True, copied=True)
     kinematic: Value = leaf(rows, default=1.0, check=_share)
 
     memory = 3
@@ -150,22 +150,22 @@ class BoucWen(HystereticLaw):
         tensor([0., 0.])
     """
 
-    stiffness: Value = leaf(rows, positive=True)
-    yield_moment: Value = leaf(rows, positive=True)
+    stiffness: Value = leaf(rows, positive=True, copied=True)
+    yield_moment: Value = leaf(rows, positive=True, copied=True)
     ratio: Value = leaf(rows, default=0.0, check=_share)
-    n: Value = leaf(rows, default=1.0, positive=True)
-    beta: Value = leaf(rows, default=0.5, positive=True)
-    gamma: Value = leaf(rows, default=0.5, finite=True)
+    n: Value = leaf(rows, default=1.0, positive=True, copied=True)
+    beta: Value = leaf(rows, default=0.5, positive=True, copied=True)
+    gamma: Value = leaf(rows, default=0.5, finite=True, copied=True)
 
     def __post_init__(self) -> None:
-        own = self.n, self.beta, self.gamma
+        given = self.n, self.beta, self.gamma
         super().__post_init__()
         n, beta, gamma = (torch.as_tensor(x).detach() for x in (self.n, self.beta, self.gamma))
         if concrete(n < 1).any():
-            raise refusal(f"BoucWen with n = {shown(own[0])}", "n from 1 on")
+            raise refusal(f"BoucWen with n = {shown(given[0])}", "n from 1 on")
         if concrete(gamma.abs() > beta).any():
             raise ValueError(
-                f"BoucWen with gamma = {shown(own[2])} beyond beta = {shown(own[1])} was given, "
+                f"BoucWen with gamma = {shown(given[2])} beyond beta = {shown(given[1])} was given, "
                 "which would give energy; |gamma| <= beta is wanted"
             )
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ...core.arguments import function as check_function
-from ...core.declared import real_numbers
+from ...core.declared import own, real_numbers
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import leaf
 from ...core.validation import refusal, shown
@@ -27,7 +27,7 @@ COORDINATES = ("angle", "travel")
 def _values(name: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise refusal(f"{name} = {shown(value)}", "numbers or tensors by name", are=True)
-    return {key: real_numbers(f"Drive's value {key!r}", number) for key, number in value.items()}
+    return {key: own(real_numbers(f"Drive's value {key!r}", x)) for key, x in value.items()}
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ class Drive(OwnLaw):
     node = 0  # it does not act along a beam
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", _values("Drive's values", self.values or {}))
+        values = {} if self.values is None else _values("Drive's values", self.values)
+        object.__setattr__(self, "values", values)
         super().__post_init__()
         names = parameters(self.function)
         if not {*COORDINATES, RATE} & {*names}:
