@@ -100,7 +100,8 @@ MODULES_SEEN = ("tb", "tb.sensors", "tb.laws", "tb.plot", "torchbeam_envs", "bas
 SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
-    "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
+    "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame",
+                              "plastic_frame"),
     "Vibration": ("campbell", "rotor"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (

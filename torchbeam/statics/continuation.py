@@ -33,6 +33,7 @@ from .stability import NEUTRAL, conservative, eigenvalues, sign
 
 REGULAR, LIMIT_POINT, BRANCH_POINT = range(3)
 TURN = 1.0  # rad that a node may turn in one step
+START = 0.5  # rad that a node may turn in the start of a step
 ITERATIONS = 12  # in a step: one that takes more is quicker in two
 EASY = 4  # iterations after which the step stays as it is; fewer, and it grows
 LEAST = 1e-4  # smallest step, as a share of the first
@@ -136,6 +137,8 @@ class Continuation:
             past = self.remembered(now)
             reach = None if first is None else width.abs() * step
             problem, guess = self.problem(now, behind, step, final, leap, goal, reach, past)
+            if past is not None:
+                guess = where(leap, guess, self.led_on(problem, guess, now))
             outcome = newton(
                 problem, guess, going, self.tolerance, ITERATIONS, trust_start=False, foresee=~final
             )
@@ -154,6 +157,7 @@ class Continuation:
             if first is None:
                 beyond = good & ~final & ((factor > self.span[1]) | (factor < self.span[0]))
                 sharp = sharp | (~final & ((self.alike(after, now) < ALIKE) | (chord < ALONG)))
+            sharp = sharp if past is None else no  # where something yields, a path has a corner
             good = good & ~beyond & ~(sharp & ~leap & (step > LEAST * self.step))
             kind = torch.where(good, kind, REGULAR)
             leaps = good & (kind == BRANCH_POINT) & self.branch
@@ -207,6 +211,19 @@ class Continuation:
         bound = torch.where(now.by_factor < 0, *now.factor.new_tensor(self.span))
         goal = torch.where(final, bound - now.factor, step)
         return ArcLengthProblem(loaded, row, by_factor, now.factor, goal, goal.abs()), start
+
+    def led_on(self, problem: ArcLengthProblem, start: PathPoint, now: PathState) -> PathPoint:
+        """A start further along the tangent, as far as the step goes: what yields at the start goes
+        on in the tangent's direction, where Newton's method may take it for elastic else.
+        """
+        _, _, row, missing = problem.residual(start)
+        along = (row * now.move).sum((-1, -2)) + problem.by_factor * now.by_factor
+        turn = now.move[..., self.model.space.dims.position :].abs().amax((-1, -2))
+        share = missing / torch.where(along == 0, torch.inf, along)
+        share = share.clamp(-START / turn, START / turn)
+        move = share[..., None, None] * now.move
+        change = (share * now.by_factor)[..., None, None]
+        return problem.update(start, move, torch.zeros_like(start.stress), change)
 
     def remembered(self, now: PathState) -> Past | None:
         """At an equilibrium."""
