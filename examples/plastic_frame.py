@@ -91,7 +91,9 @@ for k, ratio in enumerate(RATIO.tolist()):
 
 
 def pushed(law: tb.ElastoPlastic | tb.BoucWen) -> tuple[list[float], list[float]]:
-    """Turn and resisting moment of the left foot, in equilibria of pushes to and fro, each from the last."""
+    """Turn (mrad) and resisting moment (N m) of the left foot, pushed to and fro: each equilibrium
+    starts from the last.
+    """
     fro, state = frame(law, tb.Input("push", 3), tb.Input("weight", 3)), None
     turns, moments = [], []
     for k in range(1, 73):

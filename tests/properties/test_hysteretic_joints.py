@@ -203,8 +203,9 @@ def test_the_limit_load_of_a_cantilever(law):
 
 
 def test_a_hinge_that_hardens_is_left_bent():
-    """Loaded to M = P x, x of the tip: p = (M - M_y)/H; unloaded it keeps p; loaded the other way it yields
-    at M = -(M_y - (M - M_y)) by kinematic hardening. Modes of the yielded cantilever are elastic.
+    """Loaded to M = P x, x of the tip: p = (M - M_y)/H; unloaded it keeps p;
+    loaded the other way it yields at M = -(M_y - (M - M_y)), by kinematic hardening. Modes of the
+    yielded cantilever are elastic.
     """
     law = tb.ElastoPlastic(1e4, 10.0, hardening=2e3)
     scene = cantilever(law, tb.Input("force", 3))

@@ -127,9 +127,7 @@ class DrivenJoints(Joints):
             offset = self.c + goal * self.travels - more
         return Driven(step, acting, closing, offset, effort, by, memory)
 
-    def _resistance(
-        self, step: CoordinateStep, of: NodeMotion
-    ) -> tuple[Tensor, Tensor, Tensor]:
+    def _resistance(self, step: CoordinateStep, of: NodeMotion) -> tuple[Tensor, Tensor, Tensor]:
         """Of `own_laws` (..., J, w), which their work over the step is counted by; the derivative
         by the coordinates after it; what joints remember then.
         """

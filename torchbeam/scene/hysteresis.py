@@ -165,8 +165,8 @@ class BoucWen(HystereticLaw):
             raise refusal(f"BoucWen with n = {shown(given[0])}", "n from 1 on")
         if concrete(gamma.abs() > beta).any():
             raise ValueError(
-                f"BoucWen with gamma = {shown(given[2])} beyond beta = {shown(given[1])} was given, "
-                "which would give energy; |gamma| <= beta is wanted"
+                f"BoucWen with gamma = {shown(given[2])} beyond beta = {shown(given[1])} was "
+                "given, which would give energy; |gamma| <= beta is wanted"
             )
 
     def response(self, travel: Travel) -> Response:

@@ -145,8 +145,8 @@ class Hinge(DrivenJoint):
     """Revolute joint: b turns about an axis of a.
 
     Args:
-        torque: N m about the axis on b, its opposite on a: a number, a function of t, an `Input`, or
-            a function of angle, rate and t by these names, see `Drive`
+        torque: N m about the axis on b, its opposite on a: a number, a function of t, an `Input`,
+            or a function of angle, rate and t by these names, see `Drive`
         angle: rad, prescribed likewise
         hysteresis: law with memory of the angle, `ElastoPlastic` or `BoucWen`
 

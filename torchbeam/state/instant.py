@@ -88,7 +88,7 @@ class JointReading(NamedTuple):
 
     @classmethod
     def of(cls, row: Tensor, coordinates: tuple[int, ...]) -> JointReading:
-        """row (..., READINGS or more): coordinates, rates, force, moment; coordinates: which it has."""
+        """row (..., 12 or more): coordinates, rates, force, moment; coordinates: which it has."""
 
         def own(first: int) -> Tensor | None:
             if not coordinates:

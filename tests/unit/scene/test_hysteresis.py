@@ -1,6 +1,7 @@
 """Laws with memory, by themselves: `ElastoPlastic`, `BoucWen`."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def cycled(law, amplitude, cycles, steps):
     """Load, memory after steps (time, *) of a sine from zero; steps: of a quarter."""
     q = amplitude * torch.sin(torch.arange(4 * cycles * steps + 1) * (math.pi / 2 / steps)).double()
     memory, kept, loads = torch.zeros(law.memory).double(), [], []
-    for a, b in zip(q[:-1], q[1:], strict=True):
+    for a, b in pairwise(q):
         response = law.response(Travel(a, b, memory, NOW, STEP))
         memory = response.memory
         kept.append(memory)
