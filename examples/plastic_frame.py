@@ -80,7 +80,8 @@ exact, which = torch.stack(list(mechanisms.values())).min(0)
 CHECK = (path.factor[-1] / exact - 1).abs().max().item()
 EXPECTED, TOLERANCE = 0.0, 5e-3  # of the sway at the end
 
-plastic = torch.stack([joint.memory[-1, :, 0] for joint in path.state.joint], -1).abs()
+hinges = [tb.sensors.JointHysteresis(k)["variable"] for k in range(len(scene.joints))]
+plastic = torch.cat([hinge(path.state[-1]) for hinge in hinges], -1).abs()  # rad
 for k, ratio in enumerate(RATIO.tolist()):
     name = list(mechanisms)[which[k]]
     count = int((plastic[k] > 0.1 * plastic[k].max()).sum())
@@ -100,7 +101,7 @@ def pushed(law: tb.ElastoPlastic | tb.BoucWen) -> tuple[list[float], list[float]
         push = torch.tensor([44.0 * math.sin(k * math.pi / 16), 0, 0])
         inputs = {"push": push, "weight": torch.zeros(3)}
         state = tb.equilibrium(fro, initial=state, inputs=inputs)
-        turns.append(1e3 * state.joint[0].coordinate.item())
+        turns.append(1e3 * tb.sensors.JointCoordinate(0)(state).item())
         moments.append(-state.joint[0].moment[2].item())
     return turns, moments
 
@@ -116,11 +117,10 @@ def draw(path_to: Path = options.picture) -> None:
     curves.legend(title="weight", loc="lower right")
     curves.set_title("Three frames, and collapse loads by virtual work")
     stiff = 20 * EI / H
-    for name, law in {
-        "ElastoPlastic": tb.ElastoPlastic(stiff, M_P, hardening=0.02 * stiff),
-        "BoucWen": tb.BoucWen(stiff, M_P, ratio=0.02, n=2.0),
-    }.items():
-        loops.plot(*pushed(law), lw=1.4, label=name)
+    hardening = tb.ElastoPlastic(stiff, M_P, hardening=0.02 * stiff)
+    smooth = tb.BoucWen(stiff, M_P, ratio=0.02, n=2.0)
+    loops.plot(*pushed(hardening), lw=1.4, label="ElastoPlastic")
+    loops.plot(*pushed(smooth), lw=1.4, label="BoucWen")
     loops.set(xlabel="turn of the left foot (mrad)", ylabel="resisting moment (N m)")
     loops.legend(loc="center")
     loops.set_title("A hinge of a frame that is pushed to and fro")

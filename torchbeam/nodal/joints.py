@@ -127,7 +127,8 @@ class Joints(BetweenNodes):
         self, pose: Pose, before: Tensor, moving: tuple[Tensor, Tensor] | None = None
     ) -> Tensor:
         """(..., J, 12 or more) as in `State`, where nothing is known of forces: turns and memory as
-        `before` has them; velocity and spin of nodes (..., N+1, *), as seen in frame a, None = at rest.
+        `before` has them; velocity and spin of nodes (..., N+1, *), as seen in frame a, None = at
+        rest.
         """
         q = self.coordinate(pose, self.turns(before))
         wrench, memory = before[..., 6:].split((6, before.shape[-1] - READINGS), -1)
