@@ -74,7 +74,8 @@ class DrivenJoints(Joints):
 
     @property
     def smooth(self) -> bool:
-        return not self.limited and not self.has_friction and self.own_laws is None
+        remembers = self.own_laws is not None and self.own_laws.memory > 0
+        return not (self.limited or self.has_friction or remembers)
 
     @property
     def has_friction(self) -> bool:
