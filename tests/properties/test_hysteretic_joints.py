@@ -72,6 +72,33 @@ def test_energy_is_kept_or_lost_to_rounding(law):
     assert (memory[:, 1].diff() >= 0).all() and memory[-1, 1] > 0.2
 
 
+def test_energy_of_bodies_that_tumble():
+    """A body on a hinge that yields, another on it by a skew hinge with a loop, falling in space:
+    kinetic energy, what laws store and have lost, and what gravity has done, to rounding.
+    """
+    bodies = {
+        "first": tb.Body(mass=1.0, inertia=(0.02, 0.03, 0.04), position=(0.3, 0, 0)),
+        "second": tb.Body(mass=0.5, inertia=(0.01, 0.03, 0.02), position=(0.6, 0.2, 0)),
+    }
+    joints = [
+        tb.Hinge(None, ("first", (-0.3, 0.0, 0.0)), axis=(0, 1, 0),
+                 hysteresis=tb.ElastoPlastic(80.0, 1.0, hardening=5.0)),
+        tb.Hinge(("first", (0.1, 0.1, 0.0)), ("second", (-0.2, -0.1, 0.0)), axis=(1, 0, 1),
+                 hysteresis=tb.BoucWen(30.0, 0.3, ratio=0.1, n=2.0)),
+    ]  # fmt: skip
+    scene = tb.Scene(bodies, [G], joints=joints)
+    t = torch.linspace(0, 0.3, 16, dtype=torch.float64)
+    solution = tb.simulate(scene, t, step=0.02, tolerance=1e-13)
+    state = solution.state
+    height = solution.energy.kinetic.new_tensor([1.0, 0.5]) * 9.81 * state.position[..., 2]
+    energy = solution.energy.kinetic + height.sum(-1)
+    for k, joint in enumerate(scene.joints):
+        memory = state.joints[:, k, 12:][:, : joint.hysteresis.memory]
+        energy = energy + joint.hysteresis.stored(state.joints[:, k, 0], memory) + memory[:, 1]
+    assert (state.joints[-1, :, 13] > 0.01).all()
+    assert_close(energy, energy[:1].expand_as(energy), rtol=0, atol=1e-11)
+
+
 def arms(numbers, plane=None):
     """Two arms and a weight on a slider, whose joints yield in their fall; numbers (..., 8)."""
     k, M, H, share, r, n, beta, gamma = numbers.unbind(-1)
