@@ -59,6 +59,7 @@ from .plot.view import View, view
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
+from .scene.bouc_wen import BoucWen
 from .scene.effects import (
     Accelerogram,
     Actuation,
@@ -91,7 +92,7 @@ from .scene.effects import (
     TipLoad,
     rayleigh,
 )
-from .scene.hysteresis import BoucWen, ElastoPlastic
+from .scene.elasto_plastic import ElastoPlastic
 from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
 from .scene.scene import Scene
 from .scene.section import Section

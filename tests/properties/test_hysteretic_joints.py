@@ -339,6 +339,13 @@ def test_a_generator_comes_to_the_speed_that_balances_it():
     assert (errors[1] < 2e-3).all() and (errors[0] / errors[1] > 3.5).all()
 
 
+def test_a_drive_that_mixes_samples_is_refused():
+    c = torch.tensor([0.1, 0.4], dtype=torch.float64)
+    law = tb.Drive(lambda rate, c: -c * (rate + 0.1 * rate.mean()), values={"c": c})
+    with pytest.raises(ValueError, match="mixes the samples"):
+        tb.simulate(wheel(torque=law), [0.0, 0.1], step=0.1, engine="compiled")
+
+
 @pytest.mark.parametrize(
     "make, said",
     [

@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 from ...core.arguments import function as check_function
 from ...core.declared import own, real_numbers
 from ...core.functions_of_time import at_time, taken
-from ...core.leaves import leaf
+from ...core.leaves import leaf, with_values
 from ...core.validation import refusal, shown
 from ..coordinate_law import OwnLaw, Response, Travel, rows
 from .load_point import jacobians
@@ -99,6 +99,15 @@ class Drive(OwnLaw):
         effort = self._effort(q, r, travel.t)
         none = travel.memory[..., :0]
         return Response(-self._at_joint(effort, travel), -self._at_joint(slope, travel), none)
+
+    def mixes(self, batch: torch.Size, like: Tensor) -> bool:
+        """Whether what the function gives the first sample of a batch changes with the others."""
+        q = torch.linspace(0.1, 0.2, batch.numel(), dtype=like.dtype).reshape(*batch, 1)
+        other = q + 0.1 * (q > 0.1)
+        named = {name: x[..., None] for name, x in self.values.items()}
+        alike = with_values(self, values=named, rows=1, at=0)
+        first = (alike._effort(x, 2 * x, like.new_zeros(()))[(0,) * q.ndim] for x in (q, other))
+        return bool((next(first) - next(first)).abs() > 0)
 
     def damper(self, travel: Travel) -> Tensor:
         q = self._own(travel.after)
