@@ -229,6 +229,11 @@ def test_the_limit_load_of_a_cantilever(law):
     assert (lost.diff() >= 0).all()
 
 
+def test_beyond_the_limit_load_there_is_no_equilibrium():
+    with pytest.raises(RuntimeError, match="no equilibrium"):
+        tb.equilibrium(cantilever(tb.ElastoPlastic(1e4, 10.0), (0, 0, 5.5)))
+
+
 def test_a_hinge_that_hardens_is_left_bent():
     """Loaded to M = P x, x of the tip: p = (M - M_y)/H; unloaded it keeps p;
     loaded the other way it yields at M = -(M_y - (M - M_y)), by kinematic hardening. Modes of the

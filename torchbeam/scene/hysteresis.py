@@ -1,4 +1,4 @@
-"""Base of laws with memory of a joint's coordinate q, the angle of a hinge or the travel of a slider.
+"""Base of laws with memory of a joint's coordinate q: the angle of a hinge, the travel of a slider.
 
 A law resists by a load M, a moment or a force, that depends on how q has gone. In a step q goes
 straight from `before` to `after`, and the law's load is a mean for which M (after - before) is what
