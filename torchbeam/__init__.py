@@ -59,6 +59,7 @@ from .plot.view import View, view
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
+from .scene.bouc_wen import BoucWen
 from .scene.effects import (
     Accelerogram,
     Actuation,
@@ -69,6 +70,7 @@ from .scene.effects import (
     Cylinder,
     Damping,
     Drag,
+    Drive,
     Gravity,
     History,
     Input,
@@ -91,6 +93,7 @@ from .scene.effects import (
     Viscoelastic,
     rayleigh,
 )
+from .scene.elasto_plastic import ElastoPlastic
 from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
 from .scene.scene import Scene
 from .scene.section import Section
@@ -119,9 +122,11 @@ if TYPE_CHECKING:  # imported where they are first asked for
 
 # fmt: off
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "BoucWen",
+    "Box",
     "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
-    "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
+    "Damping", "Description", "Design", "Distance", "Drag", "Drive", "ElastoPlastic", "Energy",
+    "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
     "MassDamping", "Measurement", "MixedState",

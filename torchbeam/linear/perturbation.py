@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 from ..core.derivatives import vjp
 from ..core.functions_of_time import rate_along
 from ..core.validation import concrete
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.loads import advanced_rates
 from ..nodal.model import Model
 from ..state.state import State
@@ -111,7 +111,9 @@ class Perturbation:
         held, count = self.state.internal, self.model.internal_states
         held = held if z is None or not count else held + z[..., :count]
         ones = torch.ones(self.shape, dtype=self.axes.dtype, device=self.axes.device)
-        return SteadyProblem(self.model, self.t, inputs, ones, internal=held if count else None)
+        held = held if count else None
+        past = Past.of(self.model.scene, self.state)
+        return SteadyProblem(self.model, self.t, inputs, ones, internal=held, past=past)
 
     def at(
         self,

@@ -18,6 +18,7 @@ from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
+from .drive import Drive
 from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
@@ -60,8 +61,9 @@ from .viscoelastic import Viscoelastic
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
-    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
-    "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
+    "Damping", "Drag", "Drive", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs",
+    "LineLoad", "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement",
+    "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
     "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "Viscoelastic", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
