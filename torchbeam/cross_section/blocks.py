@@ -47,15 +47,20 @@ def _steps(kind: str, length: Tensor, thickness: Tensor, fineness: int) -> Tenso
     if kind in ("first", "last"):
         steps = _graded(length, (ACROSS + 1) * fineness)
         return steps.flip(-1) if kind == "last" else steps
-    half, count = length / 2, REST * fineness
     if kind == "both":
-        steps = _graded(half, ACROSS * fineness)
-    else:
-        reach = half * -torch.expm1(-REACH * thickness / half)
-        rest = ((half - reach) / count)[..., None]
-        near = _graded(reach, ALONG * fineness)
-        lead = torch.broadcast_shapes(near.shape[:-1], rest.shape[:-1])
-        steps = torch.cat((near.expand(*lead, -1), rest.expand(*lead, count)), -1)
+        steps = _graded(length / 2, ACROSS * fineness)
+        return torch.cat((steps, steps.flip(-1)), -1)
+    return along(length, thickness, fineness)
+
+
+def along(length: Tensor, thickness: Tensor, fineness: int) -> Tensor:
+    """(..., n) m, sizes of elements along a wall of a `length` (...) m, finer at its ends."""
+    half, count = length / 2, REST * fineness
+    reach = half * -torch.expm1(-REACH * thickness / half)
+    rest = ((half - reach) / count)[..., None]
+    near = _graded(reach, ALONG * fineness)
+    lead = torch.broadcast_shapes(near.shape[:-1], rest.shape[:-1])
+    steps = torch.cat((near.expand(*lead, -1), rest.expand(*lead, count)), -1)
     return torch.cat((steps, steps.flip(-1)), -1)
 
 

@@ -123,7 +123,7 @@ def bond(R: Tensor) -> Tensor:
     return product + other * (i != j)
 
 
-def turned(material: Any, R: Tensor) -> Tensor:
-    """Stiffness (..., 6, 6) Pa in axes in which the material's own are the columns of R."""
+def turned(stiffness: Tensor, R: Tensor) -> Tensor:
+    """A stiffness (..., 6, 6) Pa in axes in which its own are the columns of R (..., 3, 3)."""
     T = bond(R)
-    return T @ material.stiffness @ T.mT
+    return T @ stiffness @ T.mT

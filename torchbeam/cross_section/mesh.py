@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .material import Material, turned
+from .material import Material
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,3 @@ def with_middles(x: Tensor) -> Tensor:
     """(..., 2 n + 1) of (..., n + 1): the means of neighbours between them."""
     middle = (x[..., 1:] + x[..., :-1]) / 2
     return torch.cat((torch.stack((x[..., :-1], middle), -1).flatten(-2), x[..., -1:]), -1)
-
-
-def turned_plies(materials: list[Material], axes: Tensor) -> Tensor:
-    """(..., e, 6, 6) of a material and axes (..., e, 3, 3) for each element."""
-    each = [turned(m, axes[..., k, :, :]) for k, m in enumerate(materials)]
-    return torch.stack(torch.broadcast_tensors(*each), -3)
