@@ -23,7 +23,7 @@ from ..core.validation import (
     refusal,
 )
 from . import blocks
-from .laminate import laminate, thin_walled
+from .walls import laminate, thin_walled
 from .material import Material, bond
 from .mesh import Mesh, of_one_material
 from .polygon import polygon
