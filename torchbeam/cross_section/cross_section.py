@@ -203,13 +203,13 @@ class CrossSection:
         """
         fineness = check_count("fineness", fineness)
         material = Material(E=E, nu=nu, rho=rho)
-        corners = [_points(name, x) for name, x in (("points", points), *(("a hole", h) for h in holes))]
+        corners = [
+            _points(name, x) for name, x in (("points", points), *(("a hole", h) for h in holes))
+        ]
         return cls.of(polygon(corners, material, fineness))
 
     @classmethod
-    def laminate(
-        cls, plies: Sequence[Any], width: Value, fineness: int = 1
-    ) -> CrossSection:
+    def laminate(cls, plies: Sequence[Any], width: Value, fineness: int = 1) -> CrossSection:
         """Flat strip of plies, `width` (...) m along y, stacked along +z about its middle.
 
         Args:
@@ -266,5 +266,7 @@ def _more(small: str, a: Tensor, large: str, b: Tensor) -> None:
 def _points(name: str, value: Value) -> Tensor:
     points = axis_last(name, finite(name, as_tensor(value, *common_dtype(value))), 2)
     if points.ndim < 2 or points.shape[-2] < 3:
-        raise refusal(f"{name} of shape {tuple(points.shape)}", "(..., n, 2) of three or more corners")
+        raise refusal(
+            f"{name} of shape {tuple(points.shape)}", "(..., n, 2) of three or more corners"
+        )
     return points

@@ -34,9 +34,7 @@ class Mesh:
     offset: bool = True
 
 
-def of_one_material(
-    nodes: Tensor, cells: Tensor, material: Material, **symmetry: Any
-) -> Mesh:
+def of_one_material(nodes: Tensor, cells: Tensor, material: Material, **symmetry: Any) -> Mesh:
     """A mesh of one material, whose axis 1 is x, 2 is y and 3 is z."""
     eye = torch.eye(3, dtype=nodes.dtype, device=nodes.device)[None]
     stiffness, density = material.stiffness[..., None, :, :], material.rho[..., None]

@@ -32,7 +32,11 @@ def polygon(corners: list[Tensor], material: Material, fineness: int) -> Mesh:
     )  # fmt: skip
     joined = np.concatenate(parts)
     holes = np.concatenate(parts[1:]) if len(parts) > 1 else joined[:0]
-    if area <= 0 or crossing(joined, edges) or not within(holes, joined, edges[: len(parts[0])]).all():
+    if (
+        area <= 0
+        or crossing(joined, edges)
+        or not within(holes, joined, edges[: len(parts[0])]).all()
+    ):
         raise refusal(
             "a polygon whose edges cross or touch, or a hole outside of it",
             "edges that meet at corners alone",

@@ -28,7 +28,9 @@ class Triangulation:
     def __init__(self, polygons: list[Array], size: float) -> None:
         first = np.cumsum([0, *map(len, polygons)])
         self.corners = np.concatenate(polygons)
-        follow = np.concatenate([np.roll(np.arange(a, b), -1) for a, b in zip(first, first[1:], strict=False)])
+        follow = np.concatenate(
+            [np.roll(np.arange(a, b), -1) for a, b in zip(first, first[1:], strict=False)]
+        )
         self.edges = np.stack((np.arange(first[-1]), follow), 1)  # of the polygons
         self.points, self.size = self.corners.copy(), size
         self.edge, self.share = np.arange(first[-1]), np.zeros(first[-1])
@@ -79,7 +81,9 @@ class Triangulation:
             self._split(which)
 
     def _lengths(self) -> Array:
-        return np.linalg.norm(self.points[self.pieces[:, 1]] - self.points[self.pieces[:, 0]], axis=1)
+        return np.linalg.norm(
+            self.points[self.pieces[:, 1]] - self.points[self.pieces[:, 0]], axis=1
+        )
 
     def _split_encroached(self) -> None:
         from scipy.spatial import cKDTree
@@ -170,5 +174,7 @@ def crossing(corners: Array, edges: Array) -> bool:
     i, j = i[apart], j[apart]
     one = side(p[i], q[i], p[j]) * side(p[i], q[i], q[j])
     other = side(p[j], q[j], p[i]) * side(p[j], q[j], q[i])
-    box = (np.minimum(p, q)[i] <= np.maximum(p, q)[j]) & (np.minimum(p, q)[j] <= np.maximum(p, q)[i])
+    box = (np.minimum(p, q)[i] <= np.maximum(p, q)[j]) & (
+        np.minimum(p, q)[j] <= np.maximum(p, q)[i]
+    )
     return bool(((one <= 0) & (other <= 0) & box.all(1)).any())

@@ -15,7 +15,15 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import choice, instance
-from ..core.validation import as_tensor, axis_last, common_dtype, concrete, finite, positive, refusal
+from ..core.validation import (
+    as_tensor,
+    axis_last,
+    common_dtype,
+    concrete,
+    finite,
+    positive,
+    refusal,
+)
 from .blocks import along
 from .material import Material, turned
 from .mesh import Mesh, grid, ply_axes, with_middles
@@ -113,7 +121,9 @@ def _wall(wall: Any, first: float) -> Wall:
 
 def _meet(walls: list[Wall]) -> None:
     """Rows of places of all walls' stations."""
-    known = [concrete(wall.points).detach().reshape(-1, *wall.points.shape[-2:])[0] for wall in walls]
+    known = [
+        concrete(wall.points).detach().reshape(-1, *wall.points.shape[-2:])[0] for wall in walls
+    ]
     size = torch.cat(known).aminmax(dim=0)
     near = MEETING * (size.max - size.min).max()
     places: list[Tensor] = []
@@ -152,7 +162,10 @@ def _meet(walls: list[Wall]) -> None:
         else:
             wall, station = meeting[0]
             direction, offsets = wall.end(station)
-            row = wall.points[..., station, None, :] + offsets[..., None] * _left(direction)[..., None, :]
+            row = (
+                wall.points[..., station, None, :]
+                + offsets[..., None] * _left(direction)[..., None, :]
+            )
             wall.rows[station] = row if station == 0 else row.flip(-2)
 
 
@@ -254,11 +267,19 @@ def _strip(wall: Wall, fineness: int) -> tuple[Tensor, Tensor, Tensor, Tensor, T
     i, j = torch.meshgrid(i, torch.arange(plies).repeat_interleave(across), indexing="ij")
     i, j = i.reshape(-1).to(lattice.device), j.reshape(-1).to(lattice.device)
     axes = [ply_axes(angle[..., None], tangent) for angle in wall.angle]
-    stiffness = [turned(m.stiffness[..., None, :, :], R) for m, R in zip(wall.material, axes, strict=True)]
+    stiffness = [
+        turned(m.stiffness[..., None, :, :], R) for m, R in zip(wall.material, axes, strict=True)
+    ]
     axes = torch.stack(torch.broadcast_tensors(*axes), -3)  # (..., intervals, plies, 3, 3)
     stiffness = torch.stack(torch.broadcast_tensors(*stiffness), -3)
     density = torch.stack(torch.broadcast_tensors(*(m.rho for m in wall.material)), -1)
-    return lattice.flatten(-3, -2), cells, stiffness[..., i, j, :, :], density[..., j], axes[..., i, j, :, :]
+    return (
+        lattice.flatten(-3, -2),
+        cells,
+        stiffness[..., i, j, :, :],
+        density[..., j],
+        axes[..., i, j, :, :],
+    )
 
 
 def _steps(length: Tensor, thickness: Tensor, segments: int, fineness: int) -> Tensor:
@@ -281,9 +302,14 @@ def _merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
 
     every = concrete(nodes).detach().reshape(-1, *nodes.shape[-2:])
     size = (every[0].amax(0) - every[0].amin(0)).max()
-    pairs = cKDTree(every[0].cpu().numpy()).query_pairs(float(MEETING * size), output_type="ndarray")
+    pairs = cKDTree(every[0].cpu().numpy()).query_pairs(
+        float(MEETING * size), output_type="ndarray"
+    )
     pairs = torch.from_numpy(pairs)
-    if pairs.numel() and ((every[:, pairs[:, 0]] - every[:, pairs[:, 1]]).abs() > 1e3 * MEETING * size).any():
+    if (
+        pairs.numel()
+        and ((every[:, pairs[:, 0]] - every[:, pairs[:, 1]]).abs() > 1e3 * MEETING * size).any()
+    ):
         raise refusal("walls that meet in some samples alone", "the same meetings in all", are=True)
     same = torch.arange(every.shape[1])
     for a, b in sorted(pairs.tolist()):

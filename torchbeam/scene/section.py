@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -265,6 +266,119 @@ class Section(Tree):
         G = E / (2 * (1 + nu))
         I = math.pi * radius**4 / 4
         return cls._solid(E, G, rho, math.pi * radius**2, SHEAR_FACTOR_CIRCLE, I, I, 2 * I)
+
+    @classmethod
+    def from_cross_section(cls, cross: Any) -> Section:
+        """Section of a `CrossSection`, about the origin of its coordinates.
+
+        Terms that the symmetry of the shape excludes are absent: a tube, a box and an I have no
+        coupled stiffness, and only a polygon, a laminate and walls have their centre of mass off
+        the origin.
+
+        Examples:
+            >>> cross = tb.CrossSection.angle(
+            ...     width=0.05, height=0.05, thickness=5e-3, E=70e9, nu=0.3, rho=2700.0
+            ... )
+            >>> y, z = cross.shear_centre
+            >>> section = tb.Section.from_cross_section(cross).shifted(y, z)
+        """
+        coupled, offset = cross.mesh.coupled, cross.mesh.offset
+        S, mass = cross.compliance, cross.mass
+        if not coupled:
+            S, mass = (torch.diag_embed(x.diagonal(dim1=-2, dim2=-1)) for x in (S, mass))
+        elif not offset:
+            top, low = mass[..., :3, :3], mass[..., 3:, 3:]
+            mass = _blocks(top, torch.zeros_like(top), torch.zeros_like(top), low)
+        return cls(S, mass).declared(coupled, offset, True)
+
+    @classmethod
+    def tube(
+        cls, outer: Value, inner: Value, E: Value, nu: Value, rho: Value, fineness: int = 1
+    ) -> Section:
+        """Circular tube between two radii (m), about its centre. This and what follows are solved
+        by finite elements, see `CrossSection`; `fineness` multiplies their number each way.
+
+        Examples:
+            >>> mast = tb.Section.tube(outer=0.05, inner=0.045, E=70e9, nu=0.33, rho=2700.0)
+        """
+        return cls._solved("tube", outer, inner, E, nu, rho, fineness=fineness)
+
+    @classmethod
+    def box(
+        cls, width: Value, height: Value, thickness: Value, E: Value, nu: Value, rho: Value,
+        fineness: int = 1,
+    ) -> Section:  # fmt: skip
+        """Rectangular tube of outer width (along y) and height (along z), about its centre (m)."""
+        return cls._solved("box", width, height, thickness, E, nu, rho, fineness=fineness)
+
+    @classmethod
+    def i_beam(
+        cls, width: Value, height: Value, flange: Value, web: Value, E: Value, nu: Value,
+        rho: Value, fineness: int = 1,
+    ) -> Section:  # fmt: skip
+        """I with flanges along y and a web along z, of these thicknesses (m), about its centre."""
+        return cls._solved("i_beam", width, height, flange, web, E, nu, rho, fineness=fineness)
+
+    @classmethod
+    def channel(
+        cls, width: Value, height: Value, flange: Value, web: Value, E: Value, nu: Value,
+        rho: Value, fineness: int = 1,
+    ) -> Section:  # fmt: skip
+        """Channel: a web along z, flanges from it along +y (m), about its centroid."""
+        return cls._solved("channel", width, height, flange, web, E, nu, rho, fineness=fineness)
+
+    @classmethod
+    def angle(
+        cls, width: Value, height: Value, thickness: Value, E: Value, nu: Value, rho: Value,
+        fineness: int = 1,
+    ) -> Section:  # fmt: skip
+        """Angle: legs along +y and +z from their corner (m), about its centroid."""
+        return cls._solved("angle", width, height, thickness, E, nu, rho, fineness=fineness)
+
+    @classmethod
+    def polygon(
+        cls, points: Value, E: Value, nu: Value, rho: Value, holes: Sequence[Value] = (),
+        fineness: int = 1,
+    ) -> Section:  # fmt: skip
+        """Polygon of corners (..., n, 2) m, y and z, with holes likewise, about their origin.
+
+        Examples:
+            >>> wedge = tb.Section.polygon(
+            ...     [(0, 0), (0.1, 0), (0.1, 0.02)], E=3e9, nu=0.35, rho=1200.0
+            ... )
+        """
+        return cls._solved("polygon", points, E, nu, rho, holes=holes, fineness=fineness)
+
+    @classmethod
+    def laminate(cls, plies: Sequence[Any], width: Value, fineness: int = 1) -> Section:
+        """Flat strip of plies (thickness m, angle rad, material) from the lowest up along z,
+        `width` (m) along y, about its middle. Angles go from x towards y.
+
+        Examples:
+            >>> carbon = tb.Material(
+            ...     E1=142e9, E2=9.8e9, E3=9.8e9, G12=6e9, G13=6e9, G23=4.8e9,
+            ...     nu12=0.3, nu13=0.3, nu23=0.34, rho=1600.0,
+            ... )
+            >>> strip = tb.Section.laminate([(1e-3, 0.3, carbon), (1e-3, -0.3, carbon)], width=0.03)
+        """
+        return cls._solved("laminate", plies, width, fineness=fineness)
+
+    @classmethod
+    def thin_walled(
+        cls, walls: Sequence[Any], line: str = "middle", fineness: int = 1
+    ) -> Section:  # fmt: skip
+        """Walls (points, plies) along lines of (..., n, 2) m, y and z, about their origin.
+
+        See `CrossSection.thin_walled` for how plies are stacked, and where walls may meet.
+        """
+        return cls._solved("thin_walled", walls, line=line, fineness=fineness)
+
+    @classmethod
+    def _solved(cls, shape: str, *args: Any, **options: Any) -> Section:
+        """Of a shape that `CrossSection` knows, which is imported where it is first asked for."""
+        from ..cross_section import CrossSection
+
+        return cls.from_cross_section(getattr(CrossSection, shape)(*args, **options))
 
     @classmethod
     def _solid(cls, E, G, rho, A, shear_factor, I_y, I_z, J) -> Section:
