@@ -23,11 +23,11 @@ from ..core.validation import (
     refusal,
 )
 from . import blocks
-from .walls import laminate, thin_walled
 from .material import Material, bond
 from .mesh import Mesh, of_one_material
 from .polygon import polygon
 from .tube import tube
+from .walls import laminate, thin_walled
 from .warping import solution
 
 AXES = "section", "material"
