@@ -94,7 +94,9 @@ class CrossSection:
 
     @property
     def shear_centre(self) -> Tensor:
-        """(..., 2) m, y and z where a transverse force does not twist the section."""
+        """(..., 2) m, y and z where a transverse force does not twist the section: the centre of
+        Trefftz, where shear and torsion share no energy.
+        """
         S = self.compliance
         return torch.stack((-S[..., 3, 2], S[..., 3, 1]), -1) / S[..., 3, 3, None]
 
@@ -259,8 +261,9 @@ def _lengths(**values: Value) -> tuple[Tensor, ...]:
 
 def _more(small: str, a: Tensor, large: str, b: Tensor) -> None:
     if not concrete(a < b).all():
-        raise refusal(f"{small} of {concrete(a).max().item():g} m and {large} of "
-                      f"{concrete(b).min().item():g} m", f"{small} below {large}", were=True)  # fmt: skip
+        lengths = f"{small} of {concrete(a).max().item():g} m and {large} of "
+        lengths += f"{concrete(b).min().item():g} m"
+        raise refusal(lengths, f"{small} below {large}", were=True)
 
 
 def _points(name: str, value: Value) -> Tensor:

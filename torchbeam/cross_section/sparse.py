@@ -13,6 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..math.concrete import concrete
+
 
 class Factors:
     """The unknowns of elements, and factors of the matrices that were assembled with them.
@@ -27,7 +29,7 @@ class Factors:
         self.free = np.flatnonzero(free)
         number = np.full(size, -1)
         number[self.free] = np.arange(len(self.free))
-        local = number[dofs.cpu().numpy()]  # (e, d)
+        local = number[concrete(dofs).cpu().numpy()]  # (e, d)
         rows = np.broadcast_to(local[:, :, None], (*local.shape, local.shape[1])).reshape(-1)
         columns = np.broadcast_to(local[:, None, :], (*local.shape, local.shape[1])).reshape(-1)
         self.use = np.flatnonzero((rows >= 0) & (columns >= 0))

@@ -1,14 +1,16 @@
 """Triangulation of a polygon with holes, by Delaunay refinement.
 
-Points go in until no triangle is too large or too flat: at the centre of its circumcircle, or, where
-that would come too near to an edge of the boundary, at the middle of the edge (Ruppert 1995, "A
-Delaunay refinement algorithm for quality 2-dimensional mesh generation"). Edges whose diametral
+Points go in until no triangle is too large or too flat: at the centre of its circumcircle, or,
+where that would come too near to an edge of the boundary, at the middle of the edge (Ruppert 1995,
+"A Delaunay refinement algorithm for quality 2-dimensional mesh generation"). Edges whose diametral
 circles are empty are edges of every Delaunay triangulation, which scipy (Qhull) gives; so no
 constrained one is needed, and no mesher: of those with wheels `triangle` is not free for commercial
 use, and `gmsh` is under the GPL.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,9 +30,8 @@ class Triangulation:
     def __init__(self, polygons: list[Array], size: float) -> None:
         first = np.cumsum([0, *map(len, polygons)])
         self.corners = np.concatenate(polygons)
-        follow = np.concatenate(
-            [np.roll(np.arange(a, b), -1) for a, b in zip(first, first[1:], strict=False)]
-        )
+        rings = [np.roll(np.arange(a, b), -1) for a, b in pairwise(first)]
+        follow = np.concatenate(rings)
         self.edges = np.stack((np.arange(first[-1]), follow), 1)  # of the polygons
         self.points, self.size = self.corners.copy(), size
         self.edge, self.share = np.arange(first[-1]), np.zeros(first[-1])

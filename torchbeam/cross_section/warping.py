@@ -26,6 +26,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..math.concrete import concrete
 from ..math.quaternions import skew
 from .elements import rule
 from .mesh import Mesh
@@ -151,8 +152,6 @@ def _unknowns(nodes: Tensor, cells: Tensor) -> tuple[Tensor, int, list[int]]:
     """Numbers (e, 3 k) of the elements' unknowns, how many there are, and four that are held: three
     of a node and the one across of a far node that no rigid motion of the section then leaves.
     """
-    from ..core.validation import concrete
-
     known = concrete(nodes).detach().reshape(-1, *nodes.shape[-2:])[0]
     arm = known - known[0]
     far = int(arm.square().sum(-1).argmax())

@@ -67,7 +67,7 @@ def cross_section(
         ax.plot(y, z, marker, color="k", ms=7, label=label)
     ax.set(aspect="equal", xlabel="y, m", ylabel="z, m")
     ax.autoscale_view()
-    ax.legend(loc="upper right", fontsize=8)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8)
     return ax
 
 
