@@ -6,7 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..core.validation import broadcast, concrete, refusal
+from ..core.validation import broadcast, refusal
+from .elements import plain
 from .material import Material
 from .mesh import Mesh, of_one_material
 from .triangulation import Triangulation, crossing, within
@@ -23,14 +24,13 @@ def polygon(corners: list[Tensor], material: Material, fineness: int) -> Mesh:
     """
     lead = broadcast("polygons", *(x.shape[:-2] for x in corners))
     whole = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in corners], -2)
-    first = concrete(whole).detach().reshape(-1, *whole.shape[-2:])[0]
-    parts = [x.cpu().numpy() for x in first.split([x.shape[-2] for x in corners])]
+    joined = plain(whole).reshape(-1, *whole.shape[-2:])[0]
+    parts = np.split(joined, np.cumsum([x.shape[-2] for x in corners])[:-1])
     area = abs(_area(parts[0])) - sum(abs(_area(x)) for x in parts[1:])
     edges = np.concatenate(
         [np.stack((np.arange(len(x)), np.roll(np.arange(len(x)), -1)), 1) + n
          for x, n in zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)]
     )  # fmt: skip
-    joined = np.concatenate(parts)
     holes = np.concatenate(parts[1:]) if len(parts) > 1 else joined[:0]
     if (
         area <= 0
@@ -44,10 +44,10 @@ def polygon(corners: list[Tensor], material: Material, fineness: int) -> Mesh:
         )
     mesh = Triangulation(parts, float(np.sqrt(2.3 * area / ELEMENTS)) / fineness)
     cells, sides = _with_sides(mesh.triangles, len(mesh.points))
-    follow = _following(mesh)  # (p, corners)
-    follow = torch.from_numpy(np.concatenate((follow, follow[sides].mean(1)))).to(first)
+    follow, first = _following(mesh), torch.from_numpy(joined).to(whole)
+    follow = torch.from_numpy(np.concatenate((follow, follow[sides].mean(1)))).to(whole)
     places = np.concatenate((mesh.points, mesh.points[sides].mean(1)))
-    nodes = torch.from_numpy(places).to(first) + follow @ (whole - first)
+    nodes = torch.from_numpy(places).to(whole) + follow @ (whole - first)
     return of_one_material(nodes, torch.from_numpy(cells), material)
 
 

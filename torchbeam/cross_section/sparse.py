@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..math.concrete import concrete
+from .elements import plain
 
 
 class Factors:
@@ -23,18 +23,23 @@ class Factors:
     """
 
     def __init__(self, dofs: Tensor, size: int, held: list[int]) -> None:
-        self.dofs, self.size = dofs, size
+        self.numbers, self.device, self.size = plain(dofs), dofs.device, size
         free = np.ones(size, dtype=bool)
         free[held] = False
         self.free = np.flatnonzero(free)
         number = np.full(size, -1)
         number[self.free] = np.arange(len(self.free))
-        local = number[concrete(dofs).cpu().numpy()]  # (e, d)
+        local = number[self.numbers]
         rows = np.broadcast_to(local[:, :, None], (*local.shape, local.shape[1])).reshape(-1)
         columns = np.broadcast_to(local[:, None, :], (*local.shape, local.shape[1])).reshape(-1)
         self.use = np.flatnonzero((rows >= 0) & (columns >= 0))
         self.rows, self.columns = rows[self.use], columns[self.use]
         self.factors: list[Any] = []
+
+    @property
+    def dofs(self) -> Tensor:
+        """Made where it is used: torch.func keeps tensors to the level at which they came."""
+        return torch.from_numpy(self.numbers).to(self.device)
 
     def solve(self, elements: Tensor, right: Tensor) -> Tensor:
         """x (b, n, m) of the system of elements (b, e, d, d) and right (b, n, m)."""

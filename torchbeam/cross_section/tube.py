@@ -9,7 +9,7 @@ from torch import Tensor
 
 from .mesh import grid
 
-AROUND, THROUGH = 24, 2  # elements
+AROUND, THROUGH = 24, 3  # elements
 
 
 def tube(outer: Tensor, inner: Tensor, fineness: int) -> tuple[Tensor, Tensor]:

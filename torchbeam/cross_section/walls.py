@@ -11,20 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ..core.arguments import choice, instance
-from ..core.validation import (
-    as_tensor,
-    axis_last,
-    common_dtype,
-    concrete,
-    finite,
-    positive,
-    refusal,
-)
+from ..core.validation import as_tensor, axis_last, common_dtype, finite, positive, refusal
 from .blocks import along
+from .elements import plain
 from .material import Material, turned
 from .mesh import Mesh, grid, ply_axes, with_middles
 
@@ -121,17 +115,14 @@ def _wall(wall: Any, first: float) -> Wall:
 
 def _meet(walls: list[Wall]) -> None:
     """Rows of places of all walls' stations."""
-    known = [
-        concrete(wall.points).detach().reshape(-1, *wall.points.shape[-2:])[0] for wall in walls
-    ]
-    size = torch.cat(known).aminmax(dim=0)
-    near = MEETING * (size.max - size.min).max()
-    places: list[Tensor] = []
+    known = [plain(wall.points).reshape(-1, *wall.points.shape[-2:])[0] for wall in walls]
+    near = MEETING * np.ptp(np.concatenate(known), axis=0).max()
+    places: list[np.ndarray] = []
     passing: dict[int, tuple[Wall, int]] = {}
     ends: dict[int, list[tuple[Wall, int]]] = {}
     for wall, points in zip(walls, known, strict=True):
         for p in points:
-            same = [k for k, q in enumerate(places) if (p - q).norm() <= near]
+            same = [k for k, q in enumerate(places) if np.linalg.norm(p - q) <= near]
             wall.vertices.append(same[0] if same else len(places))
             places += [] if same else [p]
         if any(a == b for a, b in zip(wall.vertices, wall.vertices[1:], strict=False)):
@@ -186,7 +177,7 @@ def _mitre(a: Wall, i: int, b: Wall, j: int) -> Tensor:
     middle, half = (d_come + d_go)[..., None] / 2, (d_come - d_go)[..., None] / 2
     n, m = n[..., None, :], m[..., None, :]
     row = middle * (n + m) / (1 + cosine)
-    if (concrete(cosine) < SMOOTH).any():  # lines that differ in thickness meet at their crossing
+    if (plain(cosine) < SMOOTH).any():  # lines that differ in thickness meet at their crossing
         row = row + half * (n - m) / (1 - cosine)
     row = place[..., None, :] + row
     return row.flip(-2) if a is not b and i == 0 else row
@@ -198,7 +189,7 @@ def _stand(wall: Wall, station: int, base: Wall, k: int) -> None:
     count = len(base.vertices) - 1
     come, go = base.direction[..., (k - 1) % count, :], base.direction[..., k, :]
     along_base = torch.nn.functional.normalize(come + go, dim=-1)
-    left = bool((concrete((away * _left(along_base)).sum(-1)) > 0).all())
+    left = bool((plain((away * _left(along_base)).sum(-1)) > 0).all())
     row, place = base.rows[k], base.points[..., k, :]
     face = (row[..., -1 if left else 0, :] - place)[..., None, :]
     # place + offset n + lambda away = place + face + s along
@@ -207,7 +198,7 @@ def _stand(wall: Wall, station: int, base: Wall, k: int) -> None:
     feet = s[..., None] * along_base[..., None, :]  # by the wall's order away from its end
     ends = place[..., None, :] + face + feet
     wall.rows[station] = ends if station == 0 else ends.flip(-2)
-    backward = bool((concrete(s[..., 0]) > concrete(s[..., -1])).all())
+    backward = bool((plain(s[..., 0]) > plain(s[..., -1])).all())
     base.feet[k] = row[..., None, :, :] + (feet.flip(-2) if backward else feet)[..., None, :]
 
 
@@ -300,16 +291,12 @@ def _merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
     """Nodes and cells with one node for those that lie at one place."""
     from scipy.spatial import cKDTree
 
-    every = concrete(nodes).detach().reshape(-1, *nodes.shape[-2:])
-    size = (every[0].amax(0) - every[0].amin(0)).max()
-    pairs = cKDTree(every[0].cpu().numpy()).query_pairs(
-        float(MEETING * size), output_type="ndarray"
-    )
-    pairs = torch.from_numpy(pairs)
-    if (
-        pairs.numel()
-        and ((every[:, pairs[:, 0]] - every[:, pairs[:, 1]]).abs() > 1e3 * MEETING * size).any()
-    ):
+    every = plain(nodes)
+    every = every.reshape(-1, *every.shape[-2:])
+    size = np.ptp(every[0], axis=0).max()
+    pairs = cKDTree(every[0]).query_pairs(MEETING * size, output_type="ndarray")
+    apart = np.abs(every[:, pairs[:, 0]] - every[:, pairs[:, 1]])
+    if apart.max(initial=0.0) > 1e3 * MEETING * size:
         raise refusal("walls that meet in some samples alone", "the same meetings in all", are=True)
     same = torch.arange(every.shape[1])
     for a, b in sorted(pairs.tolist()):

@@ -26,9 +26,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..math.concrete import concrete
 from ..math.quaternions import skew
-from .elements import rule
+from .elements import plain, rule
 from .mesh import Mesh
 from .sparse import Factors, solve
 
@@ -152,9 +151,9 @@ def _unknowns(nodes: Tensor, cells: Tensor) -> tuple[Tensor, int, list[int]]:
     """Numbers (e, 3 k) of the elements' unknowns, how many there are, and four that are held: three
     of a node and the one across of a far node that no rigid motion of the section then leaves.
     """
-    known = concrete(nodes).detach().reshape(-1, *nodes.shape[-2:])[0]
+    known = plain(nodes).reshape(-1, *nodes.shape[-2:])[0]
     arm = known - known[0]
-    far = int(arm.square().sum(-1).argmax())
-    across = 2 if arm[far, 0].abs() > arm[far, 1].abs() else 1
+    far = int((arm**2).sum(-1).argmax())
+    across = 2 if abs(arm[far, 0]) > abs(arm[far, 1]) else 1
     dofs = (3 * cells[..., None] + torch.arange(3, device=cells.device)).flatten(-2)
     return dofs, 3 * nodes.shape[-2], [0, 1, 2, 3 * far + across]
