@@ -9,8 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import choice
-from ..core.arguments import count as check_count
+from ..core.arguments import choice, count, some
 from ..core.summary import kind, lines, span
 from ..core.validation import (
     Value,
@@ -21,6 +20,7 @@ from ..core.validation import (
     finite,
     positive,
     refusal,
+    shown,
 )
 from . import blocks
 from .material import Material, bond
@@ -31,6 +31,7 @@ from .walls import laminate, thin_walled
 from .warping import solution
 
 AXES = "section", "material"
+FINEST = 8  # 64 times the elements
 
 
 @dataclass(frozen=True)
@@ -69,13 +70,8 @@ class CrossSection:
 
     @classmethod
     def of(cls, mesh: Mesh) -> CrossSection:
-        """The solution of a mesh. Raises ValueError where an element is turned inside out."""
-        result = cls(mesh, *solution(mesh))
-        if (concrete(result.area) <= 0).any():
-            raise refusal(
-                "a shape whose elements overlap", "walls that leave room for each other", are=True
-            )
-        return result
+        """The solution of a mesh. Raises ValueError where elements overlap or have no area."""
+        return cls(mesh, *solution(mesh))
 
     def __repr__(self) -> str:
         area = self.area.sum((-2, -1))
@@ -203,11 +199,11 @@ class CrossSection:
         Raises:
             ValueError: for fewer than three corners, edges that cross, or a hole outside.
         """
-        fineness = check_count("fineness", fineness)
+        fineness = _fineness(fineness)
         material = Material(E=E, nu=nu, rho=rho)
-        corners = [
-            _points(name, x) for name, x in (("points", points), *(("a hole", h) for h in holes))
-        ]
+        if not isinstance(holes, (list, tuple)):
+            raise refusal(f"holes = {shown(holes)}", "a list of polygons")
+        corners = [_points("points", points), *(_points("a hole", hole) for hole in holes)]
         return cls.of(polygon(corners, material, fineness))
 
     @classmethod
@@ -218,7 +214,7 @@ class CrossSection:
             plies: from the lowest: each (thickness m, angle rad, material); the angle goes from x
                 towards y
         """
-        return cls.of(laminate(plies, *_lengths(width=width), check_count("fineness", fineness)))
+        return cls.of(laminate(plies, *_lengths(width=width), _fineness(fineness)))
 
     @classmethod
     def thin_walled(
@@ -240,7 +236,7 @@ class CrossSection:
         Raises:
             ValueError: for walls that meet otherwise, or leave no room for each other.
         """
-        return cls.of(thin_walled(walls, line, check_count("fineness", fineness)))
+        return cls.of(thin_walled(walls, line, _fineness(fineness)))
 
     @classmethod
     def _plain(
@@ -248,15 +244,21 @@ class CrossSection:
         coupled: bool = True,
     ) -> CrossSection:  # fmt: skip
         """Of one isotropic material, about its centroid."""
-        nodes, cells = shape(*sizes, check_count("fineness", fineness))
+        nodes, cells = shape(*sizes, _fineness(fineness))
         material = Material(E=E, nu=nu, rho=rho)
         return cls.of(of_one_material(nodes, cells, material, coupled=coupled, offset=False))
+
+
+def _fineness(value: int) -> int:
+    if count("fineness", value) > FINEST:
+        raise refusal(f"fineness = {shown(value)}", f"a whole number up to {FINEST}")
+    return value
 
 
 def _lengths(**values: Value) -> tuple[Tensor, ...]:
     dtype, device = common_dtype(*values.values())
     tensors = {name: as_tensor(x, dtype, device) for name, x in values.items()}
-    return torch.broadcast_tensors(*(positive(name, x) for name, x in tensors.items()))
+    return torch.broadcast_tensors(*(positive(name, some(name, x)) for name, x in tensors.items()))
 
 
 def _more(small: str, a: Tensor, large: str, b: Tensor) -> None:
@@ -267,7 +269,8 @@ def _more(small: str, a: Tensor, large: str, b: Tensor) -> None:
 
 
 def _points(name: str, value: Value) -> Tensor:
-    points = axis_last(name, finite(name, as_tensor(value, *common_dtype(value))), 2)
+    points = some(name, as_tensor(value, *common_dtype(value)))
+    points = axis_last(name, finite(name, points), 2)
     if points.ndim < 2 or points.shape[-2] < 3:
         raise refusal(
             f"{name} of shape {tuple(points.shape)}", "(..., n, 2) of three or more corners"

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.validation import refusal
 from .elements import plain
 
 
@@ -53,12 +54,17 @@ class Factors:
             for row in entries:
                 matrix = coo_matrix((row, (self.rows, self.columns)), shape=(n, n)).tocsc()
                 matrix.eliminate_zeros()  # where warping across the plane and in it go apart
-                factor = splu(
-                    matrix,
-                    permc_spec="MMD_AT_PLUS_A",
-                    diag_pivot_thresh=0.0,
-                    options=dict(SymmetricMode=True),
-                )
+                try:
+                    factor = splu(
+                        matrix,
+                        permc_spec="MMD_AT_PLUS_A",
+                        diag_pivot_thresh=0.0,
+                        options=dict(SymmetricMode=True),
+                    )
+                except RuntimeError:  # exactly singular
+                    raise refusal(
+                        "a cross-section in parts that do not hold together", "a connected one"
+                    ) from None
                 self.factors.append(factor)
         known = right.detach().cpu().numpy()[:, self.free]
         x = np.zeros(right.shape)

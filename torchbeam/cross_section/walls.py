@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..core.arguments import choice, instance
-from ..core.validation import as_tensor, axis_last, common_dtype, finite, positive, refusal
+from ..core.arguments import choice, instance, some
+from ..core.validation import as_tensor, axis_last, common_dtype, finite, positive, refusal, shown
 from .blocks import along
 from .elements import plain
 from .material import Material, turned
@@ -71,9 +71,9 @@ class Wall:
 def thin_walled(walls: Sequence[Any], line: str, fineness: int) -> Mesh:
     """The mesh of walls (points, plies)."""
     first = 0.5 if choice("line", line, LINES) == "middle" else 0.0
+    if not (isinstance(walls, (list, tuple)) and walls):
+        raise refusal(f"walls = {shown(walls)}", "a list of one or more")
     parts = [_wall(wall, first) for wall in walls]
-    if not parts:
-        raise refusal("no wall", "one or more")
     _meet(parts)
     strips = [_strip(wall, fineness) for wall in parts]
     counts = [0]
@@ -95,14 +95,17 @@ def laminate(plies: Sequence[Any], width: Tensor, fineness: int) -> Mesh:
 
 
 def _wall(wall: Any, first: float) -> Wall:
-    if not (isinstance(wall, (tuple, list)) and len(wall) == 2 and len(wall[1])):
-        raise refusal("a wall that is no pair", "(points, plies) with one or more plies", are=True)
+    if not (isinstance(wall, (tuple, list)) and len(wall) == 2):
+        raise refusal(f"a wall {shown(wall)}", "(points, plies)")
     points, plies = wall
-    points = axis_last("points", finite("points", as_tensor(points, *common_dtype(points))), 2)
+    if not (isinstance(plies, (list, tuple)) and plies):
+        raise refusal(f"plies = {shown(plies)}", "a list of one or more")
+    points = some("points", as_tensor(points, *common_dtype(points)))
+    points = axis_last("points", finite("points", points), 2)
     if points.ndim < 2 or points.shape[-2] < 2:
         raise refusal(f"points of shape {tuple(points.shape)}", "(..., n, 2) of two or more")
     if not all(isinstance(ply, (tuple, list)) and len(ply) == 3 for ply in plies):
-        raise refusal("a ply that is no triple", "(thickness, angle, material)")
+        raise refusal(f"plies = {shown(plies)}", "(thickness, angle, material) of each")
     values = [[as_tensor(x, *common_dtype(x)) for x in ply[:2]] for ply in plies]
     return Wall(
         points,

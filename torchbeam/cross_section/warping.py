@@ -26,6 +26,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..core.validation import refusal
 from ..math.quaternions import skew
 from .elements import plain, rule
 from .mesh import Mesh
@@ -52,12 +53,21 @@ class Warping(NamedTuple):
 def solution(mesh: Mesh) -> Warping:
     """Compliance, mass and states of a mesh."""
     lead = torch.broadcast_shapes(mesh.nodes.shape[:-2], mesh.stiffness.shape[:-3])
+    if 0 in lead:
+        raise refusal("a batch without a sample", "one or more", are=True)
     nodes, cells = mesh.nodes.expand(*lead, *mesh.nodes.shape[-2:]), mesh.cells
     weight, N, dN = (x.to(nodes) for x in rule(cells.shape[-1]))
     corners = nodes[..., cells, :]  # (..., e, k, 2)
     points = N @ corners
     jacobian = torch.einsum("gka,...ekb->...egab", dN, corners)
-    area = weight * torch.linalg.det(jacobian)
+    determinant = torch.linalg.det(jacobian)
+    if not (plain(determinant) > 0).all():
+        raise refusal(
+            "a shape whose elements overlap or have no area",
+            "walls that leave room for each other",
+            are=True,
+        )
+    area = weight * determinant
     slope = dN @ torch.linalg.inv(jacobian).mT  # (..., e, g, k, 2)
     Q = mesh.stiffness[..., None, :, :]
     B = torch.einsum("icb,...egkb->...egikc", _across(nodes), slope).flatten(-2)

@@ -27,13 +27,11 @@ def cross_section(
     F: Value = (0.0, 0.0, 0.0),
     M: Value = (0.0, 0.0, 0.0),
     axes: str = "section",
-    cmap: str | None = None,
 ) -> Axes:
     """A `CrossSection`, or the first of a batch, y to the right and z up, with its centres.
 
     show    "mesh"; or of a load F (N), M (N m): "warping" along x, the stress "mises", or one of
             "11", "22", "33", "23", "13", "12" in `axes` as `CrossSection.stress` has them
-    cmap    of colours, as matplotlib has them
 
     Raises:
         ValueError: for what is no cross-section, and a word that is not one of these.
@@ -56,7 +54,7 @@ def cross_section(
     else:
         values = _values(cross, show, F, M, axes).numpy()
         limit = {} if show == "mises" else dict(clim=(-abs(values).max(), abs(values).max()))
-        cmap = cmap or ("viridis" if show == "mises" else "RdBu_r")
+        cmap = "viridis" if show == "mises" else "RdBu_r"
         faces = PolyCollection(outline, array=values, cmap=cmap, edgecolor="face", lw=0.2)
         faces.set(**limit)
         ax.add_collection(faces)

@@ -25,6 +25,7 @@ from ..core.validation import (
     positive,
     present,
     refusal,
+    shown,
 )
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
@@ -282,6 +283,8 @@ class Section(Tree):
             >>> y, z = cross.shear_centre
             >>> section = tb.Section.from_cross_section(cross).shifted(y, z)
         """
+        if not all(hasattr(cross, name) for name in ("mesh", "compliance", "mass")):
+            raise refusal(f"a cross-section {shown(cross)}", "a CrossSection")
         coupled, offset = cross.mesh.coupled, cross.mesh.offset
         S, mass = cross.compliance, cross.mass
         if not coupled:
