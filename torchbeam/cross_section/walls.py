@@ -292,6 +292,8 @@ def _joined(parts: list[Tensor], own: int) -> Tensor:
 
 def _merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
     """Nodes and cells with one node for those that lie at one place."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     every = plain(nodes)
@@ -305,4 +307,8 @@ def _merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
     for a, b in sorted(pairs.tolist()):
         same[b] = same[a]
     used, number = torch.unique(same, return_inverse=True)
+    a, b = number[cells[:, :-1]].flatten().numpy(), number[cells[:, 1:]].flatten().numpy()
+    parts, _ = connected_components(coo_matrix((np.ones(len(a)), (a, b)), (len(used),) * 2), False)
+    if parts > 1:
+        raise refusal(f"walls in {parts} parts", "walls that meet", are=True)
     return nodes[..., used.to(nodes.device), :], number[cells]
