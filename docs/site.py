@@ -20,7 +20,7 @@ EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py"))
 # fmt: off
 REFERENCE = {
     "scene": ("Scenes", "What there is: beams, bodies, sections, and what holds and joins them.", (
-        "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
+        "Scene", "Beam", "Section", "CrossSection", "Material", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
         "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
@@ -69,7 +69,12 @@ MODULES = {
 MEMBERS = {
     "Scene": ("to", "inputs", "batch_shape"),
     "Beam": ("straight", "curve", "arc", "from_nodes"),
-    "Section": ("from_stiffness", "rectangle", "circle", "rotated", "shifted"),
+    "Section": ("from_stiffness", "rectangle", "circle", "tube", "box", "i_beam", "channel", "angle",
+                "polygon", "laminate", "thin_walled", "from_cross_section", "rotated", "shifted"),
+    "CrossSection": ("tube", "box", "i_beam", "channel", "angle", "polygon", "laminate",
+                     "thin_walled", "stiffness", "shear_centre", "elastic_centre", "mass_centre",
+                     "stress"),
+    "Material": (),
     "Body": (),
     "Support": (),
     "Stepper": ("rest", "jacobian", "engine"),
@@ -100,6 +105,7 @@ SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
+    "Sections": ("composite_box",),
     "Vibration": ("campbell", "rotor"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
