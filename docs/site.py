@@ -20,7 +20,8 @@ EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py"))
 # fmt: off
 REFERENCE = {
     "scene": ("Scenes", "What there is: beams, bodies, sections, and what holds and joins them.", (
-        "Scene", "Beam", "Section", "CrossSection", "Material", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
+        "Scene", "Beam", "Section", "CrossSection", "Material", "Stations", "Table", "Body",
+        "Support", "Frame", "RootMotion",
         "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
@@ -69,8 +70,9 @@ MODULES = {
 MEMBERS = {
     "Scene": ("to", "inputs", "batch_shape"),
     "Beam": ("straight", "curve", "arc", "from_nodes"),
-    "Section": ("from_stiffness", "rectangle", "circle", "tube", "box", "i_beam", "channel", "angle",
-                "polygon", "laminate", "thin_walled", "from_cross_section", "rotated", "shifted"),
+    "Section": ("from_stiffness", "rectangle", "circle", "tube", "box", "i_beam", "channel",
+                "angle", "polygon", "laminate", "thin_walled", "from_cross_section",
+                "rotated", "shifted"),
     "CrossSection": ("tube", "box", "i_beam", "channel", "angle", "polygon", "laminate",
                      "thin_walled", "stiffness", "shear_centre", "elastic_centre", "mass_centre",
                      "stress"),
@@ -127,7 +129,8 @@ def entry(path: str, page: str) -> str:
     name = path.rpartition(".")[2]
     if name not in MEMBERS and page not in BARE:
         return f"::: {path}"
-    return f"::: {path}\n    options:\n      members: {list(MEMBERS.get(name, ()))}"
+    members = list(MEMBERS.get(name, ()))
+    return f"::: {path}\n    options:\n      members: {members}\n      inherited_members: {members}"
 
 
 def place(module: str, name: str) -> str:

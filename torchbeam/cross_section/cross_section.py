@@ -57,7 +57,7 @@ class CrossSection:
         tensor([-0.0319,  0.0000])
         >>> section = tb.Section.from_cross_section(cross)
         >>> cross.stress(F=(0, 0, 1e3)).shape  # elements, points in each, 11 22 33 23 13 12
-        torch.Size([148, 9, 6])
+        torch.Size([126, 9, 6])
     """
 
     mesh: Mesh

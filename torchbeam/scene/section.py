@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree, leaf, with_values
+from ..core.leaves import leaf, with_values
 from ..core.summary import kind, lines, span
 from ..core.validation import (
     Value,
@@ -29,6 +28,7 @@ from ..core.validation import (
 )
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
+from .solved_shapes import SolvedShapes
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
@@ -39,7 +39,7 @@ ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 
 
 @dataclass(frozen=True)
-class Section(Tree):
+class Section(SolvedShapes):
     """A cross-section, per unit length, in its own axes: x along the beam, y and z across.
 
     Args:
@@ -293,95 +293,6 @@ class Section(Tree):
             top, low = mass[..., :3, :3], mass[..., 3:, 3:]
             mass = _blocks(top, torch.zeros_like(top), torch.zeros_like(top), low)
         return cls(S, mass).declared(coupled, offset, True)
-
-    @classmethod
-    def tube(
-        cls, outer: Value, inner: Value, E: Value, nu: Value, rho: Value, fineness: int = 1
-    ) -> Section:
-        """Circular tube between two radii (m), about its centre. This and what follows are solved
-        by finite elements, see `CrossSection`; `fineness` multiplies their number each way.
-
-        Examples:
-            >>> mast = tb.Section.tube(outer=0.05, inner=0.045, E=70e9, nu=0.33, rho=2700.0)
-        """
-        return cls._solved("tube", outer, inner, E, nu, rho, fineness=fineness)
-
-    @classmethod
-    def box(
-        cls, width: Value, height: Value, thickness: Value, E: Value, nu: Value, rho: Value,
-        fineness: int = 1,
-    ) -> Section:  # fmt: skip
-        """Rectangular tube of outer width (along y) and height (along z), about its centre (m)."""
-        return cls._solved("box", width, height, thickness, E, nu, rho, fineness=fineness)
-
-    @classmethod
-    def i_beam(
-        cls, width: Value, height: Value, flange: Value, web: Value, E: Value, nu: Value,
-        rho: Value, fineness: int = 1,
-    ) -> Section:  # fmt: skip
-        """I with flanges along y and a web along z, of these thicknesses (m), about its centre."""
-        return cls._solved("i_beam", width, height, flange, web, E, nu, rho, fineness=fineness)
-
-    @classmethod
-    def channel(
-        cls, width: Value, height: Value, flange: Value, web: Value, E: Value, nu: Value,
-        rho: Value, fineness: int = 1,
-    ) -> Section:  # fmt: skip
-        """Channel: a web along z, flanges from it along +y (m), about its centroid."""
-        return cls._solved("channel", width, height, flange, web, E, nu, rho, fineness=fineness)
-
-    @classmethod
-    def angle(
-        cls, width: Value, height: Value, thickness: Value, E: Value, nu: Value, rho: Value,
-        fineness: int = 1,
-    ) -> Section:  # fmt: skip
-        """Angle: legs along +y and +z from their corner (m), about its centroid."""
-        return cls._solved("angle", width, height, thickness, E, nu, rho, fineness=fineness)
-
-    @classmethod
-    def polygon(
-        cls, points: Value, E: Value, nu: Value, rho: Value, holes: Sequence[Value] = (),
-        fineness: int = 1,
-    ) -> Section:  # fmt: skip
-        """Polygon of corners (..., n, 2) m, y and z, with holes likewise, about their origin.
-
-        Examples:
-            >>> wedge = tb.Section.polygon(
-            ...     [(0, 0), (0.1, 0), (0.1, 0.02)], E=3e9, nu=0.35, rho=1200.0
-            ... )
-        """
-        return cls._solved("polygon", points, E, nu, rho, holes=holes, fineness=fineness)
-
-    @classmethod
-    def laminate(cls, plies: Sequence[Any], width: Value, fineness: int = 1) -> Section:
-        """Flat strip of plies (thickness m, angle rad, material) from the lowest up along z,
-        `width` (m) along y, about its middle. Angles go from x towards y.
-
-        Examples:
-            >>> carbon = tb.Material(
-            ...     E1=142e9, E2=9.8e9, E3=9.8e9, G12=6e9, G13=6e9, G23=4.8e9,
-            ...     nu12=0.3, nu13=0.3, nu23=0.34, rho=1600.0,
-            ... )
-            >>> strip = tb.Section.laminate([(1e-3, 0.3, carbon), (1e-3, -0.3, carbon)], width=0.03)
-        """
-        return cls._solved("laminate", plies, width, fineness=fineness)
-
-    @classmethod
-    def thin_walled(
-        cls, walls: Sequence[Any], line: str = "middle", fineness: int = 1
-    ) -> Section:  # fmt: skip
-        """Walls (points, plies) along lines of (..., n, 2) m, y and z, about their origin.
-
-        See `CrossSection.thin_walled` for how plies are stacked, and where walls may meet.
-        """
-        return cls._solved("thin_walled", walls, line=line, fineness=fineness)
-
-    @classmethod
-    def _solved(cls, shape: str, *args: Any, **options: Any) -> Section:
-        """Of a shape that `CrossSection` knows, which is imported where it is first asked for."""
-        from ..cross_section import CrossSection
-
-        return cls.from_cross_section(getattr(CrossSection, shape)(*args, **options))
 
     @classmethod
     def _solid(cls, E, G, rho, A, shear_factor, I_y, I_z, J) -> Section:
