@@ -61,9 +61,10 @@ def solution(mesh: Mesh) -> Warping:
     points = N @ corners
     jacobian = torch.einsum("gka,...ekb->...egab", dN, corners)
     determinant = torch.linalg.det(jacobian)
-    if not (plain(determinant) > 0).all():
+    if not (right := plain(determinant) > 0).all():
+        y, z = plain(points)[~right][0]
         raise refusal(
-            "a shape whose elements overlap or have no area",
+            f"a shape whose elements overlap or have no area at y = {y:.4g}, z = {z:.4g} m",
             "walls that leave room for each other",
             are=True,
         )
