@@ -3,6 +3,7 @@ verification/test_cross_sections.py.
 """
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -152,6 +153,19 @@ def test_frames():
     mirrored = tb.Section.thin_walled([(line * torch.tensor([-1.0, 1.0]), plies[::-1])])
     sign = torch.tensor([1.0, -1, 1, -1, 1, -1])
     assert_close(mirrored.compliance, sign * section.compliance * sign[:, None])
+
+
+def test_ellipse():
+    """A tube stretched to a hollow ellipse of similar outlines, half axes a and b outside and q
+    times these inside: J = pi a^3 b^3 (1 - q^4)/(a^2 + b^2) (Saint-Venant; Roark). Quadratic sides
+    and elements take 1e-4 of it.
+    """
+    a, b, q = 2.0, 1.0, 0.1
+    mesh = tb.CrossSection.tube(1.0, q, **PLAIN, fineness=2).mesh
+    mesh = replace(mesh, nodes=mesh.nodes * torch.tensor([a, b]))
+    J = 1 / tb.CrossSection.of(mesh).compliance[3, 3]  # G = 1
+    wanted = math.pi * a**3 * b**3 * (1 - q**4) / (a**2 + b**2)
+    assert_close(J, torch.tensor(wanted), rtol=1e-4, atol=0)
 
 
 def test_what_symmetry_excludes_is_absent():
