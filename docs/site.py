@@ -20,9 +20,9 @@ EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py"))
 # fmt: off
 REFERENCE = {
     "scene": ("Scenes", "What there is: beams, bodies, sections, and what holds and joins them.", (
-        "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
-        "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance",
-        "ElastoPlastic", "BoucWen", "Drive")),
+        "Scene", "Beam", "Section", "CrossSection", "Material", "Stations", "Table", "Body",
+        "Support", "Frame", "RootMotion", "Weld", "Ball", "Hinge", "Universal", "Slider",
+        "Cylindrical", "Distance", "ElastoPlastic", "BoucWen", "Drive")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
         "Damping", "Viscoelastic", "MassDamping", "rayleigh", "PointMass", "Spring",
@@ -70,7 +70,13 @@ MODULES = {
 MEMBERS = {
     "Scene": ("to", "inputs", "batch_shape"),
     "Beam": ("straight", "curve", "arc", "from_nodes"),
-    "Section": ("from_stiffness", "rectangle", "circle", "rotated", "shifted"),
+    "Section": ("from_stiffness", "rectangle", "circle", "tube", "box", "i_beam", "channel",
+                "angle", "polygon", "laminate", "thin_walled", "from_cross_section",
+                "rotated", "shifted"),
+    "CrossSection": ("tube", "box", "i_beam", "channel", "angle", "polygon", "laminate",
+                     "thin_walled", "stiffness", "shear_centre", "elastic_centre", "mass_centre",
+                     "stress"),
+    "Material": (),
     "Body": (),
     "Support": (),
     "Stepper": ("rest", "jacobian", "engine"),
@@ -103,6 +109,7 @@ SHOWN = 4
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame",
                               "plastic_frame"),
+    "Sections": ("composite_box",),
     "Vibration": ("campbell", "rotor"),
     "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
@@ -124,7 +131,8 @@ def entry(path: str, page: str) -> str:
     name = path.rpartition(".")[2]
     if name not in MEMBERS and page not in BARE:
         return f"::: {path}"
-    return f"::: {path}\n    options:\n      members: {list(MEMBERS.get(name, ()))}"
+    members = list(MEMBERS.get(name, ()))
+    return f"::: {path}\n    options:\n      members: {members}\n      inherited_members: {members}"
 
 
 def place(module: str, name: str) -> str:

@@ -118,18 +118,18 @@ from .uncertainty.stream import Stream
 from .uncertainty.tornado import Tornado, tornado
 
 if TYPE_CHECKING:  # imported where they are first asked for
+    from .cross_section import CrossSection, Material
     from .mixed import BlockRate, MixedState, block_rate, consistent_state
 
 # fmt: off
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "BoucWen",
-    "Box",
-    "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
-    "Damping", "Description", "Design", "Distance", "Drag", "Drive", "ElastoPlastic", "Energy",
-    "Estimate",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body",
+    "BoucWen", "Box", "Capsule", "Comparison", "Contact", "Convergence", "Critical",
+    "CrossSection", "Cylinder", "Cylindrical", "Damping", "Description", "Design", "Distance",
+    "Drag", "Drive", "ElastoPlastic", "Energy", "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
-    "MassDamping", "Measurement", "MixedState",
+    "MassDamping", "Material", "Measurement", "MixedState",
     "Modes", "MomentDerivatives", "MovingHorizon", "PairedModes", "Parameter", "Path", "PerElement",
     "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose",
@@ -181,10 +181,16 @@ entry_points(globals(), __all__)
 
 
 def __getattr__(name: str) -> Any:
-    """Public names of the derivation's element, see `dynamics.forms`."""
+    """Public names that are imported where they are asked for: of sections from geometry, and of
+    the derivation's element, see `dynamics.forms`.
+    """
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = getattr(mixed_forms(), name)
+    if name in ("CrossSection", "Material"):
+        from . import cross_section as package
+    else:
+        package = mixed_forms()
+    globals()[name] = getattr(package, name)
     return globals()[name]
 
 

@@ -10,6 +10,9 @@ import torch
 import torchbeam as tb
 from torchbeam import sensors as S
 
+PLIES = [(0.01, 0.3, tb.Material(E=1.0, nu=0.3, rho=1.0))]
+ISOTROPIC = dict(E=1.0, nu=0.3, rho=1.0, fineness=1)
+TUBE = tb.CrossSection.tube(0.1, 0.05, 1.0, 0.3, 1.0)
 SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
 BEAM = tb.Beam.straight(1.0, 2, SECTION)
 SCENE = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
@@ -85,6 +88,22 @@ CALLS = {
         inertia=0.01)),
     "rectangle": (tb.Section.rectangle, dict(width=0.1, height=0.1, E=1.0, nu=0.3, rho=1.0)),
     "circle": (tb.Section.circle, dict(radius=0.1, E=1.0, nu=0.3, rho=1.0)),
+    **{f"Section.{name}": (getattr(tb.Section, name), arguments | ISOTROPIC)
+       for name, arguments in dict(
+           tube=dict(outer=0.1, inner=0.05), box=dict(width=0.1, height=0.1, thickness=0.01),
+           i_beam=dict(width=0.1, height=0.1, flange=0.01, web=0.01),
+           channel=dict(width=0.1, height=0.1, flange=0.01, web=0.01),
+           angle=dict(width=0.1, height=0.1, thickness=0.01),
+           polygon=dict(points=[(0.0, 0), (1, 0), (0, 1)], holes=[])).items()},
+    **{f"Section.{name}": (getattr(tb.Section, name), arguments | dict(fineness=1))
+       for name, arguments in dict(
+           laminate=dict(plies=PLIES, width=0.1),
+           thin_walled=dict(walls=[([(0.0, 0), (1, 0)], PLIES)], line="first")).items()},
+    "from_cross_section": (tb.Section.from_cross_section, dict(cross=TUBE)),
+    "CrossSection.stress": (TUBE.stress, dict(F=FORCE, M=FORCE, axes="material")),
+    "Material": (tb.Material, dict(E=1.0, nu=0.3, rho=1.0)),
+    "Material2": (tb.Material, dict(E1=1.0, E2=1.0, E3=1.0, G12=1.0, G13=1.0, G23=1.0, nu12=0.1,
+        nu13=0.1, nu23=0.1, rho=1.0)),
     "Section": (tb.Section, dict(compliance=torch.eye(6), mass=torch.eye(6))),
     "rotated": (SECTION.rotated, dict(angle=0.1)),
     "shifted": (SECTION.shifted, dict(y=0.1, z=0.1)),

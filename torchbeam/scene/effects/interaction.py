@@ -55,9 +55,10 @@ class Interaction(LoadEffect):
 
     **Memory.** A class keeps `memory` numbers in `State.memory`. At the end of a step, and in an
     equilibrium, `remember(point, t, inputs)` returns them, (..., memory). Its point has the numbers
-    at the start of the step (`internal`) and its length `dt`. They are 0 at first. In an equilibrium
-    they are those of `initial`, along a path those of the point before. Places and turns are at the
-    end of the step, velocities and own unknowns act during it. The wrench gets `internal`, too.
+    at the start of the step (`internal`) and its length `dt`. They are 0 at first. In an
+    equilibrium they are those of `initial`, along a path those of the point before. Places and
+    turns are at the end of the step, velocities and own unknowns act during it. The wrench gets
+    `internal`, too.
 
     Raises:
         ValueError: for fewer than two nodes, more than six, one twice, or a missing one.
