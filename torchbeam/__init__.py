@@ -95,6 +95,7 @@ from .scene.scene import Scene
 from .scene.section import Section
 from .scene.stations import Stations, Table
 from .scene.supports import Frame, RootMotion, Support
+from .readers.read import read
 from .sensors.observe import observe
 from .sensors.pose import Pose, pose_from_points
 from .sensors.sensor_frame import SensorFrame
@@ -138,7 +139,7 @@ __all__ = [
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "pose_from_points",
-    "rare_event", "rayleigh", "remesh",
+    "rare_event", "rayleigh", "read", "remesh",
     "rest",
     "rollout", "rollout_jacobian", "save", "sensors",
     "simulate", "sobol_indices", "tornado", "view",

@@ -15,7 +15,7 @@ import torchbeam
 
 # From what knows nothing to what knows all:
 LAYERS = (
-    "math", "core", "uncertainty", "topology", "scene", "state", "nodal", "solvers", "equations",
+    "math", "core", "uncertainty", "topology", "scene", "readers", "state", "nodal", "solvers", "equations",
     "engine", "dynamics", "mixed", "statics", "linear", "sensors", "plot", "analysis", "cli",
     "extend",
 )  # fmt: skip
