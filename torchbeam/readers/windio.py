@@ -43,12 +43,12 @@ def read(text: Text, part: str, length: float | None) -> Blade | Damping:
     if part == "damping":
         mu = elastic["structural_damping"]["mu"].numbers()
         return Damping(tuple(mu[i].item() for i in ORDER))
-    grid, values = zip(*(axis[x].table() for x in "xyz"), strict=True)
-    grid = torch.cat(grid).unique()
-    x, y, z = (Table(g, v)(grid) for g, v in zip((axis[k].table()[0] for k in "xyz"), values))
+    tables = [axis[x].table() for x in "xyz"]
+    grid = torch.cat([places for places, _ in tables]).unique()
+    points = torch.stack([Table(*table)(grid) for table in tables], -1)
     eta, sections = _sections_1(elastic) if first else _sections_2(elastic)
     turn = Table(*twist.table())(grid) * unit
-    return Blade(torch.stack((x, y, z), -1), turn, eta, sections, text.path.name)
+    return Blade(points, turn, eta, sections, text.path.name)
 
 
 def _loaded(text: Text) -> Any:
