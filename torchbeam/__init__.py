@@ -56,6 +56,7 @@ from .linear.modes import Modes
 from .linear.state_space import linearize
 from .plot.notebook import in_html
 from .plot.view import View, view
+from .readers.read import read
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
@@ -95,7 +96,6 @@ from .scene.scene import Scene
 from .scene.section import Section
 from .scene.stations import Stations, Table
 from .scene.supports import Frame, RootMotion, Support
-from .readers.read import read
 from .sensors.observe import observe
 from .sensors.pose import Pose, pose_from_points
 from .sensors.sensor_frame import SensorFrame

@@ -54,6 +54,9 @@ class Beam(BeamRows):
             two stations an element. Axes of N above then have length 2 N, each station for half of
             its element
         linked_interpolation: see `linked`
+        taper: (..., N, 2, 6, 6), what a section that changes within an element adds to its
+            compliance, of plain elements and of linked ones (see `scene.taper`); None = nothing
+        mass_taper: (..., N, 6, 6), how much more mass one end of such an element has than half
 
     Examples:
         >>> blade = tb.Beam.straight(
@@ -77,6 +80,8 @@ class Beam(BeamRows):
     curved: bool
     order: int = 1
     linked_interpolation: bool = False
+    taper: Tensor | None = leaf(4, default=None)
+    mass_taper: Tensor | None = leaf(3, default=None)
 
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
@@ -369,9 +374,14 @@ class Beam(BeamRows):
     ) -> Beam:
         """elements: their axes, None = by those of nodes."""
         uniform = isinstance(section, Section)
-        section = section if uniform else of_elements(section, length, order)
+        changes: dict[str, Tensor | None] = {}
+        if not uniform:
+            section, *more = of_elements(section, length, order)
+            changes = dict(zip(("taper", "mass_taper"), more, strict=True))
         common_dtype(nodes, section.compliance)  # says so where a section lies on another device
         elements = STATIONS[order].axes(frames) if elements is None else elements
         both = (x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass))
         has = section.rigid, section.coupled, section.offset, section.rotary
-        return cls(nodes, frames, elements, length, *both, *has, curved=curved, order=order)
+        return cls(
+            nodes, frames, elements, length, *both, *has, curved=curved, order=order, **changes
+        )

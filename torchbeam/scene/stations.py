@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -23,6 +23,7 @@ from ..math.element_shapes import X, at_points, threes
 from ..math.shapes import broadcast_shapes
 from ..topology.framework import within_elements
 from .section import STRUCTURE, Section
+from .taper import additions
 
 
 class Middle:
@@ -75,7 +76,9 @@ STATIONS = {1: Middle, 2: GaussPoints}  # by the order of the elements
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
 POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
-SHARP = 5.0  # times that a stiffness changes within an element: a height by 1.7; 7 % at the tip
+SHARP = 20.0  # times that a stiffness changes within an element: a height by 2.7
+# of the tip's flexibility: less in an element is of no account, as at the tip of a wind blade
+LEAST_SHARE = 0.02
 WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.17392742256872692)
 
 
@@ -212,26 +215,32 @@ def stacked(sections: Sequence[Section]) -> Section:
     )
 
 
+class ElementSections(NamedTuple):
+    """Of N elements: means of compliance and mass, N (or 1) their last batch axis; taper: see
+    `taper.additions`; mass_taper (..., N, 6, 6) kg/m: mean of x/h times the mass, x from the
+    middle; both None where nothing is known to change, taper also of impossible strains.
+    """
+
+    section: Section
+    taper: Tensor | None = None
+    mass_taper: Tensor | None = None
+
+
 def of_elements(
     section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1
-) -> Section:
-    """The sections of N elements of the given length (..., N) m, N (or 1) their last batch axis. A
-    function of s, `Stations` among them, is averaged over each element, compliance and mass: the
-    bending of an element under a constant moment and its weight are then those of the beam. The
-    average is taken at four Gauss points of each element, of `Stations` at four between the
+) -> ElementSections:
+    """The sections of N elements of the given length (..., N) m. A function of s, `Stations` among
+    them, is integrated over each element, compliance and mass: means, and what else the ends of the
+    element show. Four Gauss points of each element take part, of `Stations` four between the
     stations in it, where their lines have corners; one that changes much within an element is
     warned of. Of order 2 those of the stations of stress, (..., 2 N); a function is taken there.
     """
     N = length.shape[-1]
     if callable(section):
         if not STATIONS[order].averaged:
-            return _sections_at(section, STATIONS[order].places(length))
+            return ElementSections(_sections_at(section, STATIONS[order].places(length)))
         corners = section.s if isinstance(section, Stations) else None
-        places, weights, element = _quadrature(length, corners)
-        element_sections = _sections_at(section, places)
-        _warn_of_sharp_tapers(element_sections.compliance, element, N)
-        both = (element_sections.compliance, element_sections.mass)
-        return element_sections.like(*(_gathered(x, weights, element, N) for x in both))
+        return _integrated(section, length, *_quadrature(length, corners))
     sections = tuple(section)
     known = sections and all(isinstance(s, Section) for s in sections)
     if not known or len(sections) not in (1, N // order):
@@ -239,7 +248,35 @@ def of_elements(
             f"{len(sections)} sections were given for {N // order} elements; one Section or one "
             "each is wanted"
         )
-    return stacked([s for s in sections for _ in range(order if len(sections) > 1 else 1)])
+    return ElementSections(
+        stacked([s for s in sections for _ in range(order if len(sections) > 1 else 1)])
+    )
+
+
+def _integrated(
+    function: Callable[[Tensor], Section],
+    length: Tensor,
+    places: Tensor,
+    weights: Tensor,
+    element: Tensor,
+) -> ElementSections:
+    """By a quadrature, see `_quadrature`."""
+    N, at = length.shape[-1], _sections_at(function, places)
+    middle = Middle.places(length)
+    x = places - middle.expand(*element.shape[:-1], N).gather(-1, element)
+
+    def means(values: Tensor, count: int) -> list[Tensor]:
+        return [_gathered(values, weights * x**k, element, N) for k in range(count)]
+
+    S, mass = means(at.compliance, 3), means(at.mass, 2)
+    _warn_of_sharp_tapers(at.compliance, S, element, length)
+    section = at.like(S[0], mass[0])
+    if at.compliance.shape[-3] == 1 and at.mass.shape[-3] == 1:
+        return ElementSections(section)
+    taper = None
+    if not any(at.rigid):
+        taper = additions(S, means(torch.linalg.inv(at.compliance), 3), length)
+    return ElementSections(section, taper, mass[1] / length[..., None, None])
 
 
 def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
@@ -276,9 +313,13 @@ def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor,
     return places.flatten(-2), shares, element.repeat_interleave(len(POINTS), -1)
 
 
-def _warn_of_sharp_tapers(S: Tensor, element: Tensor, N: int) -> None:
-    """A warning of compliances S (..., m or 1, 6, 6) that change too much in one of N elements."""
-    S = concrete(S.detach()).diagonal(dim1=-2, dim2=-1)
+def _warn_of_sharp_tapers(
+    S: Tensor, means: Sequence[Tensor], element: Tensor, length: Tensor
+) -> None:
+    """A warning of compliances S (..., m or 1, 6, 6) that change too much in one of N elements, if
+    it takes part in how far a force at the tip moves it; means: of x^k S.
+    """
+    N, S = length.shape[-1], concrete(S.detach()).diagonal(dim1=-2, dim2=-1)
     if S.shape[-2] == 1:
         return
     S = S.expand(*broadcast_shapes(S.shape[:-1], element.shape), 6)
@@ -287,13 +328,18 @@ def _warn_of_sharp_tapers(S: Tensor, element: Tensor, N: int) -> None:
         S.new_zeros(*S.shape[:-2], N, 6).scatter_reduce(-2, index, S, of, include_self=False)
         for of in ("amax", "amin")
     )
-    change = torch.where(least > 0, most / least, 1.0).amax(-1).reshape(-1, N).amax(0)
+    S0, S1, S2 = (concrete(x.detach()).diagonal(dim1=-2, dim2=-1) for x in means)
+    h = concrete(length.detach())[..., None]
+    lever = h.sum(-2, keepdim=True) - h.cumsum(-2) + h / 2
+    share = (h * (S0 * lever**2 - 2 * S1 * lever + S2))[..., 4:].abs().sum(-1, keepdim=True)
+    counts = share > LEAST_SHARE * share.sum(-2, keepdim=True)
+    change = torch.where((least > 0) & counts, most / least, 1.0).amax(-1).reshape(-1, N).amax(0)
     if change.amax() > SHARP:
         at = int(change.argmax())
         warn(
             f"a section whose stiffness changes {change[at].item():.3g}-fold within element {at} "
-            f"of 0 to {N - 1} was given: its mean compliance may be far from what bends there; "
-            "more elements, short ones where it tapers (Beam.from_nodes), or order=2 are wanted"
+            f"of 0 to {N - 1} was given: its moment may be far from linear there; more elements, "
+            "short ones where it tapers (Beam.from_nodes), or order=2 are wanted"
         )
 
 
