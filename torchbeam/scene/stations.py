@@ -268,14 +268,12 @@ def _integrated(
     def means(values: Tensor, count: int) -> list[Tensor]:
         return [_gathered(values, weights * x**k, element, N) for k in range(count)]
 
-    S, mass = means(at.compliance, 3), means(at.mass, 2)
-    _warn_of_sharp_tapers(at.compliance, S, element, length)
-    section = at.like(S[0], mass[0])
-    if at.compliance.shape[-3] == 1 and at.mass.shape[-3] == 1:
-        return ElementSections(section)
-    taper = None
+    by_place, mass = (x if x.ndim > 2 else x[None] for x in (at.compliance, at.mass))
+    S, mass = means(by_place, 3), means(mass, 2)
+    _warn_of_sharp_tapers(by_place, S, element, length)
+    section, taper = at.like(S[0], mass[0]), None
     if not any(at.rigid):
-        taper = additions(S, means(torch.linalg.inv(at.compliance), 3), length)
+        taper = additions(S, means(torch.linalg.inv(by_place), 3), length)
     return ElementSections(section, taper, mass[1] / length[..., None, None])
 
 
