@@ -31,7 +31,7 @@ REFERENCE = {
         "SmoothHistory", "SmoothRotation")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
         "simulate", "rollout", "rollout_jacobian", "Stepper", "rest", "State", "Solution",
-        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view",
+        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "read", "view",
         "View")),
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
@@ -100,7 +100,7 @@ SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
-    "Vibration": ("campbell", "rotor"),
+    "Vibration": ("campbell", "rotor", "read_blade"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),

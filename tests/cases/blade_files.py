@@ -31,7 +31,7 @@ def beamdyn(folder, points, twist, stations, version=5, mu=(1, 2, 3, 4, 5, 6), d
         f"  {eta:.9f}\n{matrix(stiffness)}\n\n{matrix(mass)}" for eta, stiffness, mass in stations
     )
     (folder / "blade.dat").write_text(
-        "------- BEAMDYN INDIVIDUAL BLADE INPUT FILE -----\nwritten by a test\n---- Parameters ---\n"
+        "------- BEAMDYN INDIVIDUAL BLADE INPUT FILE -----\nwritten by a test\n--- Parameters ---\n"
         f"{len(stations)}  station_total - stations\n{damp_type}  damp_type - damping\n"
         "---- Stiffness-Proportional Damping ----\n mu1 mu2 mu3 mu4 mu5 mu6\n (s)"
         f"\n{' '.join(map(str, mu))}\n{modal if version > 1 else ''}"

@@ -119,7 +119,8 @@ class Beam(BeamRows):
         The displacement across an element is quadratic and linked to the rotations of its nodes
         (Tessler and Dong 1981). The shear compliance of an element of length h gets its residual
         bending flexibility h^2/(12 EI) (MacNeal 1978). Gregory's end-corrected rule integrates mass
-        and loads along the beam; mass is lumped.
+        and loads along the beam; mass is lumped. Where a section changes along an element, the
+        flexibility is that of a linear moment, exactly (see `scene.taper`).
 
         Raises:
             ValueError: for elements of order 2, which have a displacement of their own between
