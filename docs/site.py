@@ -31,8 +31,8 @@ REFERENCE = {
         "SmoothHistory", "SmoothRotation")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
         "simulate", "rollout", "rollout_jacobian", "Stepper", "rest", "State", "Solution",
-        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "read", "view",
-        "View")),
+        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "read",
+        "view", "View")),
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (

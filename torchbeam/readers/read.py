@@ -68,9 +68,13 @@ def read(
         ImportError: for windIO without PyYAML, which `torchbeam[readers]` brings.
 
     Examples:
-        >>> blade = tb.read("examples/blades/iea_15_mw.yaml", elements=20)
-        >>> blade.element_count
-        20
+        >>> from pathlib import Path
+        >>> rows = ["2 NBlInpSt", "1 AdjBlMs", "1 AdjFlSt", "1 AdjEdSt"]  # of ElastoDyn
+        >>> rows += ["BlFract StrcTwst BMassDen FlpStff EdgStff", "(-) (deg) (kg/m) (Nm^2) (Nm^2)"]
+        >>> rows += ["0.0 12.0 300.0 9e9 9e9", "1.0 0.0 20.0 2e7 9e7"]
+        >>> size = Path("blade.dat").write_text("\\n".join(rows))
+        >>> tb.read("blade.dat", length=60.0, elements=20).nodes[-1]  # m
+        tensor([ 0.,  0., 60.])
     """
     text = Text(path)
     if format is not None:

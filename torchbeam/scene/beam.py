@@ -30,8 +30,9 @@ from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
 from .beam_recipe import remembered, with_recipe_of
 from .beam_rows import BeamRows
 from .curve import axes_of_nodes, carried_along, curve, orthonormal, parabolas, places, screws
+from .element_sections import of_elements
 from .section import Section, notes
-from .stations import STATIONS, of_elements
+from .stations import STATIONS
 
 
 @dataclass(frozen=True)
