@@ -229,11 +229,11 @@ def times(matrix: Tensor, x: Tensor) -> Tensor:
 
 
 def impossible(beam: Beam) -> tuple[bool, ...]:
-    """Which of an element's strains are impossible. With linked interpolation an element shears as
-    well by bending.
+    """Which of an element's strains are impossible. With linked interpolation, or a taper, an
+    element shears as well by bending.
     """
     extension, shear_y, shear_z, twist, bending_y, bending_z = beam.rigid
-    if beam.linked_interpolation:
+    if beam.linked_interpolation or beam.taper is not None:
         shear_y, shear_z = shear_y and bending_z, shear_z and bending_y
     return extension, shear_y, shear_z, twist, bending_y, bending_z
 

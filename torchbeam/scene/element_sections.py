@@ -15,7 +15,7 @@ from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from .section import Section
 from .stations import STATIONS, Middle, Stations, stacked
-from .taper import additions
+from .taper import additions, inverse
 
 # Gauss-Legendre points and weights on [0, 1], exact to the seventh power
 POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
@@ -28,7 +28,7 @@ WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.1739
 class ElementSections(NamedTuple):
     """Of N elements: means of compliance and mass, N (or 1) their last batch axis; taper: see
     `taper.additions`; mass_taper (..., N, 6, 6) kg/m: mean of x/h times the mass, x from the
-    middle; both None where nothing is known to change, taper also of impossible strains.
+    middle; both None where nothing is known to change.
     """
 
     section: Section
@@ -81,9 +81,8 @@ def _integrated(
     by_place, mass = (x if x.ndim > 2 else x[None] for x in (at.compliance, at.mass))
     S, mass = means(by_place, 3), means(mass, 2)
     _warn_of_sharp_tapers(by_place, S, element, length)
-    section, taper = at.like(S[0], mass[0]), None
-    if not any(at.rigid):
-        taper = additions(S, means(torch.linalg.inv(by_place), 3), length)
+    section = at.like(S[0], mass[0])
+    taper = additions(S, means(inverse(by_place, at.rigid), 3), length, at.rigid)
     return ElementSections(section, taper, mass[1] / length[..., None, None])
 
 

@@ -17,33 +17,52 @@ C = S0^-1 S1 of its flexibility, and leaves out a part V of what is spread about
     G = h^2/12 + (C^T)^2,    H = mean of (x - C) K (x - C^T),    K = S^-1
 
 V is h^2/12 S where the section is uniform. The inequality (Cauchy and Schwarz) keeps S_plain
-positive for every taper. A soft end bends by the small moment that acts there: with the mean S0
+positive for every taper. Without shear flexibility it would be singular: plain elements have S_el. A soft end bends by the small moment that acts there: with the mean S0
 alone, a wedge's last element would bend as far as its tip does under the moment in the middle.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
 
-def additions(S: tuple[Tensor, Tensor, Tensor], K: tuple[Tensor, ...], h: Tensor) -> Tensor:
+def additions(
+    S: Sequence[Tensor], K: Sequence[Tensor], h: Tensor, rigid: Sequence[bool] = (False,) * 6
+) -> Tensor:
     """S_plain - S0 and S_el - S0, (..., N, 2, 6, 6), of elements of length h (..., N) m, by the
-    means of x^k S and of x^k K (..., N, 6, 6), k = 0, 1, 2.
+    means of x^k S and of x^k K (..., N, 6, 6), k = 0, 1, 2. K: see `inverse`; rigid: of 6 strains.
     """
-    (S0, S1, S2), (K0, K1, K2) = S, K
+    S0, S1, S2 = S
     N = S0.new_zeros(6, 6)
     N[4, 2], N[5, 1] = -1, 1  # ~e1
     linear = N.mT @ S1
     whole = N.mT @ S2 @ N - linear - linear.mT
-    C = torch.linalg.solve(S0, S1)
-    G = C.mT @ C.mT + torch.eye(6).to(S0) * (h**2 / 12)[..., None, None]
-    across = C @ K1
-    H = K2 - across - across.mT + C @ K0 @ C.mT
-    plain = whole - N.mT @ (G @ torch.linalg.solve((H + H.mT) / 2, G.mT)) @ N
+    if any(rigid[1:3]):
+        plain = whole
+    else:
+        free = 1 - S0.new_tensor([float(r) for r in rigid])
+        plain = whole - N.mT @ (free[:, None] * _left_out(S, K, h, 1 - free) * free) @ N
     both = torch.stack(torch.broadcast_tensors(plain, whole), -3)
     return (both + both.mT) / 2
+
+
+def _left_out(S: Sequence[Tensor], K: Sequence[Tensor], h: Tensor, rigid: Tensor) -> Tensor:
+    """V (..., N, 6, 6), of no meaning in the rows where `rigid` (6,) is 1."""
+    (S0, S1, _), (K0, K1, K2), eye = S, K, torch.eye(6).to(rigid)
+    C = torch.linalg.solve(S0 + rigid.diag(), S1)
+    G = C.mT @ C.mT + eye * (h**2 / 12)[..., None, None]
+    across = C @ K1
+    H = K2 - across - across.mT + C @ K0 @ C.mT
+    return G @ torch.linalg.solve((H + H.mT) / 2, G.mT)
+
+
+def inverse(S: Tensor, rigid: Sequence[bool]) -> Tensor:
+    """S^-1 (..., 6, 6), with a stiffness of 1 against strains that are impossible."""
+    return torch.linalg.inv(S + S.new_tensor([float(r) for r in rigid]).diag())
 
 
 def residual_bending(S: Tensor, h: Tensor) -> Tensor:

@@ -79,8 +79,9 @@ def test_a_constant_table_is_the_section():
 @pytest.mark.parametrize("given", ["function", "stations"])
 def test_tapered_cantilever(given):
     """EI = EI0 (1 - a s/L), a width that tapers; tip force P, linear: w = P L^3/EI0 int
-    (1 - x)^2/(1 - a x) dx, whose closed form is here (by division). Second order in the elements:
-    the error of 8 is a quarter of that of 4, within 5 %.
+    (1 - x)^2/(1 - a x) dx, whose closed form is here (by division). Elements that do not shear show
+    the flexibility of a linear moment: exact but for the quadrature, 2e-7 of two elements, and the
+    geometry.
     """
     a, EI0, P = 0.5, 2.0, 1e-4  # P L^2/EI = 5e-5: geometry takes 1e-9
 
@@ -96,13 +97,9 @@ def test_tapered_cantilever(given):
         if given == "function"
         else tb.Stations((0.0, 1.0), section(torch.tensor([0.0, 1.0])))
     )
-    errors = [
-        moved(tb.Beam.straight(1.0, N, along), (0, 0, P))[2].item() / exact - 1 for N in (4, 8, 16)
-    ]
-    assert abs(errors[-1]) < 1e-3
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05) and errors[1] / errors[
-        2
-    ] == pytest.approx(4, rel=0.05)
+    for N in (2, 4, 8):
+        w = moved(tb.Beam.straight(1.0, N, along), (0, 0, P))[2].item()
+        assert abs(w / exact - 1) < 1e-6
 
 
 def wedge(end, like=1.0):
