@@ -21,7 +21,7 @@ from .taper import additions, inverse
 POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
 SHARP = 20.0  # times that a stiffness changes within an element: a height by 2.7
 # of the tip's flexibility: less in an element is of no account, as at the tip of a wind blade
-LEAST_SHARE = 0.02
+LEAST_SHARE = 0.03
 WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.17392742256872692)
 
 

@@ -17,8 +17,9 @@ C = S0^-1 S1 of its flexibility, and leaves out a part V of what is spread about
     G = h^2/12 + (C^T)^2,    H = mean of (x - C) K (x - C^T),    K = S^-1
 
 V is h^2/12 S where the section is uniform. The inequality (Cauchy and Schwarz) keeps S_plain
-positive for every taper. Without shear flexibility it would be singular: plain elements have S_el. A soft end bends by the small moment that acts there: with the mean S0
-alone, a wedge's last element would bend as far as its tip does under the moment in the middle.
+positive for every taper; without shear flexibility it would be singular, and plain elements have
+S_el. A soft end bends by the small moment that acts there: with the mean S0 alone, a wedge's last
+element would bend as far as its tip does under the moment in the middle.
 """
 
 from __future__ import annotations
