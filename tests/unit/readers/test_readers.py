@@ -173,8 +173,8 @@ def test_nrel_5_mw():
     """Against pyBmodes 1.19.1, which agrees with NREL's BModes (its own test, 0.01 %), 120 of its
     elements, from the same numbers: 0.67758, 1.08638, 1.95388, 4.00836, 4.55459 and 8.07387 Hz. 24
     linked elements are off by up to 0.034 %, as 96 are. Jonkman et al. 2009 (NREL/TP-500-38060):
-    mass 17,740 kg, moments 363,231 kg m and 11,776,047 kg m^2, which FAST sums over 17 elements; those
-    of the table are 0.5 to 0.8 % less.
+    mass 17,740 kg, moments 363,231 kg m and 11,776,047 kg m^2, which FAST sums over 17 elements;
+    those of the table are 0.5 to 0.8 % less.
     """
     blade = tb.read(NREL, length=61.5, elements=24).linked()
     known = torch.tensor((0.67758, 1.08638, 1.95388, 4.00836, 4.55459, 8.07387))
