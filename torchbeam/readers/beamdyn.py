@@ -20,8 +20,12 @@ from ..scene.section import Section
 from .blade import ORDER, Blade, reordered, section_of
 from .text import Text
 
-PARTS = ("blade", "damping")
 SIGNS = ("kp_total", "station_total")  # what such a file contains, one of these
+
+
+def parts(text: Text) -> tuple[str, ...]:
+    """What such a file holds."""
+    return "blade", "damping"
 
 
 def read(text: Text, part: str, length: float | None) -> Blade | Damping:

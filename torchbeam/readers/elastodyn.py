@@ -18,7 +18,6 @@ from ..scene.section import Section
 from .blade import Blade
 from .text import Text
 
-PARTS = ("blade", "tower")
 SIGNS = ("NBlInpSt", "NTwInpSt", "TipRad")
 # of a file's table: (the number of its rows, its first column, then mass, the stiffness against
 # moving along the file's x, and along its y; factors of these)
@@ -28,6 +27,12 @@ TABLES = {
     "tower": ("NTwInpSt", ("HtFract", "TMassDen", "TwFAStif", "TwSSStif"),
               ("AdjTwMa", "AdjFASt", "AdjSSSt")),
 }  # fmt: skip
+
+
+def parts(text: Text) -> tuple[str, ...]:
+    """What such a file holds: a primary file names those of both."""
+    there = (name for name, table in TABLES.items() if text.find(table[0]) is not None)
+    return tuple(there) or tuple(TABLES)
 
 
 def read(text: Text, part: str, length: float | None) -> Blade:
@@ -42,9 +47,6 @@ def read(text: Text, part: str, length: float | None) -> Blade:
             name = text.value("TwrFile")[0]
             length = text.number("TowerHt") - text.number("TowerBsHt")
         text = Text(text.beside(name))
-    if text.find(TABLES[part][0]) is None:
-        other = next(name for name in PARTS if name != part)
-        raise refusal(f"part = {part!r} of {text.path.name}", f"part = {other!r}")
     if length is None:
         wanted = "length=, from the hub's radius to the tip, or the primary file"
         wanted = wanted if part == "blade" else "length=, or the primary file"

@@ -14,8 +14,8 @@ from ..scene.section import Section
 from .blade import Blade
 from .text import Text
 
-# module of a reader, which has SIGNS (a file of its kind contains one of them), PARTS (what it
-# holds, the first by default) and read(text, part, length)
+# module of a reader, which has SIGNS (a file of its kind contains one of them), parts(text) (what
+# the file holds, the first by default) and read(text, part, length)
 FORMATS = {
     "beamdyn": "beamdyn",
     "elastodyn": "elastodyn",
@@ -82,11 +82,10 @@ def read(
     reader = _reader(text, format)
     if part is not None:
         choice("part", part, ("blade", "tower", "damping", "section"))
-    chosen = reader.PARTS[0] if part is None else part
-    if chosen == "blade" and "tower" in reader.PARTS and text.find("NTwInpSt") is not None:
-        chosen = "tower" if part is None else part
-    if chosen not in reader.PARTS:
-        wanted = " or ".join(f"part = {name!r}" for name in reader.PARTS)
+    parts = reader.parts(text)
+    chosen = parts[0] if part is None else part
+    if chosen not in parts:
+        wanted = " or ".join(f"part = {name!r}" for name in parts)
         raise refusal(f"part = {part!r} of {text.path.name}", wanted)
     content = reader.read(text, chosen, length)
     if isinstance(content, Blade):

@@ -137,5 +137,5 @@ def _first(line: str) -> tuple[str, str]:
     if line[:1] in ("'", '"'):
         value, _, rest = line[1:].partition(line[0])
         return value, rest
-    value, _, rest = line.partition(" ") if "\t" not in line else (*line.split(None, 1), "", "")[:3]
-    return value, rest
+    value, *rest = line.split(None, 1) or [""]
+    return value, "".join(rest)

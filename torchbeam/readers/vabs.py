@@ -16,11 +16,15 @@ from ..scene.section import Section
 from .blade import section_of
 from .text import Text
 
-PARTS = ("section",)
 SIGNS = ("Timoshenko Stiffness Matrix", "Classical Stiffness Matrix", "Effective Mass Matrix")
 CLASSICAL = (0, 3, 4, 5)  # its rows, of six
 MASS = ("6X6 Mass Matrix", "Effective Mass Matrix")
 CLASSICAL_HEADINGS = ("Classical Stiffness Matrix", "Effective Stiffness Matrix")
+
+
+def parts(text: Text) -> tuple[str, ...]:
+    """What such a file holds."""
+    return ("section",)
 
 
 def read(text: Text, part: str, length: float | None) -> Section:

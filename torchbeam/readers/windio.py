@@ -22,10 +22,14 @@ from ..scene.stations import Table
 from .blade import ORDER, Blade, reordered, section_of
 from .text import Text, check_matrix
 
-PARTS = ("blade", "damping")
 SIGNS = ("components:",)
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))  # as 21 numbers are listed
 INERTIA = ("mass", "cm_x", "cm_y", "i_edge", "i_flap", "i_plr", "i_cp")
+
+
+def parts(text: Text) -> tuple[str, ...]:
+    """What such a file holds."""
+    return "blade", "damping"
 
 
 def read(text: Text, part: str, length: float | None) -> Blade | Damping:

@@ -198,6 +198,11 @@ def test_elastodyn_primary_file(tmp_path):
             assert_close(by[k], torch.tensor(length**3 / (3 * EI)), rtol=2e-4, atol=0)
     alone = tb.read(tmp_path / "blade.dat", length=L, elements=4)
     assert_close(alone.nodes, blade.nodes)
+    assert_close(tb.read(tmp_path / "tower.dat", length=80.0, elements=4).mass, tower.mass)
+    with pytest.raises(ValueError, match="part = 'blade' of tower.dat was given; part = 'tower'"):
+        tb.read(tmp_path / "tower.dat", part="blade", length=80.0)
+    with pytest.raises(ValueError, match="does not say how long it is"):
+        tb.read(tmp_path / "tower.dat")
 
 
 @pytest.mark.parametrize("write", [files.vabs, files.swiftcomp])
