@@ -199,7 +199,7 @@ def test_elastodyn_primary_file(tmp_path):
     alone = tb.read(tmp_path / "blade.dat", length=L, elements=4)
     assert_close(alone.nodes, blade.nodes)
     assert_close(tb.read(tmp_path / "tower.dat", length=80.0, elements=4).mass, tower.mass)
-    with pytest.raises(ValueError, match="part = 'blade' of tower.dat was given; part = 'tower'"):
+    with pytest.raises(ValueError, match=r"part = .blade. of tower\.dat was given; part = .tower."):
         tb.read(tmp_path / "tower.dat", part="blade", length=80.0)
     with pytest.raises(ValueError, match="does not say how long it is"):
         tb.read(tmp_path / "tower.dat")
