@@ -13,7 +13,7 @@ import math
 
 import torch
 
-from ..core.validation import positive, refusal
+from ..core.validation import refusal
 from ..scene.section import Section
 from .blade import Blade
 from .text import Text
@@ -51,7 +51,6 @@ def read(text: Text, part: str, length: float | None) -> Blade:
         wanted = "length=, from the hub's radius to the tip, or the primary file"
         wanted = wanted if part == "blade" else "length=, or the primary file"
         raise refusal(f"{text.path.name}, which does not say how long it is,", wanted)
-    positive("length", torch.tensor(float(length)))
     return _of_table(text, part, float(length))
 
 

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-from ..core.arguments import choice
+from ..core.arguments import choice, number
 from ..core.validation import refusal, shown
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping
@@ -82,6 +82,9 @@ def read(
     reader = _reader(text, format)
     if part is not None:
         choice("part", part, ("blade", "tower", "damping", "section"))
+    length = None if length is None else number("length", length)
+    if length is not None and length <= 0:
+        raise refusal(f"length = {length:g}", "a positive one")
     parts = reader.parts(text)
     chosen = parts[0] if part is None else part
     if chosen not in parts:

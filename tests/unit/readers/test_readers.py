@@ -252,6 +252,7 @@ def damaged(path, old, new, count=1):
         (lambda p: damaged(p, "blade.dat", "none.dat"), {}, "none.dat', where there is no file"),
         (lambda p: p, dict(length=3.0), "length = 3 with beamdyn.dat, which says it"),
         (lambda p: p, dict(part="tower"), "part = 'tower' of beamdyn.dat"),
+        (lambda p: p, dict(length=-3.0), "length = -3 was given; a positive one"),
         (lambda p: p, dict(part="wing"), "part"),
         (lambda p: p, dict(format="vabs"), "one of format 'vabs' is wanted"),
         (lambda p: p, dict(format="bladed"), "format"),
