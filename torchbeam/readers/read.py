@@ -8,9 +8,6 @@ from typing import Any
 
 from ..core.arguments import choice, number
 from ..core.validation import refusal, shown
-from ..scene.beam import Beam
-from ..scene.effects.damping import Damping
-from ..scene.section import Section
 from .blade import Blade
 from .text import Text
 
@@ -33,7 +30,7 @@ def read(
     elements: int | None = None,
     order: int = 1,
     length: float | None = None,
-) -> Beam | Section | Damping:
+) -> Any:  # by the file, as the docstring says
     """What a file of another program holds: a beam, a section, or a damping.
 
     | file | gives |
