@@ -32,8 +32,8 @@ REFERENCE = {
         "SmoothHistory", "SmoothRotation")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
         "simulate", "rollout", "rollout_jacobian", "Stepper", "rest", "State", "Solution",
-        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view",
-        "View")),
+        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "read",
+        "view", "View")),
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (
@@ -110,7 +110,7 @@ GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame",
                               "plastic_frame"),
     "Sections": ("composite_box",),
-    "Vibration": ("campbell", "rotor"),
+    "Vibration": ("campbell", "rotor", "read_blade"),
     "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),

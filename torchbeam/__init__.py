@@ -56,6 +56,7 @@ from .linear.modes import Modes
 from .linear.state_space import linearize
 from .plot.notebook import in_html
 from .plot.view import View, view
+from .readers.read import read
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
@@ -144,7 +145,7 @@ __all__ = [
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "pose_from_points",
-    "rare_event", "rayleigh", "remesh",
+    "rare_event", "rayleigh", "read", "remesh",
     "rest",
     "rollout", "rollout_jacobian", "save", "sensors",
     "simulate", "sobol_indices", "tornado", "view",

@@ -77,6 +77,7 @@ KALMAN = tb.KalmanFilter(**WATCHED)
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 FOLDER = TemporaryDirectory(prefix="torchbeam-calls-")  # of this process alone
 SAVED = tb.save(START, Path(FOLDER.name) / "saved.pt", scene=SCENE)
+BLADE = Path(__file__).parents[2] / "examples/blades/nrel_5_mw_elastodyn.dat"
 EXPORTED = str(Path(FOLDER.name) / "exported.vtu")  # nothing else is written, but SAVED and
 PICTURE = str(Path(FOLDER.name) / "picture.svg")
 
@@ -84,6 +85,8 @@ PICTURE = str(Path(FOLDER.name) / "picture.svg")
 CALLS = {
     "save": (tb.save, dict(what=START, path=str(SAVED), scene=SCENE)),
     "load": (tb.load, dict(path=str(SAVED), scene=SCENE)),
+    "read": (tb.read, dict(path=str(BLADE), format="elastodyn", part="blade", elements=2, order=1,
+                           length=61.5)),
     "from_stiffness": (tb.Section.from_stiffness, dict(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3,
         inertia=0.01)),
     "rectangle": (tb.Section.rectangle, dict(width=0.1, height=0.1, E=1.0, nu=0.3, rho=1.0)),

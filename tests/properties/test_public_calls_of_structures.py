@@ -456,7 +456,7 @@ Table Tendon TipLoad Tornado Universal View Viscoelastic Weld laws modal_assuran
 pose_from_points rayleigh sensors"""
 # of functions of the user's own, as identify and monte_carlo; of other scenes, made by remesh
 FUNCTIONS = "identify_fields moment_derivatives monte_carlo_stream rare_event sobol_indices tornado"
-FUNCTIONS += " compare converge design KalmanFilter MovingHorizon Filtered"
+FUNCTIONS += " compare converge design KalmanFilter MovingHorizon Filtered read"
 # of answers, whatever gave them; of joints, which one beam has not; a base
 READ = "plot.axes plot.bands plot.campbell plot.convergence plot.correlation plot.cross_section"
 READ += (

@@ -250,7 +250,7 @@ def _rigid(beam: Beam, rows: tuple[int, ...]) -> Beam:
     like = beam.compliance
     keep = torch.tensor([float(k not in rows) for k in range(6)]).to(like)
     rigid = tuple(was or k in rows for k, was in enumerate(beam.rigid))
-    return replace(beam, compliance=keep[:, None] * beam.compliance * keep, rigid=rigid)
+    return replace(beam, compliance=keep[:, None] * beam.compliance * keep, taper=None, rigid=rigid)
 
 
 def _without_rotary(beam: Beam) -> Beam:
@@ -260,7 +260,10 @@ def _without_rotary(beam: Beam) -> Beam:
             "a section with an offset centre of mass has rotary inertia by that offset alone"
         )
     keep = (torch.arange(6, device=beam.mass.device) < 3).to(beam.mass)
-    return replace(beam, mass=keep[:, None] * beam.mass * keep, rotary=False)
+    mass, more = (
+        None if x is None else keep[:, None] * x * keep for x in (beam.mass, beam.mass_taper)
+    )
+    return replace(beam, mass=mass, mass_taper=more, rotary=False)
 
 
 def seconds(runs: Sequence[Callable[[], Any]], repeats: int) -> list[float]:

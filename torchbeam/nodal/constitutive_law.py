@@ -18,7 +18,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.derivatives import untracked
 from ..core.leaves import Tree, leaf
@@ -27,6 +26,7 @@ from ..core.validation import concrete
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
+from ..scene.taper import residual_bending
 from .coordinates.spatial import Spatial
 from .maxwell_arms import MaxwellArms, arms_of
 
@@ -228,9 +228,9 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     section with an impossible strain.
     """
     beam, rigid = scene.beam, any(impossible(scene.beam))
-    compliance = _with_residual_bending(beam, beam.compliance)
+    compliance = _element_compliance(beam)
     S = _slim(compliance, beam, space)
-    if rigid or beam.coupled:
+    if rigid or _coupled(beam):
         resistance = _resistance(scene) if rigid else None
         C = _slim(_regular_inverse(beam, compliance, resistance), beam, space)
     else:
@@ -256,13 +256,25 @@ def times(matrix: Tensor, x: Tensor) -> Tensor:
 
 
 def impossible(beam: Beam) -> tuple[bool, ...]:
-    """Which of an element's strains are impossible. With linked interpolation an element shears as
-    well by bending.
+    """Which of an element's strains are impossible. With linked interpolation, or a taper, an
+    element shears as well by bending.
     """
     extension, shear_y, shear_z, twist, bending_y, bending_z = beam.rigid
-    if beam.linked_interpolation:
+    if beam.linked_interpolation or beam.taper is not None:
         shear_y, shear_z = shear_y and bending_z, shear_z and bending_y
     return extension, shear_y, shear_z, twist, bending_y, bending_z
+
+
+def _coupled(beam: Beam) -> bool:
+    """Whether an element's compliance has more than its diagonal."""
+    return beam.coupled or beam.taper is not None
+
+
+def _element_compliance(beam: Beam) -> Tensor:
+    """S (..., N or 1, 6, 6) that the ends of elements show."""
+    if beam.taper is None:
+        return _with_residual_bending(beam, beam.compliance)
+    return beam.compliance + beam.taper[..., int(beam.linked_interpolation), :, :]
 
 
 def _with_residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
@@ -273,16 +285,10 @@ def _with_residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
         S_FF + h^2/12 ~e1^T S_MM ~e1
     """
     return (
-        flexibility + _residual_bending(beam, flexibility)
+        flexibility + residual_bending(flexibility, beam.length)
         if beam.linked_interpolation
         else flexibility
     )
-
-
-def _residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
-    across = flexibility.new_tensor(((0, 0, 0), (0, 0, -1), (0, 1, 0)))
-    bent = across.mT @ flexibility[..., 3:, 3:] @ across
-    return pad(beam.length[..., None, None] ** 2 / 12 * bent, (0, 3, 0, 3))
 
 
 def _own_flexibility(beam: Beam, flexibility: Tensor) -> Tensor | None:
@@ -295,16 +301,15 @@ def _own_flexibility(beam: Beam, flexibility: Tensor) -> Tensor | None:
 
 def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice(None)) -> Tensor:
     """The strain (..., n, 6) of sections in elements' middles with this one, less eigenstrain."""
-    if not beam.linked_interpolation:
+    if not beam.linked_interpolation and beam.taper is None:
         return strain
-    S = beam.compliance
-    bent = _residual_bending(beam, S)
-    part = (bent @ _regular_inverse(beam, S + bent))[..., elements, :, :]
+    S = _element_compliance(beam)
+    part = ((S - beam.compliance) @ _regular_inverse(beam, S))[..., elements, :, :]
     return strain - (part @ strain[..., None])[..., 0]
 
 
 def _slim(matrix: Tensor, beam: Beam, space: Spatial) -> Tensor:
-    if beam.coupled:
+    if _coupled(beam):
         return space.project_section(matrix)
     return space.project_diagonal(matrix.diagonal(dim1=-2, dim2=-1))[..., None]
 
@@ -387,13 +392,13 @@ def _retardation(damping: Damping, beam: Beam, space: Spatial) -> Tensor:
             "six-valued tau was given for a section with an impossible strain; one value is "
             "wanted there"
         )
-    if not (beam.coupled or beam.linked_interpolation):
+    if not (_coupled(beam) or beam.linked_interpolation):
         return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[
             ..., None, :, None
         ]
-    S = beam.compliance
+    S = beam.compliance if beam.taper is None else _element_compliance(beam)
     retardation = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
-    if not beam.linked_interpolation:
+    if not beam.linked_interpolation or beam.taper is not None:
         return space.project_section(retardation)
     R = _with_residual_bending(beam, retardation @ S)
     return _slim(R @ torch.linalg.inv(_with_residual_bending(beam, S)), beam, space)

@@ -130,15 +130,15 @@ def arms_of(scene: Any, space: Any, own: Tensor | None) -> MaxwellArms | None:
     """Of the elements of a scene; own (..., N or 1, 6): of their flexibilities, the section's own
     part, the rest being that of bending across (linked interpolation), None = all.
 
-    Raises ValueError for six rows on a coupled section.
+    Raises ValueError for six rows on a coupled section, or on elements that taper.
     """
     beam, effects = scene.beam, scene.viscoelastic
     if not effects:
         return None
-    if beam.coupled and any(effect.six for effect in effects):
+    if (beam.coupled or beam.taper is not None) and any(effect.six for effect in effects):
         raise ValueError(
             "Viscoelastic with a row for each strain was given for a section whose strains are "
-            "coupled; one row of shares and times is wanted there"
+            "coupled, or that tapers; one row of shares and times is wanted there"
         )
     rows = [_rows(effect, own, scene.arms) for effect in effects]
     if effects[0].on is None:
