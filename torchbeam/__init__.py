@@ -18,6 +18,8 @@ import torch
 
 from . import plot, sensors
 from .analysis.advise import Advice, advise
+from .analysis.campbell import campbell
+from .analysis.campbell_diagram import Campbell
 from .analysis.convergence.converge import converge
 from .analysis.convergence.convergence import Convergence
 from .analysis.convergence.on_request import equilibrium, modes, simulate
@@ -119,7 +121,7 @@ if TYPE_CHECKING:  # imported where they are first asked for
 # fmt: off
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
-    "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
+    "Campbell", "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
     "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
@@ -132,7 +134,7 @@ __all__ = [
     "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "compare", "consistent_state",
+    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "campbell", "compare", "consistent_state",
     "converge", "critical_load",
     "describe", "design", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
@@ -150,6 +152,7 @@ torch.serialization.add_safe_globals(
     [
         Advice,
         Bootstrap,
+        Campbell,
         Critical,
         Description,
         Estimate,

@@ -115,13 +115,20 @@ def augmented(
 
 
 def of_nodes(
-    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
+    model: Model,
+    state: State,
+    t: Tensor,
+    inputs: dict[str, Tensor],
+    problem: SteadyProblem | None = None,
 ) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
-    """The same of all nodes (D None: no damping, rotation), and what internal states add."""
+    """The same of all nodes (D None: no damping, rotation), and what internal states add; problem:
+    whose equilibrium the state is, None = that of the scene.
+    """
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
-    problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
+    if problem is None:
+        problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         problem = problem.holding(x, state.internal)
     kinematics = model.kinematics(x.position, x.rotation)

@@ -1,0 +1,207 @@
+"""Campbell diagram of a rotor that spins on a support that does not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import choice, instant
+from ..core.arguments import count as check_count
+from ..core.derivatives import no_derivatives
+from ..core.leaves import wants_gradient
+from ..core.validation import as_tensor, concrete, finite, refusal, shown
+from ..linear.multiblade import SpinningModel, spinning_model
+from ..linear.periodic import ORDER, exponents
+from ..linear.spinning import Bearing, steady_spin
+from ..linear.steady_check import check_steady
+from ..linear.whirl import names_of, tracked, whirl
+from ..math.eigen_derivatives import attach, upright
+from ..math.quadratic_eigen import slowest
+from ..scene.effects import Inputs
+from ..scene.in_double import in_double
+from ..scene.scene import Scene
+from ..uncertainty.evaluation import progress_of
+from ..uncertainty.progress import Report
+from .campbell_diagram import Campbell
+
+METHODS = ("auto", "multiblade", "floquet")
+SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
+# of an eigenvalue: what the azimuth changes of it where blades are equal
+EQUAL = 1e-7
+LEAST_STEPS = 8
+
+
+def campbell(
+    scene: Scene,
+    speeds: Any,
+    *,
+    bearing: int | None = None,
+    count: int = 6,
+    method: str = "auto",
+    steps: int = 32,
+    t: float = 0.0,
+    inputs: dict[str, Any] | None = None,
+    progress: Report | bool | None = None,
+) -> Campbell:
+    """Frequencies and damping of a rotor on its support over the speed at which it spins.
+
+    The rotor is all that hangs on the second part of a `Hinge`, the bearing. It spins at a held
+    speed; the support stands. Small motions are about the steady state: blades as centrifugal loads
+    leave them, the support under what is steady of the rotor.
+
+    Args:
+        scene: a structure in a frame at rest, drawn at the azimuth 0
+        speeds: (n,) rad/s, rising, about the bearing's axis
+        bearing: place of the hinge among the scene's joints; None = its only one. Its speed is
+            held: its angle, torque and resistances do not count
+        count: modes
+        method: "multiblade": coordinates that do not spin, in which three and more equal blades
+            have constant coefficients. "floquet": exponents over a turn, for two blades, unequal
+            blades and shafts that are not round. "auto": multiblade where it is exact
+        steps: of a turn, of "floquet"; their error is of sixth order
+        t, inputs: of the loads, as in `equilibrium`
+        progress: as in `monte_carlo`, of the speeds of "floquet"
+
+    - **Frequencies** are those seen from the ground. Of two blades, of unequal ones, and of motions
+      in which neighbours of an even number of blades move against each other, they are those of the
+      harmonic that is largest in axes that turn with the blades.
+    - **Loads** on the rotor must look the same from it at every azimuth: no gravity across the axis.
+    - **Derivatives** by all that the scene holds, and by the speeds, where eigenvalues are distinct.
+    - **Cost.** Dense: O(n^3) of all coordinates a speed; "floquet" that for every step of a turn.
+
+    Raises:
+        ValueError: for a scene without such a bearing, a rotor that is held otherwise, loads that
+            change with the azimuth, internal states of loads, and unequal blades with
+            method="multiblade".
+        RuntimeError: for a speed without a steady state.
+
+    Examples:
+        >>> disc = tb.Body(mass=2.0, inertia=(0.02, 0.01, 0.01), position=(1.0, 0, 0))
+        >>> shaft = tb.Beam.straight(1.0, 4, tb.Section.circle(0.01, 210e9, 0.3, 7800.0))
+        >>> journal = tb.Hinge(("shaft", -1), "disc", axis=(1, 0, 0))
+        >>> held = tb.Support(("shaft", 0))
+        >>> overhung = tb.Scene({"shaft": shaft, "disc": disc}, joints=[journal], supports=held)
+        >>> diagram = tb.campbell(overhung, torch.linspace(0, 300, 4), count=4)
+        >>> diagram.frequency.shape, diagram.names[:2]
+        (torch.Size([4, 4]), ['backward 1', 'forward 1'])
+    """
+    choice("method", method, METHODS)
+    check_count("count", count), check_count("steps", steps, LEAST_STEPS)
+    speeds = _speeds(speeds, scene)
+    values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
+    if any(scene.internal_states):
+        raise ValueError(
+            "loads with internal states were given to campbell; ones without are wanted"
+        )
+
+    def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
+        return _diagram(scene, speeds, values, time, (bearing, count, method, steps, progress))
+
+    return in_double(diagram, scene, None, speeds, values, time)
+
+
+def _speeds(speeds: Any, scene: Scene) -> Tensor:
+    """(n, 1, ...) rad/s, before the scene's batch axes."""
+    x = finite("speeds", as_tensor(speeds, scene.dtype, scene.device))
+    if x.ndim != 1 or len(x) < 1 or bool(concrete(x[1:] <= x[:-1]).any()) or bool(x[0] < 0):
+        raise refusal(f"speeds = {shown(speeds)}", "rising numbers (n,) from 0 on", are=True)
+    return x.reshape(-1, *(1,) * len(scene.batch_shape))
+
+
+def _diagram(
+    scene: Scene, speeds: Tensor, values: Inputs, time: Tensor, options: tuple[Any, ...]
+) -> Campbell:
+    which, count, method, steps, progress = options
+    bearing = Bearing.of(scene, which)
+    problem, state = steady_spin(bearing, speeds, time, values)
+    check_steady(bearing, problem, state)
+    spinning = spinning_model(bearing, problem, state, speeds)
+    free = spinning.M.shape[-1]
+    if count > free:
+        raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")
+    several = min(count + SPARE, free)
+    M, D, K = spinning.constant()
+    derivatives = wants_gradient(M, D, K)
+    with no_derivatives():
+        pairs = slowest(M, D, K, several, False, derivatives)
+        periodic = _periodic(spinning, pairs.eigenvalue, pairs.right)
+    unequal = bool(concrete(periodic > EQUAL).any())
+    if unequal and method == "multiblade":
+        raise ValueError(
+            "method = 'multiblade' was given for a rotor whose coefficients change with the "
+            f"azimuth, by {concrete(periodic).max().item():.1g} of an eigenvalue; three or more "
+            "equal blades, or method='floquet', are wanted"
+        )
+    if method == "floquet" or unequal:
+        method = "floquet"
+        value, shape, error = _floquet(spinning, (pairs.eigenvalue, pairs.right), steps, progress)
+    else:
+        method = "multiblade"
+        value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, pairs.right)
+        error = torch.zeros_like(value.real)
+    space, moves = bearing.model.space, spinning.moves.to(shape.dtype)
+    with no_derivatives():
+        nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
+        unit = bearing.model.unit[..., None, None, :]
+        index = tracked(value, (nodal / unit).flatten(-2), count)
+    value, error = (x.gather(-1, index) for x in (value, error))
+    shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
+    with no_derivatives():
+        turning = whirl(spinning, shape)
+        last = spinning.at((-1, *(0,) * (turning.ndim - 2)))
+        names = names_of(bearing, last, shape[(-1, *(0,) * (turning.ndim - 2))])
+    nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
+    if space.unknowns < 6:
+        eye = torch.eye(space.unknowns, dtype=spinning.M.dtype, device=nodal.device)
+        nodal = nodal @ space.embed(eye).to(nodal.dtype)
+    return Campbell(speeds.flatten(), value, nodal, turning, names, error, method)
+
+
+def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
+    """(...) of an eigenvalue: the most that coefficients that change with the azimuth would move
+    one, or couple two.
+    """
+    M, D, _ = spinning.constant()
+    v, by = right.mT, value[..., None, :]
+    slope = ((v.conj() * (2 * by * (M.to(v.dtype) @ v) + D.to(v.dtype) @ v)).sum(-2)).abs()
+    size = (slope[..., :, None] * slope[..., None, :]).sqrt()
+    most = torch.zeros_like(value.real[..., 0])
+    for psi in (0.7, 1.9):
+        M, D, K = (A.to(v.dtype) for A in spinning.periodic(psi))
+        coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
+        share = coupling / size / by.abs()
+        share = torch.where(torch.isfinite(share), share, 0.0)
+        most = torch.maximum(most, share.amax((-1, -2)))
+    return most
+
+
+def _floquet(
+    spinning: SpinningModel, at_rest: tuple[Tensor, Tensor], steps: int, progress: Any
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Exponents (n, ..., m), shapes, and the error 1/s of the steps, speed by speed; at_rest:
+    eigenvalues and shapes where nothing turns.
+    """
+    count = at_rest[0].shape[-1]
+    report = progress_of(progress, len(spinning.speed))
+    results = []
+    for k in range(len(spinning.speed)):
+        one = spinning.at(k)
+        if not bool(one.speed.detach().amax() > 0):
+            value, shape = (x[k] for x in at_rest)
+            results.append((value, shape, torch.zeros_like(value.real)))
+            continue
+        constant = one.constant()
+
+        def matrices(psi: float, one=one, constant=constant) -> tuple[Tensor, Tensor, Tensor]:
+            return tuple(a + b for a, b in zip(constant, one.periodic(psi), strict=True))
+
+        value, shape = exponents(matrices, one.speed, steps, count)
+        with no_derivatives():
+            coarse = exponents(matrices, one.speed, steps // 2, count).exponent
+            apart = (value[..., :, None] - coarse[..., None, :]).abs().amin(-1)
+        results.append((value, shape, apart / (2**ORDER - 1)))
+        if report is not None:
+            report.add(1, 0, False)
+    return tuple(torch.stack(x) for x in zip(*results, strict=True))

@@ -1,0 +1,233 @@
+"""Small motions about a steady spin, in coordinates that do not spin.
+
+With q_R = Z r the moves of the rotor's nodes in axes that turn with it: r = (y, b), y those of the
+bearing's point, which carry the whole rotor, and b the blades' beside it. In these axes
+
+    M_r r'' + D_r r' + K_r r = 0
+
+is constant. Coordinates that do not spin are r = exp(-psi S) r', psi = W t, with S = axis x ... on y:
+they are then moves in frame a, those of the support's node. On b, S is the generator of the blades'
+cyclic symmetry (the multiblade, or Coleman, transform: Coleman and Feingold 1958, NACA Report 1351;
+Hohenemser and Yin 1972): with P the permutation of B equal blades, turned by 2 pi/B, and its
+eigenspaces k = -B/2 ... B/2,
+
+    P = exp(2 pi/B S)        S = sum over |k| < B/2 of i k Pi_k = sum_j c_j P^j
+
+    M = M_r    D = D_r - 2 W M_r S    K = K_r - W D_r S + W^2 M_r S^2
+
+is constant as well, where all of these commute with S: for three and more equal blades. For others
+each is exp(psi S) (...) exp(-psi S), periodic; two blades and unequal ones keep their own axes, S =
+0 on b.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torch.nn.functional import pad
+
+from ..core.derivatives import no_derivatives
+from ..core.leaves import Tree, leaf, map_leaves
+from ..core.validation import concrete
+from ..equations.steady import Configuration
+from ..math import quaternions as quat
+from ..math.shapes import broadcast_shapes
+from ..nodal.coordinates.spatial import Spatial
+from ..scene.parts import Part
+from ..state.state import State
+from .spinning import Bearing, SpinningProblem
+from .system_matrices import of_nodes, rigid_constraints
+
+MET = 1e-6  # of the structure's size: blades that are turned onto each other
+RANK = 1e-9  # of the largest singular value
+
+
+@dataclass(frozen=True)
+class SpinningModel(Tree):
+    """M, D, K (..., n, n) of coordinates g that do not spin, at psi = 0: of supports, and b.
+
+    M_r, D_r, K_r (..., m, m) of the rotor, r = B g at psi = 0, B (..., m, n);  S (..., m, m)
+    moves (..., w nodes, n): of all nodes by g, at psi = 0
+    support_moves how many of g are the support's
+    """
+
+    speed: Tensor = leaf(0)
+    M: Tensor = leaf(2)
+    D: Tensor = leaf(2)
+    K: Tensor = leaf(2)
+    M_r: Tensor = leaf(2)
+    D_r: Tensor = leaf(2)
+    K_r: Tensor = leaf(2)
+    B: Tensor = leaf(2)
+    S: Tensor = leaf(2)
+    moves: Tensor = leaf(2)
+    blades: int
+
+    def at(self, k: int | tuple[int, ...]) -> SpinningModel:
+        """Of one speed, or one sample of one."""
+        return map_leaves(lambda x, axes: x[k], self)
+
+    def constant(self) -> tuple[Tensor, Tensor, Tensor]:
+        """M, D, K of blades that are equal, or of a psi of 0."""
+        W, S, B = self.speed[..., None, None], self.S, self.B
+        D = self.D - 2 * W * B.mT @ self.M_r @ S @ B
+        return self.M, D, self.K + B.mT @ (W**2 * self.M_r @ S - W * self.D_r) @ S @ B
+
+    def periodic(self, psi: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What they change by at the azimuth psi: exp(psi S) (...) exp(-psi S) - (...)."""
+        W, S, B = self.speed[..., None, None], self.S, self.B
+        turn = torch.linalg.matrix_exp(psi * S)
+        M = self.M_r
+        D = self.D_r - 2 * W * M @ S
+        K = self.K_r - W * self.D_r @ S + W**2 * M @ S @ S
+        M, D, K = (B.mT @ (turn @ X @ turn.mT - X) @ B for X in (M, D, K))
+        return M, D, K
+
+
+def spinning_model(
+    bearing: Bearing, problem: SpinningProblem, state: State, speed: Tensor
+) -> SpinningModel:
+    """About a steady spin at speeds (...)."""
+    model, space = bearing.model, bearing.model.space
+    M, D, K, _ = of_nodes(model, state, problem.t, problem.inputs, problem)
+    G = rigid_constraints(K)[..., _own_rows(bearing), :]
+    M, K = M.dense(), K.dense()
+    D = torch.zeros_like(K) if D is None else D.dense()
+    lead = broadcast_shapes(*(A.shape[:-2] for A in (M, D, K)), speed.shape)
+    reduced = space.to_reduced(state)
+    x = Configuration(reduced.position, reduced.rotation, reduced.stress)
+    axis, w = bearing.axis(x), space.unknowns
+    centre = bearing.reduced(x, axis.point)
+    node = torch.arange(model.node_count, device=M.device).repeat_interleave(w)
+    rotor, free = bearing.rotor[node], model.constraints.moving.flatten()
+    size = model.unit[..., None, :].expand(*model.extent.shape, model.node_count, -1).flatten(-2)
+    Z_s = _null_space(G, free & ~rotor, size, lead)
+    Z_b = _null_space(G, rotor & (node != bearing.hub), size, lead)
+    Z_y = _rigid(space, x.position - centre[..., None, :]).flatten(-3, -2)
+    Z_y = (rotor[:, None] * Z_y).expand(*lead, *Z_y.shape[-2:])
+    Y = Z_s.new_zeros(*lead, w, Z_s.shape[-1])
+    if bearing.support is not None:
+        at = bearing.support
+        lever = _rigid(space, (centre - x.position[..., at, :])[..., None, :])[..., 0, :, :]
+        Y = lever @ Z_s[..., at * w : (at + 1) * w, :]
+    unit = space.project_spin(axis.direction)
+    X = block_diagonal(space.skew(unit), space.spin_skew(unit)).expand(*lead, w, w)
+    order, P, blades = _symmetry(bearing, X)
+    S_b = _generator(P, Z_b, size, order)
+    Z, moves = torch.cat((Z_y, Z_b), -1), torch.cat((Z_s + Z_y @ Y, Z_b), -1)
+    eye = torch.eye(Z_b.shape[-1], dtype=M.dtype, device=M.device)
+    return SpinningModel(
+        speed.expand(lead),
+        *(moves.mT @ A @ moves for A in (M, D, K)),
+        *(Z.mT @ A @ Z for A in (M, D, K)),
+        block_diagonal(Y, eye.expand(*lead, *eye.shape)),
+        block_diagonal(X, S_b),
+        moves,
+        blades,
+    )
+
+
+def block_diagonal(A: Tensor, B: Tensor) -> Tensor:
+    """[A, 0; 0, B] of (..., m, n) and (..., k, l)."""
+    (m, n), (k, l) = A.shape[-2:], B.shape[-2:]
+    return pad(A, (0, l, 0, k)) + pad(B, (n, 0, m, 0))
+
+
+def _own_rows(bearing: Bearing) -> Tensor:
+    """Places of all constraints but the bearing's own."""
+    joint = bearing.model.joints.held.nonzero()[:, 0]
+    count = bearing.model.multipliers.held_count
+    keep = torch.ones(count, dtype=torch.bool, device=joint.device)
+    keep[: len(joint)] = joint != bearing.joint
+    return keep.nonzero()[:, 0]
+
+
+def _rigid(space: Spatial, lever: Tensor) -> Tensor:
+    """(..., n, w, w): moves of points at a lever (..., n, p) by those of what carries them."""
+    A = space.lever_matrix(lever)
+    p, s = A.shape[-2:]
+    eye = torch.eye(p + s, dtype=A.dtype, device=A.device)
+    return eye + pad(A, (p, 0, 0, s))
+
+
+def _null_space(G: Tensor, mask: Tensor, size: Tensor, lead: tuple[int, ...]) -> Tensor:
+    """(..., w nodes, n) moves of those in the mask that leave what G (..., m, w nodes) holds,
+    orthonormal by their size.
+    """
+    at = mask.nonzero()[:, 0]
+    N = torch.eye(len(at), dtype=G.dtype, device=G.device).expand(*lead, len(at), len(at))
+    size = size[..., at]
+    G = (G[..., at] * size[..., None, :]).expand(*lead, G.shape[-2], len(at))
+    used = (concrete(G.detach()) != 0).flatten(0, -3).any(0).any(-1)
+    G = G[..., used, :]
+    if G.shape[-2]:
+        with no_derivatives():
+            values, V = torch.linalg.svd(G)[1:]
+            rank = (values > RANK * values.amax(-1, keepdim=True)).sum(-1)
+            N, back = V[..., int(concrete(rank).amax()) :, :].mT, torch.linalg.pinv(G)
+        N = N - back @ (G @ N)  # no more than its derivative
+    whole = N.new_zeros(*lead, len(mask), N.shape[-1])
+    return whole.index_copy(-2, at, size[..., None] * N)
+
+
+def _symmetry(bearing: Bearing, X: Tensor) -> tuple[int, Tensor | None, int]:
+    """By which part of a turn the rotor comes onto itself, three or more; how that moves moves
+    (..., w nodes, w nodes), X (..., w, w) axis x ...; and how many blades there are, 0 where all
+    parts lie on the axis. (0, None, 0) for fewer than three.
+    """
+    beam = bearing.model.scene.beam
+    nodes = beam.nodes.detach().reshape(-1, *beam.nodes.shape[-2:])
+    parts = [part for part in beam.parts if bearing.rotor[part.nodes.start]]
+    point, axis = (v.detach().reshape(-1, 3) for v in (bearing.point, bearing.direction))
+    apart = nodes - point[:, None, :]
+    near = MET * beam.extent.detach().reshape(-1)
+    for order in range(len(parts) + 2, 2, -1):
+        turn = quat.matrix(quat.exponential(axis * (2 * math.pi / order)))
+        turned = (turn[:, None] @ apart[..., None])[..., 0]
+        images = [_image(part, parts, apart, turned, near) for part in parts]
+        if None in images:
+            continue
+        turn = torch.linalg.matrix_exp(X * (2 * math.pi / order))
+        moved = any(a is not b for a, b in zip(parts, images, strict=True))
+        return order, _permutation(bearing, parts, images, turn), order * moved
+    return 0, None, 0
+
+
+def _image(part: Part, parts: list[Part], nodes: Tensor, turned: Tensor, near: Tensor) -> Any:
+    """The part that this is turned onto, itself first; None = there is none."""
+    for other in (part, *parts):
+        if other.node_count == part.node_count and other.body == part.body:
+            off = torch.linalg.vector_norm(
+                turned[:, part.nodes] - nodes[:, other.nodes], dim=-1
+            ).amax(-1)
+            if bool(concrete(off <= near).all()):
+                return other
+    return None
+
+
+def _permutation(bearing: Bearing, parts: list[Part], images: list[Part], turn: Tensor) -> Tensor:
+    """(..., w nodes, w nodes): a node's moves, turned (..., w, w), as those of its image."""
+    w, count = turn.shape[-1], bearing.model.node_count
+    places = torch.zeros(count, count, dtype=turn.dtype, device=turn.device)
+    for part, image in zip(parts, images, strict=True):
+        for k in range(part.node_count):
+            places[image.nodes.start + k, part.nodes.start + k] = 1.0
+    return (places[:, None, :, None] * turn[..., None, :, None, :]).flatten(-4, -3).flatten(-2)
+
+
+def _generator(P: Tensor | None, Z: Tensor, size: Tensor, order: int) -> Tensor:
+    """S (..., n, n) of moves Z (..., w nodes, n), orthonormal by their size."""
+    if P is None:
+        return Z.new_zeros(*Z.shape[:-2], Z.shape[-1], Z.shape[-1])
+    own = Z / size[..., None]
+    P, S, power = own.mT @ P @ own, 0.0, own.mT @ own
+    for j in range(1, order):
+        power = power @ P
+        angles = ((k, 2 * math.pi * j * k / order) for k in range(1, (order + 1) // 2))
+        S = S + sum(2 * k * math.sin(angle) for k, angle in angles) / order * power
+    return S

@@ -1,0 +1,110 @@
+"""Floquet's exponents of a linear model whose coefficients have the period of a turn,
+
+    M(psi) g'' + D(psi) g' + K(psi) g = 0        psi = W t
+
+Its motions are g = u(psi) exp(lambda t), u of the same period: exp(lambda T) is an eigenvalue of
+the map of g, g' over a turn of T = 2 pi/W, which tells lambda up to multiples i k W. The one is
+taken by which the largest harmonic of u is constant: the frequency that is seen most.
+
+A turn is made by Gauss's collocation with three stages (sixth order; it adds and takes no energy:
+Hairer, Lubich, Wanner 2006, II.1.3), in second-order form, which takes coordinates without inertia.
+Motions much faster than a step come out wrong, and are told by how fast they are on average, |u'| /
+|u|, which stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..math.dense import solve
+
+ROOT = math.sqrt(15.0)
+NODES = (0.5 - ROOT / 10, 0.5, 0.5 + ROOT / 10)
+WEIGHTS = (5 / 18, 4 / 9, 5 / 18)
+STAGES = (
+    (5 / 36, 2 / 9 - ROOT / 15, 5 / 36 - ROOT / 30),
+    (5 / 36 + ROOT / 24, 2 / 9, 5 / 36 - ROOT / 24),
+    (5 / 36 + ROOT / 30, 2 / 9 + ROOT / 15, 5 / 36),
+)
+ORDER = 6
+
+Matrices = Callable[[float], tuple[Tensor, Tensor, Tensor]]
+
+
+class Exponents(NamedTuple):
+    """exponent (..., m) complex 1/s and shape (..., m, n), the largest harmonic of u, in order of
+    how fast they are on average.
+    """
+
+    exponent: Tensor
+    shape: Tensor
+
+
+def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Exponents:
+    """Of matrices(psi) (..., n, n) at speeds (...), the `count` slowest, one of each pair."""
+    maps = _turn(matrices, speed, steps)
+    n = maps.shape[-1] // 2
+    multiplier, vectors = torch.linalg.eig(maps[-1])
+    turn = 2 * math.pi / speed.abs()[..., None]
+    principal = torch.log(multiplier) / turn
+    at = torch.arange(steps, device=speed.device) * (turn[..., None] / steps)  # (..., 1, steps)
+    decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)  # (steps, ..., 2 n)
+    u = (maps[:-1].to(vectors.dtype) @ vectors) * decay[..., None, :]
+    g, rate = u[..., :n, :], u[..., n:, :]
+    harmonics = torch.fft.fft(g.detach(), dim=0) / steps
+    M = matrices(0.0)[0].detach().to(harmonics.dtype)
+    size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
+    k = size.argmax(0)
+    shape = harmonics.gather(0, k[None, ..., None, :].expand(1, *g.shape[1:]))[0].mT
+    order = torch.where(k > steps // 2, k - steps, k)
+    exponent = principal + 1j * order * speed.abs()[..., None]
+    fast = (rate.abs().square().sum((0, -2)) / g.abs().square().sum((0, -2))).sqrt().detach()
+    fast = torch.where(exponent.imag < -1e-9 * exponent.abs(), torch.inf, fast)
+    chosen = fast.argsort(dim=-1, stable=True)[..., :count]
+    return Exponents(
+        exponent.gather(-1, chosen), shape.gather(-2, chosen[..., None].expand(*chosen.shape, n))
+    )
+
+
+def _turn(matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
+    """(steps + 1, ..., 2 n, 2 n): g, g' at the azimuths of the steps by those at psi = 0."""
+    dt = (2 * math.pi / steps / speed.abs())[..., None, None]
+    X, whole = None, []
+    for step in range(steps):
+        at = [matrices(2 * math.pi * (step + c) / steps) for c in NODES]
+        if X is None:
+            n = at[0][0].shape[-1]
+            X = torch.eye(2 * n, dtype=dt.dtype, device=dt.device)
+            X = X.expand(*at[0][0].shape[:-2], 2 * n, 2 * n)
+            whole.append(X)
+        X = _step(at, X, dt)
+        whole.append(X)
+    return torch.stack(torch.broadcast_tensors(*whole))
+
+
+def _step(at: list[tuple[Tensor, Tensor, Tensor]], X: Tensor, dt: Tensor) -> Tensor:
+    """g, g' a step later, with M, D, K at its stages: the accelerations there solve M_i a_i + D_i
+    v_i + K_i g_i = 0.
+    """
+    n = X.shape[-2] // 2
+    g, v = X[..., :n, :], X[..., n:, :]
+    rows, right = [], []
+    twice = [
+        [sum(STAGES[i][k] * STAGES[k][j] for k in range(3)) for j in range(3)] for i in range(3)
+    ]
+    for i, (M, D, K) in enumerate(at):
+        blocks = [dt * STAGES[i][j] * D + dt**2 * twice[i][j] * K for j in range(3)]
+        blocks[i] = blocks[i] + M
+        rows.append(torch.cat(torch.broadcast_tensors(*blocks), -1))
+        right.append(-(D @ v + K @ (g + NODES[i] * dt * v)))
+    a = solve(torch.cat(rows, -2), torch.cat(right, -2)).unflatten(-2, (3, n)).unbind(-3)
+    # of a mean acceleration the place takes what comes before the end of the step
+    last = [sum(WEIGHTS[i] * STAGES[i][j] for i in range(3)) for j in range(3)]
+    g = g + dt * v + dt**2 * sum(b * x for b, x in zip(last, a, strict=True))
+    v = v + dt * sum(b * x for b, x in zip(WEIGHTS, a, strict=True))
+    return torch.cat((g, v), -2)
