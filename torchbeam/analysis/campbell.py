@@ -31,6 +31,7 @@ SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
 EQUAL = 1e-7
 LEAST_STEPS = 8
+ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 
 
 def campbell(
@@ -169,7 +170,7 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
     size = (slope[..., :, None] * slope[..., None, :]).sqrt()
     most = torch.zeros_like(value.real[..., 0])
     for psi in (0.7, 1.9):
-        M, D, K = (A.to(v.dtype) for A in spinning.periodic(psi))
+        M, D, K = (A.to(v.dtype) for A in spinning.periodic(spinning.turn(psi)))
         coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
         share = coupling / size / by.abs()
         share = torch.where(torch.isfinite(share), share, 0.0)
@@ -183,25 +184,20 @@ def _floquet(
     """Exponents (n, ..., m), shapes, and the error 1/s of the steps, speed by speed; at_rest:
     eigenvalues and shapes where nothing turns.
     """
-    count = at_rest[0].shape[-1]
+    count, n = at_rest[0].shape[-1], spinning.M.shape[-1]
     report = progress_of(progress, len(spinning.speed))
-    results = []
-    for k in range(len(spinning.speed)):
-        one = spinning.at(k)
-        if not bool(one.speed.detach().amax() > 0):
-            value, shape = (x[k] for x in at_rest)
-            results.append((value, shape, torch.zeros_like(value.real)))
-            continue
-        constant = one.constant()
-
-        def matrices(psi: float, one=one, constant=constant) -> tuple[Tensor, Tensor, Tensor]:
-            return tuple(a + b for a, b in zip(constant, one.periodic(psi), strict=True))
-
-        value, shape = exponents(matrices, one.speed, steps, count)
+    first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
+    value, shape = (x[:first] for x in at_rest)
+    results = [(value, shape, torch.zeros_like(value.real))] if first else []
+    size = spinning.speed[0].numel() * steps * 4 * n**2
+    at_once = max(1, ROOM // size)
+    for k in range(first, len(spinning.speed), at_once):
+        some = spinning.at(slice(k, k + at_once))
+        value, shape = exponents(some.turn, some.whole, some.speed, steps, count)
         with no_derivatives():
-            coarse = exponents(matrices, one.speed, steps // 2, count).exponent
+            coarse = exponents(some.turn, some.whole, some.speed, steps // 2, count).exponent
             apart = (value[..., :, None] - coarse[..., None, :]).abs().amin(-1)
         results.append((value, shape, apart / (2**ORDER - 1)))
         if report is not None:
-            report.add(1, 0, False)
-    return tuple(torch.stack(x) for x in zip(*results, strict=True))
+            report.add(len(value), 0, False)
+    return tuple(torch.cat(x) for x in zip(*results, strict=True))

@@ -31,7 +31,7 @@ from torch import Tensor
 
 from torch.nn.functional import pad
 
-from ..core.derivatives import no_derivatives
+from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import Tree, leaf, map_leaves
 from ..core.validation import concrete
 from ..equations.steady import Configuration
@@ -68,8 +68,8 @@ class SpinningModel(Tree):
     moves: Tensor = leaf(2)
     blades: int
 
-    def at(self, k: int | tuple[int, ...]) -> SpinningModel:
-        """Of one speed, or one sample of one."""
+    def at(self, k: int | slice | tuple[int, ...]) -> SpinningModel:
+        """Of one speed, of some, or of one sample of one."""
         return map_leaves(lambda x, axes: x[k], self)
 
     def constant(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -78,15 +78,30 @@ class SpinningModel(Tree):
         D = self.D - 2 * W * B.mT @ self.M_r @ S @ B
         return self.M, D, self.K + B.mT @ (W**2 * self.M_r @ S - W * self.D_r) @ S @ B
 
-    def periodic(self, psi: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What they change by at the azimuth psi: exp(psi S) (...) exp(-psi S) - (...)."""
-        W, S, B = self.speed[..., None, None], self.S, self.B
-        turn = torch.linalg.matrix_exp(psi * S)
-        M = self.M_r
-        D = self.D_r - 2 * W * M @ S
-        K = self.K_r - W * self.D_r @ S + W**2 * M @ S @ S
-        M, D, K = (B.mT @ (turn @ X @ turn.mT - X) @ B for X in (M, D, K))
-        return M, D, K
+    def turn(self, psi: float) -> Tensor:
+        """exp(psi S) (..., m, m)."""
+        return torch.linalg.matrix_exp(psi * self.S)
+
+    def periodic(self, turn: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What they change by at the azimuth of a turn (..., m, m): exp(psi S) (...) exp(-psi S)
+        less (...).
+        """
+        return tuple(self.B.mT @ (turn @ X @ turn.mT - X) @ self.B for X in self._of_rotor)
+
+    def whole(self, turn: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """M, D, K at the azimuth of a turn."""
+        both = zip(self._constant, self.periodic(turn), strict=True)
+        return tuple(constant + change for constant, change in both)
+
+    @cached
+    def _constant(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self.constant()
+
+    @cached
+    def _of_rotor(self) -> tuple[Tensor, Tensor, Tensor]:
+        """M, D, K of the rotor, at psi = 0."""
+        W, S, M = self.speed[..., None, None], self.S, self.M_r
+        return M, self.D_r - 2 * W * M @ S, self.K_r + (W**2 * M @ S - W * self.D_r) @ S
 
 
 def spinning_model(

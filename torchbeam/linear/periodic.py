@@ -33,7 +33,8 @@ STAGES = (
 )
 ORDER = 6
 
-Matrices = Callable[[float], tuple[Tensor, Tensor, Tensor]]
+Turn = Callable[[float], Tensor]
+Matrices = Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
 
 
 class Exponents(NamedTuple):
@@ -45,19 +46,23 @@ class Exponents(NamedTuple):
     shape: Tensor
 
 
-def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Exponents:
-    """Of matrices(psi) (..., n, n) at speeds (...), the `count` slowest, one of each pair."""
-    maps = _turn(matrices, speed, steps)
+def exponents(
+    turn: Turn, matrices: Matrices, speed: Tensor, steps: int, count: int
+) -> Exponents:
+    """Of M, D, K (..., n, n) = matrices(turn(psi)) at speeds (...), the `count` slowest, one of
+    each pair; turn(a + b) = turn(a) turn(b).
+    """
+    maps = _maps(turn, matrices, speed, steps)
     n = maps.shape[-1] // 2
     multiplier, vectors = torch.linalg.eig(maps[-1])
-    turn = 2 * math.pi / speed.abs()[..., None]
-    principal = torch.log(multiplier) / turn
-    at = torch.arange(steps, device=speed.device) * (turn[..., None] / steps)  # (..., 1, steps)
+    period = 2 * math.pi / speed.abs()[..., None]
+    principal = torch.log(multiplier) / period
+    at = torch.arange(steps, device=speed.device) * (period[..., None] / steps)  # (..., 1, steps)
     decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)  # (steps, ..., 2 n)
     u = (maps[:-1].to(vectors.dtype) @ vectors) * decay[..., None, :]
     g, rate = u[..., :n, :], u[..., n:, :]
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
-    M = matrices(0.0)[0].detach().to(harmonics.dtype)
+    M = matrices(turn(0.0))[0].detach().to(harmonics.dtype)
     size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
     k = size.argmax(0)
     shape = harmonics.gather(0, k[None, ..., None, :].expand(1, *g.shape[1:]))[0].mT
@@ -71,25 +76,26 @@ def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Expo
     )
 
 
-def _turn(matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
+def _maps(turn: Turn, matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
     """(steps + 1, ..., 2 n, 2 n): g, g' at the azimuths of the steps by those at psi = 0."""
-    dt = (2 * math.pi / steps / speed.abs())[..., None, None]
-    X, whole = None, []
+    dt, angle = (2 * math.pi / steps / speed.abs())[..., None, None], 2 * math.pi / steps
+    stages, further = torch.stack([turn(angle * c) for c in NODES]), turn(angle)
+    M, D, K = matrices(stages)
+    n = M.shape[-1]
+    X = torch.eye(2 * n, dtype=M.dtype, device=M.device).expand(*M.shape[1:-2], 2 * n, 2 * n)
+    maps = [X]
     for step in range(steps):
-        at = [matrices(2 * math.pi * (step + c) / steps) for c in NODES]
-        if X is None:
-            n = at[0][0].shape[-1]
-            X = torch.eye(2 * n, dtype=dt.dtype, device=dt.device)
-            X = X.expand(*at[0][0].shape[:-2], 2 * n, 2 * n)
-            whole.append(X)
-        X = _step(at, X, dt)
-        whole.append(X)
-    return torch.stack(torch.broadcast_tensors(*whole))
+        if step:
+            stages = stages @ further
+            M, D, K = matrices(stages)
+        X = _step((M, D, K), X, dt)
+        maps.append(X)
+    return torch.stack(maps)
 
 
-def _step(at: list[tuple[Tensor, Tensor, Tensor]], X: Tensor, dt: Tensor) -> Tensor:
-    """g, g' a step later, with M, D, K at its stages: the accelerations there solve M_i a_i + D_i
-    v_i + K_i g_i = 0.
+def _step(at: tuple[Tensor, Tensor, Tensor], X: Tensor, dt: Tensor) -> Tensor:
+    """g, g' a step later, with M, D, K (3, ..., n, n) at its stages: the accelerations there solve
+    M_i a_i + D_i v_i + K_i g_i = 0.
     """
     n = X.shape[-2] // 2
     g, v = X[..., :n, :], X[..., n:, :]
@@ -97,7 +103,7 @@ def _step(at: list[tuple[Tensor, Tensor, Tensor]], X: Tensor, dt: Tensor) -> Ten
     twice = [
         [sum(STAGES[i][k] * STAGES[k][j] for k in range(3)) for j in range(3)] for i in range(3)
     ]
-    for i, (M, D, K) in enumerate(at):
+    for i, (M, D, K) in enumerate(zip(*at, strict=True)):
         blocks = [dt * STAGES[i][j] * D + dt**2 * twice[i][j] * K for j in range(3)]
         blocks[i] = blocks[i] + M
         rows.append(torch.cat(torch.broadcast_tensors(*blocks), -1))

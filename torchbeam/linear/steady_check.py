@@ -33,8 +33,9 @@ def check_steady(bearing: Bearing, problem: SpinningProblem, state: State) -> No
             for X in (space.skew(unit), space.spin_skew(unit))
         )
         mask, p, by = bearing.rotor[:, None], space.dims.position, space.exponential(AZIMUTH * unit)
-        moved = torch.cos(torch.arange(x.position[0].numel()).to(x.position)).view(x.position.shape[-2:])
-        moved = x.position + MOVED * model.extent[..., None, None] * moved * mask
+        shape = x.position.shape[-2:]
+        moved = torch.cos(torch.arange(shape.numel()).to(x.position)).view(shape) * mask
+        moved = x.position + MOVED * model.extent[..., None, None] * moved
 
         def loads(position: Tensor, turned: bool) -> tuple[Tensor, Tensor]:
             rotation = x.rotation
