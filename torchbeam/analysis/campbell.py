@@ -146,7 +146,7 @@ def _diagram(
     with no_derivatives():
         nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
         unit = bearing.model.unit[..., None, None, :]
-        index = tracked(value, (nodal / unit).flatten(-2), count)
+        index = tracked(speeds.flatten(), value, (nodal / unit).flatten(-2), count)
     value, error = (x.gather(-1, index) for x in (value, error))
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
     with no_derivatives():
@@ -169,8 +169,10 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
     slope = ((v.conj() * (2 * by * (M.to(v.dtype) @ v) + D.to(v.dtype) @ v)).sum(-2)).abs()
     size = (slope[..., :, None] * slope[..., None, :]).sqrt()
     most = torch.zeros_like(value.real[..., 0])
-    for psi in (0.7, 1.9):
-        M, D, K = (A.to(v.dtype) for A in spinning.periodic(spinning.turn(psi)))
+    at = torch.tensor((0.7, 1.9), dtype=most.dtype, device=most.device)
+    change = (A - B for A, B in zip(spinning.periodic(at), spinning.constant(), strict=True))
+    for M, D, K in zip(*change, strict=True):
+        M, D, K = (A.to(v.dtype) for A in (M, D, K))
         coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
         share = coupling / size / by.abs()
         share = torch.where(torch.isfinite(share), share, 0.0)
@@ -193,9 +195,9 @@ def _floquet(
     at_once = max(1, ROOM // size)
     for k in range(first, len(spinning.speed), at_once):
         some = spinning.at(slice(k, k + at_once))
-        value, shape = exponents(some.turn, some.whole, some.speed, steps, count)
+        value, shape = exponents(some.periodic, some.speed, steps, count)
         with no_derivatives():
-            coarse = exponents(some.turn, some.whole, some.speed, steps // 2, count).exponent
+            coarse = exponents(some.periodic, some.speed, steps // 2, count).exponent
             apart = (value[..., :, None] - coarse[..., None, :]).abs().amin(-1)
         results.append((value, shape, apart / (2**ORDER - 1)))
         if report is not None:

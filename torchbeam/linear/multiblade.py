@@ -53,7 +53,7 @@ class SpinningModel(Tree):
 
     M_r, D_r, K_r (..., m, m) of the rotor, r = B g at psi = 0, B (..., m, n);  S (..., m, m)
     moves (..., w nodes, n): of all nodes by g, at psi = 0
-    support_moves how many of g are the support's
+    blades  how many there are, 0 = none off the axis;  harmonics: highest one of M, D, K in psi
     """
 
     speed: Tensor = leaf(0)
@@ -67,6 +67,7 @@ class SpinningModel(Tree):
     S: Tensor = leaf(2)
     moves: Tensor = leaf(2)
     blades: int
+    harmonics: int
 
     def at(self, k: int | slice | tuple[int, ...]) -> SpinningModel:
         """Of one speed, of some, or of one sample of one."""
@@ -78,30 +79,29 @@ class SpinningModel(Tree):
         D = self.D - 2 * W * B.mT @ self.M_r @ S @ B
         return self.M, D, self.K + B.mT @ (W**2 * self.M_r @ S - W * self.D_r) @ S @ B
 
-    def turn(self, psi: float) -> Tensor:
-        """exp(psi S) (..., m, m)."""
-        return torch.linalg.matrix_exp(psi * self.S)
-
-    def periodic(self, turn: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What they change by at the azimuth of a turn (..., m, m): exp(psi S) (...) exp(-psi S)
-        less (...).
+    def periodic(self, psi: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """M, D, K (s, ..., n, n) at azimuths psi (s,). They have harmonics up to twice those of S,
+        so that their values at as many azimuths tell all.
         """
-        return tuple(self.B.mT @ (turn @ X @ turn.mT - X) @ self.B for X in self._of_rotor)
-
-    def whole(self, turn: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """M, D, K at the azimuth of a turn."""
-        both = zip(self._constant, self.periodic(turn), strict=True)
-        return tuple(constant + change for constant, change in both)
-
-    @cached
-    def _constant(self) -> tuple[Tensor, Tensor, Tensor]:
-        return self.constant()
+        count = len(self._samples[0])
+        at = torch.arange(count).to(psi) * (2 * math.pi / count)
+        d = torch.arange(1, count // 2 + 1).to(psi)
+        share = (1 + 2 * torch.cos(d * (psi[:, None] - at)[..., None]).sum(-1)) / count
+        M, D, K = (torch.einsum("sj,j...->s...", share, X) for X in self._samples)
+        return M, D, K
 
     @cached
-    def _of_rotor(self) -> tuple[Tensor, Tensor, Tensor]:
-        """M, D, K of the rotor, at psi = 0."""
+    def _samples(self) -> tuple[Tensor, Tensor, Tensor]:
+        """M, D, K (2 h + 1, ..., n, n) at as many azimuths, with harmonics up to h = `harmonics`."""
         W, S, M = self.speed[..., None, None], self.S, self.M_r
-        return M, self.D_r - 2 * W * M @ S, self.K_r + (W**2 * M @ S - W * self.D_r) @ S
+        of_rotor = M, self.D_r - 2 * W * M @ S, self.K_r + (W**2 * M @ S - W * self.D_r) @ S
+        count = 2 * self.harmonics + 1
+        turns = [torch.linalg.matrix_exp(2 * math.pi * j / count * S) for j in range(count)]
+        turns, samples = torch.stack(turns), []
+        for X, constant in zip(of_rotor, self.constant(), strict=True):
+            samples.append(constant + self.B.mT @ (turns @ X @ turns.mT - X) @ self.B)
+        M, D, K = samples
+        return M, D, K
 
 
 def spinning_model(
@@ -144,6 +144,7 @@ def spinning_model(
         block_diagonal(X, S_b),
         moves,
         blades,
+        2 * max(1, (order - 1) // 2),
     )
 
 

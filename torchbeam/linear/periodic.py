@@ -33,7 +33,6 @@ STAGES = (
 )
 ORDER = 6
 
-Turn = Callable[[float], Tensor]
 Matrices = Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
 
 
@@ -46,13 +45,11 @@ class Exponents(NamedTuple):
     shape: Tensor
 
 
-def exponents(
-    turn: Turn, matrices: Matrices, speed: Tensor, steps: int, count: int
-) -> Exponents:
-    """Of M, D, K (..., n, n) = matrices(turn(psi)) at speeds (...), the `count` slowest, one of
-    each pair; turn(a + b) = turn(a) turn(b).
+def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Exponents:
+    """Of M, D, K (s, ..., n, n) = matrices(psi), psi (s,), at speeds (...), the `count` slowest,
+    one of each pair.
     """
-    maps = _maps(turn, matrices, speed, steps)
+    maps = _maps(matrices, speed, steps)
     n = maps.shape[-1] // 2
     multiplier, vectors = torch.linalg.eig(maps[-1])
     period = 2 * math.pi / speed.abs()[..., None]
@@ -62,7 +59,7 @@ def exponents(
     u = (maps[:-1].to(vectors.dtype) @ vectors) * decay[..., None, :]
     g, rate = u[..., :n, :], u[..., n:, :]
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
-    M = matrices(turn(0.0))[0].detach().to(harmonics.dtype)
+    M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0].detach().to(harmonics.dtype)
     size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
     k = size.argmax(0)
     shape = harmonics.gather(0, k[None, ..., None, :].expand(1, *g.shape[1:]))[0].mT
@@ -76,20 +73,16 @@ def exponents(
     )
 
 
-def _maps(turn: Turn, matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
+def _maps(matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
     """(steps + 1, ..., 2 n, 2 n): g, g' at the azimuths of the steps by those at psi = 0."""
-    dt, angle = (2 * math.pi / steps / speed.abs())[..., None, None], 2 * math.pi / steps
-    stages, further = torch.stack([turn(angle * c) for c in NODES]), turn(angle)
-    M, D, K = matrices(stages)
-    n = M.shape[-1]
-    X = torch.eye(2 * n, dtype=M.dtype, device=M.device).expand(*M.shape[1:-2], 2 * n, 2 * n)
-    maps = [X]
+    angle, maps = 2 * math.pi / steps, []
+    dt, nodes = (angle / speed.abs())[..., None, None], torch.tensor(NODES, dtype=speed.dtype, device=speed.device)
     for step in range(steps):
-        if step:
-            stages = stages @ further
-            M, D, K = matrices(stages)
-        X = _step((M, D, K), X, dt)
-        maps.append(X)
+        at = matrices(angle * (step + nodes))
+        if not step:
+            eye = torch.eye(2 * at[0].shape[-1], dtype=speed.dtype, device=speed.device)
+            maps.append(eye.expand(*at[0].shape[1:-2], *eye.shape))
+        maps.append(_step(at, maps[-1], dt))
     return torch.stack(maps)
 
 

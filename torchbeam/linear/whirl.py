@@ -15,17 +15,21 @@ WHIRLS = 0.3  # mean harmonic from which on a mode whirls
 NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
 
 
-def tracked(value: Tensor, shape: Tensor, count: int) -> Tensor:
+def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
     """(n, ..., count) places among eigenvalues (n, ..., m) with shapes (n, ..., m, channels): the
     slowest at the last speed, and at each speed before those most like them, by modal assurance
-    and frequency; in order of their frequencies at the first speed.
+    and frequency; in order of their frequencies at the first speed. Where a frequency passes zero
+    the other one of its pair goes on.
     """
     index = [value[-1].imag.argsort(dim=-1, stable=True)[..., :count]]
     for k in range(len(value) - 2, -1, -1):
         last = _taken(shape[k + 1], index[-1])
         before = value[k + 1].gather(-1, index[-1])[..., :, None]
-        off = (value[k][..., None, :] - before).abs() / (NEAR * before.abs() + 1e-300)
-        index.append(pairs(modal_assurance(last, shape[k]) / (1 + off**2)))
+        size, likeness = NEAR * before.abs() + (speed[k + 1] - speed[k]), []
+        for at, there in ((value[k], shape[k]), (value[k].conj(), shape[k].conj())):
+            off = (at[..., None, :] - before).abs() / size
+            likeness.append(modal_assurance(last, there) / (1 + off**2))
+        index.append(pairs(torch.maximum(*likeness)))
     index = torch.stack(index[::-1])
     order = value[0].gather(-1, index[0]).imag.argsort(dim=-1, stable=True)
     return index.gather(-1, order.expand(index.shape))
