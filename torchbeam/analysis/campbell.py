@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -38,7 +39,7 @@ def campbell(
     scene: Scene,
     speeds: Any,
     *,
-    bearing: int | None = None,
+    bearing: int | Sequence[int] | None = None,
     count: int = 6,
     method: str = "auto",
     steps: int = 32,
@@ -56,7 +57,8 @@ def campbell(
         scene: a structure in a frame at rest, drawn at the azimuth 0
         speeds: (n,) rad/s, rising, about the bearing's axis
         bearing: place of the hinge among the scene's joints; None = its only one. Its speed is
-            held: its angle, torque and resistances do not count
+            held: its angle, torque and resistances do not count. Several: the hinge, then further
+            bearings of the rotor on its axis
         count: modes
         method: "multiblade": coordinates that do not spin, in which three and more equal blades
             have constant coefficients. "floquet": exponents over a turn, for two blades, unequal

@@ -53,7 +53,9 @@ class SpinningModel(Tree):
 
     M_r, D_r, K_r (..., m, m) of the rotor, r = B g at psi = 0, B (..., m, n);  S (..., m, m)
     moves (..., w nodes, n): of all nodes by g, at psi = 0
-    blades  how many there are, 0 = none off the axis;  harmonics: highest one of M, D, K in psi
+    order   by which part of a turn the rotor comes onto itself, 0 = by none from a third on
+    bladed  whether parts of the rotor lie off the axis
+    harmonics  highest one of M, D, K in psi
     """
 
     speed: Tensor = leaf(0)
@@ -66,7 +68,8 @@ class SpinningModel(Tree):
     B: Tensor = leaf(2)
     S: Tensor = leaf(2)
     moves: Tensor = leaf(2)
-    blades: int
+    order: int
+    bladed: bool
     harmonics: int
 
     def at(self, k: int | slice | tuple[int, ...]) -> SpinningModel:
@@ -110,7 +113,7 @@ def spinning_model(
     """About a steady spin at speeds (...)."""
     model, space = bearing.model, bearing.model.space
     M, D, K, _ = of_nodes(model, state, problem.t, problem.inputs, problem)
-    G = rigid_constraints(K)[..., _own_rows(bearing), :]
+    G, G_other = _constraints(bearing, rigid_constraints(K))
     M, K = M.dense(), K.dense()
     D = torch.zeros_like(K) if D is None else D.dense()
     lead = broadcast_shapes(*(A.shape[:-2] for A in (M, D, K)), speed.shape)
@@ -121,8 +124,8 @@ def spinning_model(
     node = torch.arange(model.node_count, device=M.device).repeat_interleave(w)
     rotor, free = bearing.rotor[node], model.constraints.moving.flatten()
     size = model.unit[..., None, :].expand(*model.extent.shape, model.node_count, -1).flatten(-2)
-    Z_s = _null_space(G, free & ~rotor, size, lead)
-    Z_b = _null_space(G, rotor & (node != bearing.hub), size, lead)
+    Z_s = _held_by(G, free & ~rotor, size, lead)
+    Z_b = _held_by(G, rotor & (node != bearing.hub), size, lead)
     Z_y = _rigid(space, x.position - centre[..., None, :]).flatten(-3, -2)
     Z_y = (rotor[:, None] * Z_y).expand(*lead, *Z_y.shape[-2:])
     Y = Z_s.new_zeros(*lead, w, Z_s.shape[-1])
@@ -132,18 +135,23 @@ def spinning_model(
         Y = lever @ Z_s[..., at * w : (at + 1) * w, :]
     unit = space.project_spin(axis.direction)
     X = block_diagonal(space.skew(unit), space.spin_skew(unit)).expand(*lead, w, w)
-    order, P, blades = _symmetry(bearing, X)
+    order, P, bladed = _symmetry(bearing, X)
     S_b = _generator(P, Z_b, size, order)
     Z, moves = torch.cat((Z_y, Z_b), -1), torch.cat((Z_s + Z_y @ Y, Z_b), -1)
     eye = torch.eye(Z_b.shape[-1], dtype=M.dtype, device=M.device)
+    B = block_diagonal(Y, eye.expand(*lead, *eye.shape))
+    if bearing.others:
+        free_moves = _null_space(G_other @ moves)
+        B, moves = B @ free_moves, moves @ free_moves
     return SpinningModel(
         speed.expand(lead),
         *(moves.mT @ A @ moves for A in (M, D, K)),
         *(Z.mT @ A @ Z for A in (M, D, K)),
-        block_diagonal(Y, eye.expand(*lead, *eye.shape)),
+        B,
         block_diagonal(X, S_b),
         moves,
-        blades,
+        order,
+        bladed,
         2 * max(1, (order - 1) // 2),
     )
 
@@ -154,13 +162,15 @@ def block_diagonal(A: Tensor, B: Tensor) -> Tensor:
     return pad(A, (0, l, 0, k)) + pad(B, (n, 0, m, 0))
 
 
-def _own_rows(bearing: Bearing) -> Tensor:
-    """Places of all constraints but the bearing's own."""
-    joint = bearing.model.joints.held.nonzero()[:, 0]
-    count = bearing.model.multipliers.held_count
-    keep = torch.ones(count, dtype=torch.bool, device=joint.device)
-    keep[: len(joint)] = joint != bearing.joint
-    return keep.nonzero()[:, 0]
+def _constraints(bearing: Bearing, G: Tensor) -> tuple[Tensor, Tensor]:
+    """Of all constraints (..., m, w nodes) those within the rotor and within what stands, and those
+    of the rotor's other bearings.
+    """
+    joint = bearing.model.joints.held.nonzero()[:, 0].tolist()
+    joint += [-1] * (G.shape[-2] - len(joint))
+    own = [k for k, at in enumerate(joint) if at not in (bearing.joint, *bearing.others)]
+    others = [k for k, at in enumerate(joint) if at in bearing.others]
+    return G[..., own, :], G[..., others, :]
 
 
 def _rigid(space: Spatial, lever: Tensor) -> Tensor:
@@ -171,30 +181,34 @@ def _rigid(space: Spatial, lever: Tensor) -> Tensor:
     return eye + pad(A, (p, 0, 0, s))
 
 
-def _null_space(G: Tensor, mask: Tensor, size: Tensor, lead: tuple[int, ...]) -> Tensor:
+def _held_by(G: Tensor, mask: Tensor, size: Tensor, lead: tuple[int, ...]) -> Tensor:
     """(..., w nodes, n) moves of those in the mask that leave what G (..., m, w nodes) holds,
     orthonormal by their size.
     """
     at = mask.nonzero()[:, 0]
-    N = torch.eye(len(at), dtype=G.dtype, device=G.device).expand(*lead, len(at), len(at))
     size = size[..., at]
     G = (G[..., at] * size[..., None, :]).expand(*lead, G.shape[-2], len(at))
     used = (concrete(G.detach()) != 0).flatten(0, -3).any(0).any(-1)
-    G = G[..., used, :]
-    if G.shape[-2]:
-        with no_derivatives():
-            values, V = torch.linalg.svd(G)[1:]
-            rank = (values > RANK * values.amax(-1, keepdim=True)).sum(-1)
-            N, back = V[..., int(concrete(rank).amax()) :, :].mT, torch.linalg.pinv(G)
-        N = N - back @ (G @ N)  # no more than its derivative
-    whole = N.new_zeros(*lead, len(mask), N.shape[-1])
-    return whole.index_copy(-2, at, size[..., None] * N)
+    N = size[..., None] * _null_space(G[..., used, :])
+    return N.new_zeros(*lead, len(mask), N.shape[-1]).index_copy(-2, at, N)
 
 
-def _symmetry(bearing: Bearing, X: Tensor) -> tuple[int, Tensor | None, int]:
+def _null_space(G: Tensor) -> Tensor:
+    """(..., n, n - rank) orthonormal, of G (..., m, n)."""
+    n = G.shape[-1]
+    if not G.shape[-2]:
+        return torch.eye(n, dtype=G.dtype, device=G.device).expand(*G.shape[:-2], n, n)
+    with no_derivatives():
+        values, V = torch.linalg.svd(G)[1:]
+        rank = (values > RANK * values.amax(-1, keepdim=True)).sum(-1)
+        N, back = V[..., int(concrete(rank).amax()) :, :].mT, torch.linalg.pinv(G)
+    return N - back @ (G @ N)  # no more than its derivative
+
+
+def _symmetry(bearing: Bearing, X: Tensor) -> tuple[int, Tensor | None, bool]:
     """By which part of a turn the rotor comes onto itself, three or more; how that moves moves
-    (..., w nodes, w nodes), X (..., w, w) axis x ...; and how many blades there are, 0 where all
-    parts lie on the axis. (0, None, 0) for fewer than three.
+    (..., w nodes, w nodes), X (..., w, w) axis x ...; and whether parts lie off the axis. (0,
+    None, True) where it does not.
     """
     beam = bearing.model.scene.beam
     nodes = beam.nodes.detach().reshape(-1, *beam.nodes.shape[-2:])
@@ -210,8 +224,8 @@ def _symmetry(bearing: Bearing, X: Tensor) -> tuple[int, Tensor | None, int]:
             continue
         turn = torch.linalg.matrix_exp(X * (2 * math.pi / order))
         moved = any(a is not b for a, b in zip(parts, images, strict=True))
-        return order, _permutation(bearing, parts, images, turn), order * moved
-    return 0, None, 0
+        return order, _permutation(bearing, parts, images, turn), moved
+    return 0, None, True
 
 
 def _image(part: Part, parts: list[Part], nodes: Tensor, turned: Tensor, near: Tensor) -> Any:

@@ -9,13 +9,14 @@ frames; nothing else knows of the spin.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ..core.arguments import place
+from ..core.arguments import listed, place
 from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import Tree, leaf, with_values
 from ..core.validation import concrete, refusal
@@ -26,13 +27,16 @@ from ..nodal.discretise import discretise
 from ..nodal.frame import FixedFrame, TranslatingFrame, TurningFrame
 from ..nodal.model import Model
 from ..scene.effects import Inputs
-from ..scene.joints import Hinge
+from ..scene.ball import Ball
+from ..scene.joint import Joint
+from ..scene.joints import Cylindrical, Hinge
 from ..scene.scene import Scene
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import newton
 from ..state.state import State, rest
 
 SAME = 1e-12  # of an axis, and of the structure's size: a bearing that does not move any more
+ON_AXIS = 1e-6  # of the structure's size, and rad: a further bearing
 ROUNDS = 30  # of the bearing's place and the equilibrium under it
 
 
@@ -47,7 +51,8 @@ class Axis(NamedTuple):
 class Bearing(Tree):
     """A hinge about which a rotor spins, of a model in which it stands still.
 
-    joint             its place among the scene's joints
+    joint             its place among the scene's joints;  others: those of further bearings of the
+                      rotor, on its axis
     support, hub      rows of the nodes that it joins; None = the ground
     rotor             (nodes,) bool, what spins
     point, direction  (..., 3) of its axis as drawn, frame a
@@ -55,6 +60,7 @@ class Bearing(Tree):
 
     model: Model
     joint: int
+    others: tuple[int, ...]
     support: int | None
     hub: int
     rotor: Tensor = leaf(1)
@@ -62,11 +68,12 @@ class Bearing(Tree):
     direction: Tensor = leaf(1)
 
     @classmethod
-    def of(cls, scene: Scene, bearing: int | None) -> Bearing:
-        """Of a joint of the scene, None = its only hinge. Raises ValueError where there is none, or
-        it does not part what spins from what stands.
+    def of(cls, scene: Scene, bearing: int | Sequence[int] | None) -> Bearing:
+        """Of a joint of the scene, and further ones; None = its only hinge. Raises ValueError where
+        there is none, or they do not part what spins from what stands.
         """
-        at = _hinge(scene, bearing)
+        at, *others = listed(bearing) if bearing is not None else (None,)
+        at, others = _hinge(scene, at), tuple(_place(scene, k) for k in others)
         hinge = scene.joints[at]
         held = dict.fromkeys(hinge.acts) | {"angle": 0.0}
         joints = [*scene.joints[:at], with_values(hinge, **held), *scene.joints[at + 1 :]]
@@ -74,16 +81,35 @@ class Bearing(Tree):
         a, b = hinge.ends
         if b is None:
             raise refusal("a bearing whose second part is the ground", "a rotor as its second part")
-        turning = _connected(scene, b, at)
+        turning = _connected(scene, b, (at, *others))
         if a is not None and turning[a]:
             raise ValueError(
-                "a bearing was given to campbell whose two parts are connected otherwise too; a "
-                "hinge that alone holds the rotor is wanted"
+                "a bearing was given to campbell whose two parts are connected otherwise too; all "
+                "bearings of the rotor are wanted, bearing=(0, 1)"
             )
-        _refuse_held(scene, turning, at)
+        _refuse_held(scene, turning, (at, *others))
         rotor = torch.tensor(turning, device=scene.beam.nodes.device)
         point, _, axes = hinge.drawn(scene.beam)
-        return cls(discretise(scene), at, a, b, rotor, point, axes[..., 0])
+        found = cls(discretise(scene), at, others, a, b, rotor, point, axes[..., 0])
+        for k in others:
+            found.check_bearing(scene.joints[k])
+        return found
+
+    def check_bearing(self, joint: Joint) -> None:
+        """ValueError for a further bearing that does not lie on the axis, or resists the spin."""
+        beam = self.model.scene.beam
+        point, _, axes = joint.drawn(beam)
+        apart, along = point - self.point, axes[..., 0]
+        off = torch.linalg.cross(*torch.broadcast_tensors(apart, self.direction))
+        if not isinstance(joint, Ball):
+            turned = torch.linalg.cross(*torch.broadcast_tensors(along, self.direction))
+            off = off + beam.extent[..., None] * turned.abs()
+        far = concrete(off.abs().amax(-1) > ON_AXIS * beam.extent).any()
+        if not isinstance(joint, Ball | Cylindrical | Hinge) or joint.acts or far:
+            raise ValueError(
+                f"a {joint.called} was given to campbell as a further bearing; a Hinge, Cylindrical or "
+                "Ball on the rotor's axis in which nothing acts is wanted"
+            )
 
     def axis(self, x: Configuration) -> Axis:
         """Where the nodes stand at x."""
@@ -191,17 +217,21 @@ def _hinge(scene: Scene, bearing: int | None) -> int:
                 "spins is wanted"
             )
         return hinges[0]
-    bearing = place("bearing", bearing, len(scene.joints), "joints")
+    bearing = _place(scene, bearing)
     if bearing not in hinges:
         raise refusal(f"bearing = {bearing}, a {scene.joints[bearing].called},", "a Hinge")
     return bearing
 
 
-def _connected(scene: Scene, start: int, without: int) -> list[bool]:
-    """Of each node whether it is connected with `start`, by anything but a joint `without`."""
+def _place(scene: Scene, joint: Any) -> int:
+    return place("bearing", joint, len(scene.joints), "joints")
+
+
+def _connected(scene: Scene, start: int, without: tuple[int, ...]) -> list[bool]:
+    """Of each node whether it is connected with `start`, by anything but joints `without`."""
     beam = scene.beam
     ties: list[Any] = [tuple(range(part.nodes.start, part.nodes.stop)) for part in beam.parts]
-    ties += [joint.ends for k, joint in enumerate(scene.joints) if k != without]
+    ties += [joint.ends for k, joint in enumerate(scene.joints) if k not in without]
     ties += [x.nodes for x in (*scene.tendons, *scene.interactions)]
     reached, grew = {start}, True
     while grew:
@@ -213,17 +243,17 @@ def _connected(scene: Scene, start: int, without: int) -> list[bool]:
     return [node in reached for node in range(beam.node_count)]
 
 
-def _refuse_held(scene: Scene, turning: list[bool], bearing: int) -> None:
+def _refuse_held(scene: Scene, turning: list[bool], bearings: tuple[int, ...]) -> None:
     """ValueError for a rotor that something beside the bearing holds to frame a."""
     if any(turning[support.node] for support in scene.supports):
         raise ValueError(
             "a support of the rotor was given to campbell; supports of what stands are wanted"
         )
-    others = (joint.ends for k, joint in enumerate(scene.joints) if k != bearing)
+    others = (joint.ends for k, joint in enumerate(scene.joints) if k not in bearings)
     if any(turning[node] for ends in others if None in ends for node in ends if node is not None):
         raise ValueError(
-            "a joint of the rotor with the ground beside its bearing was given to campbell; a "
-            "rotor that its bearing alone holds is wanted"
+            "a joint of the rotor with the ground beside its bearing was given to campbell; all "
+            "bearings of the rotor are wanted, bearing=(0, 1)"
         )
     if scene.frame is not None or any(support.moves for support in scene.supports):
         raise ValueError(

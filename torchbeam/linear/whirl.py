@@ -69,11 +69,11 @@ def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[s
     names = []
     for k in range(len(shape)):
         words = ["support"] if energy[k] < 0.5 * whole[k] else []
-        if not words and spinning.blades:
+        if not words and spinning.bladed:
             words = ["flap" if flaps[k] else "lag"]
         if abs(turning[k]) > WHIRLS:
             words.append("forward" if turning[k] > 0 else "backward")
-        elif harmonics[k] < WHIRLS * energy[k]:
+        elif spinning.order and harmonics[k] < WHIRLS * energy[k]:
             words.append("collective")
         names.append(" ".join(words or ["rotor"]))
     seen: Counter[str] = Counter()
