@@ -15,7 +15,7 @@ from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
 from ..linear.multiblade import SpinningModel, spinning_model
 from ..linear.periodic import ORDER, exponents
-from ..linear.spinning import Bearing, steady_spin
+from ..linear.spinning import Bearing, drawn, steady_spin
 from ..linear.steady_check import check_steady
 from ..linear.whirl import names_of, tracked, whirl
 from ..math.eigen_derivatives import attach, upright
@@ -118,9 +118,11 @@ def _diagram(
 ) -> Campbell:
     which, count, method, steps, progress = options
     bearing = Bearing.of(scene, which)
-    problem, state = steady_spin(bearing, speeds, time, values)
-    check_steady(bearing, problem, state)
-    spinning = spinning_model(bearing, problem, state, speeds)
+    start = drawn(bearing, speeds, time, values)
+    check_steady(bearing, *start)
+    problem, x, state = steady_spin(bearing, speeds, *start)
+    check_steady(bearing, problem, x)
+    spinning = spinning_model(bearing, problem, x, state, speeds)
     free = spinning.M.shape[-1]
     if count > free:
         raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")

@@ -108,7 +108,11 @@ class SpinningModel(Tree):
 
 
 def spinning_model(
-    bearing: Bearing, problem: SpinningProblem, state: State, speed: Tensor
+    bearing: Bearing,
+    problem: SpinningProblem,
+    x: Configuration,
+    state: State,
+    speed: Tensor,
 ) -> SpinningModel:
     """About a steady spin at speeds (...)."""
     model, space = bearing.model, bearing.model.space
@@ -117,8 +121,6 @@ def spinning_model(
     M, K = M.dense(), K.dense()
     D = torch.zeros_like(K) if D is None else D.dense()
     lead = broadcast_shapes(*(A.shape[:-2] for A in (M, D, K)), speed.shape)
-    reduced = space.to_reduced(state)
-    x = Configuration(reduced.position, reduced.rotation, reduced.stress)
     axis, w = bearing.axis(x), space.unknowns
     centre = bearing.reduced(x, axis.point)
     node = torch.arange(model.node_count, device=M.device).repeat_interleave(w)
@@ -137,6 +139,8 @@ def spinning_model(
     X = block_diagonal(space.skew(unit), space.spin_skew(unit)).expand(*lead, w, w)
     order, P, bladed = _symmetry(bearing, X)
     S_b = _generator(P, Z_b, size, order)
+    if S_b is None:
+        order, S_b = 0, Z_b.new_zeros(*lead, Z_b.shape[-1], Z_b.shape[-1])
     Z, moves = torch.cat((Z_y, Z_b), -1), torch.cat((Z_s + Z_y @ Y, Z_b), -1)
     eye = torch.eye(Z_b.shape[-1], dtype=M.dtype, device=M.device)
     B = block_diagonal(Y, eye.expand(*lead, *eye.shape))
@@ -250,12 +254,17 @@ def _permutation(bearing: Bearing, parts: list[Part], images: list[Part], turn: 
     return (places[:, None, :, None] * turn[..., None, :, None, :]).flatten(-4, -3).flatten(-2)
 
 
-def _generator(P: Tensor | None, Z: Tensor, size: Tensor, order: int) -> Tensor:
-    """S (..., n, n) of moves Z (..., w nodes, n), orthonormal by their size."""
+def _generator(P: Tensor | None, Z: Tensor, size: Tensor, order: int) -> Tensor | None:
+    """S (..., n, n) of moves Z (..., w nodes, n), orthonormal by their size; None where P does not
+    take these to themselves, as joints hold others.
+    """
     if P is None:
-        return Z.new_zeros(*Z.shape[:-2], Z.shape[-1], Z.shape[-1])
+        return None
     own = Z / size[..., None]
-    P, S, power = own.mT @ P @ own, 0.0, own.mT @ own
+    turned = P @ own
+    P, S, power = own.mT @ turned, torch.zeros_like(own.mT @ own), own.mT @ own
+    if bool(concrete((turned - own @ P).abs() > MET).any()):
+        return None
     for j in range(1, order):
         power = power @ P
         angles = ((k, 2 * math.pi * j * k / order) for k in range(1, (order + 1) // 2))

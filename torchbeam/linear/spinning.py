@@ -37,6 +37,7 @@ from ..state.state import State, rest
 
 SAME = 1e-12  # of an axis, and of the structure's size: a bearing that does not move any more
 ON_AXIS = 1e-6  # of the structure's size, and rad: a further bearing
+MEMORY = 6  # of the axes tried last
 ROUNDS = 30  # of the bearing's place and the equilibrium under it
 
 
@@ -149,33 +150,42 @@ class SpinningProblem(SteadyProblem):
         return replace(now, frame=self.own_frame)
 
 
-def steady_spin(
+def drawn(
     bearing: Bearing, speed: Tensor, t: Tensor, inputs: Inputs
-) -> tuple[SpinningProblem, State]:
-    """The steady state at speeds (...) rad/s, with the problem that it solves. Raises RuntimeError
-    for a speed without one.
-    """
+) -> tuple[SpinningProblem, Configuration]:
+    """What is to be solved at speeds (...) rad/s, and the shape as drawn to begin with."""
     model = bearing.model
     start = model.space.start(rest(model.scene))
-    start = Configuration(start.position, start.rotation, start.stress)
-    axis = bearing.axis(start)
+    x = Configuration(start.position, start.rotation, start.stress)
+    frame, one = bearing.frame(x, speed, bearing.axis(x)), torch.ones_like(speed)
+    problem = SpinningProblem(model, t, inputs, one, own_frame=frame)
+    return problem, replace(problem, load_factor=torch.zeros_like(speed)).apply_supports(x)
+
+
+def steady_spin(
+    bearing: Bearing, speed: Tensor, problem: SpinningProblem, x: Configuration
+) -> tuple[SpinningProblem, Configuration, State]:
+    """The steady state at speeds (...) rad/s from that on, with the problem that it solves. Raises
+    RuntimeError for a speed without one.
+    """
+    model, axis, first = bearing.model, bearing.axis(x), problem
 
     def problem_at(x: Configuration, axis: Axis) -> SpinningProblem:
-        one = torch.ones_like(speed)
-        return SpinningProblem(
-            model, t, inputs, one, own_frame=bearing.frame(x, speed, axis)
-        )
+        return replace(first, own_frame=bearing.frame(x, speed, axis))
 
     with no_derivatives():
-        problem = problem_at(start, axis)
-        none = replace(problem, load_factor=torch.zeros_like(speed))
-        x, reaction, status = climb(problem, none.apply_supports(start), None)
+        start = x
+        x, reaction, status, _ = newton(problem, start)
+        if concrete(status != 0).any():  # too much at once
+            x, reaction, status = climb(problem, start, None)
+        led, tried = [], []
         for _ in range(ROUNDS):
             now = bearing.axis(x)
             if concrete(status != 0).any() or _near(axis, now, model):
                 break
-            axis, problem = now, problem_at(x, now)
-            x, reaction, status, _ = newton(problem, x)
+            led, tried = [*led, torch.cat(torch.broadcast_tensors(*now), -1)], [*tried, axis]
+            axis = _accelerated(led, tried)
+            x, reaction, status, _ = newton(problem_at(x, axis), x)
     _refuse_failed(speed, status)
     problem = problem_at(x, bearing.axis(x))
     if differentiated(problem, x):
@@ -185,7 +195,21 @@ def steady_spin(
             problem = problem_at(x, bearing.axis(x))
             if _near(bearing.axis(before), bearing.axis(x), model):
                 break
-    return problem, problem.state(x, reaction, status)
+    return problem, x, problem.state(x, reaction, status)
+
+
+def _accelerated(led: list[Tensor], tried: list[Axis]) -> Axis:
+    """The axis to try next, where those tried led to others (..., 6): Anderson's (1965), which ends
+    soon where few numbers follow each other linearly, however strongly.
+    """
+    last = torch.stack(led[-MEMORY:], -1)
+    off = last - torch.stack([torch.cat(x, -1).expand_as(last[..., 0]) for x in tried[-MEMORY:]], -1)
+    best = last[..., -1]
+    if last.shape[-1] > 1:
+        change, moved = off.diff(dim=-1), last.diff(dim=-1)
+        best = best - (moved @ (torch.linalg.pinv(change, rtol=1e-10) @ off[..., -1:]))[..., 0]
+    point, direction = best[..., :3], best[..., 3:]
+    return Axis(point, direction / torch.linalg.vector_norm(direction, dim=-1, keepdim=True))
 
 
 def _near(a: Axis, b: Axis, model: Model) -> bool:

@@ -9,7 +9,6 @@ from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
 from ..equations.steady import Configuration
 from ..nodal.model import Model
-from ..state.state import State
 from .spinning import Bearing, SpinningProblem
 
 AZIMUTH = 1.0  # rad
@@ -17,14 +16,12 @@ CHANGES = 1e-6  # of the largest load, or moment over the extent
 MOVED = 1e-3  # of the extent: how far nodes are moved to see what springs do
 
 
-def check_steady(bearing: Bearing, problem: SpinningProblem, state: State) -> None:
+def check_steady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -> None:
     """ValueError where loads on the rotor change with the azimuth, and where a support that yields
     gets a force or a moment that turns.
     """
     model, space = bearing.model, bearing.model.space
     with no_derivatives():
-        reduced = space.to_reduced(state)
-        x = Configuration(reduced.position, reduced.rotation, reduced.stress)
         axis = bearing.axis(x)
         unit = space.project_spin(axis.direction)
         centre = bearing.reduced(x, axis.point)[..., None, :]
@@ -46,14 +43,14 @@ def check_steady(bearing: Bearing, problem: SpinningProblem, state: State) -> No
             total = mask * _loads(problem, Configuration(position, rotation, x.stress))
             return total[..., :p], total[..., p:]
 
-        f, m = loads(x.position, False)
-        size = _largest(model, torch.cat((f, m), -1))
-        for place in (x.position, moved):
-            f_0, m_0 = loads(place, False)
-            f_1, m_1 = loads(place, True)
-            change = torch.cat((f_1 - _times(Q, f_0), m_1 - _times(Q_s, m_0)), -1)
-            whole = torch.maximum(size, _largest(model, torch.cat((f_0, m_0), -1)))
-            if bool(concrete(_largest(model, change) > CHANGES * whole).any()):
+        size = torch.stack([
+            _largest(model, torch.cat(loads(place, False), -1)) for place in (x.position, moved)
+        ]).amax(0)  # fmt: skip
+        for place in (moved, x.position):
+            f, m = loads(place, False)
+            f_turned, m_turned = loads(place, True)
+            change = torch.cat((f_turned - _times(Q, f), m_turned - _times(Q_s, m)), -1)
+            if bool(concrete(_largest(model, change) > CHANGES * size).any()):
                 raise ValueError(
                     "loads on the rotor that change with its azimuth, as gravity across the axis or a "
                     "spring to the ground, were given to campbell; loads that turn with it, or act "

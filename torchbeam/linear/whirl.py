@@ -18,7 +18,7 @@ NEAR = 0.2  # of a frequency: a change from speed to speed that halves the liken
 def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
     """(n, ..., count) places among eigenvalues (n, ..., m) with shapes (n, ..., m, channels): the
     slowest at the last speed, and at each speed before those most like them, by modal assurance
-    and frequency; in order of their frequencies at the first speed. Where a frequency passes zero
+    and frequency; in order of their mean frequencies. Where a frequency passes zero
     the other one of its pair goes on.
     """
     index = [value[-1].imag.argsort(dim=-1, stable=True)[..., :count]]
@@ -31,7 +31,7 @@ def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
             likeness.append(modal_assurance(last, there) / (1 + off**2))
         index.append(pairs(torch.maximum(*likeness)))
     index = torch.stack(index[::-1])
-    order = value[0].gather(-1, index[0]).imag.argsort(dim=-1, stable=True)
+    order = value.gather(-1, index).imag.mean(0).argsort(dim=-1, stable=True)
     return index.gather(-1, order.expand(index.shape))
 
 
