@@ -14,7 +14,7 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
 from ..linear.multiblade import SpinningModel, spinning_model
-from ..linear.periodic import ORDER, exponents
+from ..linear.periodic import HARMONICS, ORDER, exponents
 from ..linear.spinning import Bearing, drawn, steady_spin
 from ..linear.steady_check import check_steady
 from ..linear.whirl import names_of, tracked, whirl
@@ -145,18 +145,23 @@ def _diagram(
     else:
         method = "multiblade"
         value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, pairs.right)
+        value, shape = value[..., None], shape[..., None, :]
         error = torch.zeros_like(value.real)
-    space, moves = bearing.model.space, spinning.moves.to(shape.dtype)
+    space, moves, shape = bearing.model.space, spinning.moves, shape.flatten(-3, -2)
+    moves = moves.to(shape.dtype)
     with no_derivatives():
         nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
         unit = bearing.model.unit[..., None, None, :]
         index = tracked(speeds.flatten(), value, (nodal / unit).flatten(-2), count)
-    value, error = (x.gather(-1, index) for x in (value, error))
+    value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
+    below = value.imag < 0
+    value = torch.where(below, value.conj(), value)
+    shape = torch.where(below[..., None], shape.conj(), shape)
     with no_derivatives():
         turning = whirl(spinning, shape)
-        last = spinning.at((-1, *(0,) * (turning.ndim - 2)))
-        names = names_of(bearing, last, shape[(-1, *(0,) * (turning.ndim - 2))])
+        last = (-1, *(0,) * (turning.ndim - 2))
+        names = names_of(bearing, spinning.at(last), shape[last])
     nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
     if space.unknowns < 6:
         eye = torch.eye(space.unknowns, dtype=spinning.M.dtype, device=nodal.device)
@@ -187,13 +192,14 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
 def _floquet(
     spinning: SpinningModel, at_rest: tuple[Tensor, Tensor], steps: int, progress: Any
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Exponents (n, ..., m), shapes, and the error 1/s of the steps, speed by speed; at_rest:
-    eigenvalues and shapes where nothing turns.
+    """Exponents (n, ..., m, h), shapes, and the error 1/s of the steps, by the largest harmonics of
+    each motion; at_rest: eigenvalues and shapes where nothing turns.
     """
     count, n = at_rest[0].shape[-1], spinning.M.shape[-1]
     report = progress_of(progress, len(spinning.speed))
     first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
-    value, shape = (x[:first] for x in at_rest)
+    value, shape = at_rest[0][:first, ..., None], at_rest[1][:first, ..., None, :]
+    value, shape = value.expand(*value.shape[:-1], HARMONICS), shape.repeat_interleave(HARMONICS, -2)
     results = [(value, shape, torch.zeros_like(value.real))] if first else []
     size = spinning.speed[0].numel() * steps * 4 * n**2
     at_once = max(1, ROOM // size)
@@ -201,9 +207,10 @@ def _floquet(
         some = spinning.at(slice(k, k + at_once))
         value, shape = exponents(some.periodic, some.speed, steps, count)
         with no_derivatives():
-            coarse = exponents(some.periodic, some.speed, steps // 2, count).exponent
-            apart = (value[..., :, None] - coarse[..., None, :]).abs().amin(-1)
-        results.append((value, shape, apart / (2**ORDER - 1)))
+            coarse = exponents(some.periodic, some.speed, steps // 2, count).exponent.flatten(-2)
+            apart = (value[..., None] - coarse[..., None, None, :]).abs().amin(-1)
+            error = apart.amin(-1, keepdim=True).expand(apart.shape) / (2**ORDER - 1)
+        results.append((value, shape, error))
         if report is not None:
             report.add(len(value), 0, False)
     return tuple(torch.cat(x) for x in zip(*results, strict=True))

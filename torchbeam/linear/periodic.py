@@ -32,6 +32,7 @@ STAGES = (
     (5 / 36 + ROOT / 30, 2 / 9 + ROOT / 15, 5 / 36),
 )
 ORDER = 6
+HARMONICS = 3  # of each motion that are kept: which is largest may change with the speed
 
 Matrices = Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
 
@@ -61,15 +62,17 @@ def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Expo
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
     M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0].detach().to(harmonics.dtype)
     size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
-    k = size.argmax(0)
-    shape = harmonics.gather(0, k[None, ..., None, :].expand(1, *g.shape[1:]))[0].mT
+    k = size.topk(HARMONICS, dim=0).indices
+    shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
     order = torch.where(k > steps // 2, k - steps, k)
     exponent = principal + 1j * order * speed.abs()[..., None]
     fast = (rate.abs().square().sum((0, -2)) / g.abs().square().sum((0, -2))).sqrt().detach()
-    fast = torch.where(exponent.imag < -1e-9 * exponent.abs(), torch.inf, fast)
-    chosen = fast.argsort(dim=-1, stable=True)[..., :count]
+    lower = exponent[0].imag < -1e-9 * exponent[0].abs()  # the other one of its pair
+    chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)[..., :count]
+    exponent, shape = exponent.movedim(0, -1), shape.movedim(0, -1).movedim(-3, -1)
+    at = chosen[..., None].expand(*chosen.shape, HARMONICS)
     return Exponents(
-        exponent.gather(-1, chosen), shape.gather(-2, chosen[..., None].expand(*chosen.shape, n))
+        exponent.gather(-2, at), shape.gather(-3, at[..., None].expand(*at.shape, n))
     )
 
 

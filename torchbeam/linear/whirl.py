@@ -16,12 +16,14 @@ NEAR = 0.2  # of a frequency: a change from speed to speed that halves the liken
 
 
 def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
-    """(n, ..., count) places among eigenvalues (n, ..., m) with shapes (n, ..., m, channels): the
-    slowest at the last speed, and at each speed before those most like them, by modal assurance
-    and frequency; in order of their mean frequencies. Where a frequency passes zero
-    the other one of its pair goes on.
+    """(n, ..., count) places among eigenvalues (n, ..., m h) with shapes (n, ..., m h, channels),
+    of m motions by each of h harmonics, value (n, ..., m, h): the slowest at the last speed, by
+    their first harmonic, and at each speed before those most like them, by modal assurance and
+    frequency; in order of their mean frequencies. Where a frequency passes zero the other one of
+    its pair goes on.
     """
-    index = [value[-1].imag.argsort(dim=-1, stable=True)[..., :count]]
+    h, value = value.shape[-1], value.flatten(-2)
+    index = [h * value[-1, ..., ::h].imag.abs().argsort(dim=-1, stable=True)[..., :count]]
     for k in range(len(value) - 2, -1, -1):
         last = _taken(shape[k + 1], index[-1])
         before = value[k + 1].gather(-1, index[-1])[..., :, None]
@@ -29,9 +31,11 @@ def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
         for at, there in ((value[k], shape[k]), (value[k].conj(), shape[k].conj())):
             off = (at[..., None, :] - before).abs() / size
             likeness.append(modal_assurance(last, there) / (1 + off**2))
-        index.append(pairs(torch.maximum(*likeness)))
+        best, harmonic = torch.maximum(*likeness).unflatten(-1, (-1, h)).max(-1)
+        motion = pairs(best)
+        index.append(h * motion + harmonic.gather(-1, motion[..., None])[..., 0])
     index = torch.stack(index[::-1])
-    order = value.gather(-1, index).imag.mean(0).argsort(dim=-1, stable=True)
+    order = value.gather(-1, index).imag.abs().mean(0).argsort(dim=-1, stable=True)
     return index.gather(-1, order.expand(index.shape))
 
 

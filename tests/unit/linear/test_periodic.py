@@ -41,6 +41,7 @@ def test_mathieus_equation_at_sixth_order():
     off = []
     for steps in (16, 32):
         value, shape = exponents(mathieu, one, steps, 3)
+        value, shape = value[:, 0], shape[:, 0]  # of the largest harmonic
         own = value[(shape[:, 1].abs() > 0.9 * shape.norm(dim=-1)).nonzero()[0]]
         # the frequency that damping leaves
         assert abs(own.imag.item() - math.sqrt(0.09 - 0.05**2)) < 1e-8
@@ -56,4 +57,4 @@ def test_the_harmonic_that_is_seen_most_names_the_frequency():
         return eye, 0 * eye, 5.3**2 * eye
 
     value = exponents(matrices, torch.ones((), dtype=torch.float64), 64, 1).exponent
-    assert abs(value[0].imag - 5.3) < 1e-4
+    assert abs(value[0, 0].imag - 5.3) < 1e-4
