@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.arguments import choice, instant
 from ..core.arguments import count as check_count
@@ -14,7 +15,7 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
 from ..linear.multiblade import SpinningModel, spinning_model
-from ..linear.periodic import HARMONICS, ORDER, exponents
+from ..linear.periodic import HARMONICS, NONE, ORDER, exponents
 from ..linear.spinning import Bearing, drawn, steady_spin
 from ..linear.steady_check import check_steady
 from ..linear.whirl import names_of, tracked, whirl
@@ -141,7 +142,10 @@ def _diagram(
         )
     if method == "floquet" or unequal:
         method = "floquet"
-        value, shape, error = _floquet(spinning, (pairs.eigenvalue, pairs.right), steps, progress)
+        at_rest = pairs.eigenvalue, pairs.right
+        value, shape, error = _floquet(
+            spinning, at_rest, steps, min(count + SPARE, 2 * free), progress
+        )
     else:
         method = "multiblade"
         value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, pairs.right)
@@ -190,15 +194,17 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
 
 
 def _floquet(
-    spinning: SpinningModel, at_rest: tuple[Tensor, Tensor], steps: int, progress: Any
+    spinning: SpinningModel, at_rest: tuple[Tensor, Tensor], steps: int, count: int, progress: Any
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Exponents (n, ..., m, h), shapes, and the error 1/s of the steps, by the largest harmonics of
     each motion; at_rest: eigenvalues and shapes where nothing turns.
     """
-    count, n = at_rest[0].shape[-1], spinning.M.shape[-1]
+    n, more = spinning.M.shape[-1], count - at_rest[0].shape[-1]
     report = progress_of(progress, len(spinning.speed))
     first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
-    value, shape = at_rest[0][:first, ..., None], at_rest[1][:first, ..., None, :]
+    value, shape = at_rest[0][:first], at_rest[1][:first]
+    value = torch.cat((value, torch.full_like(value[..., :1], NONE).expand(*value.shape[:-1], more)), -1)
+    value, shape = value[..., None], pad(shape, (0, 0, 0, more))[..., None, :]
     value, shape = value.expand(*value.shape[:-1], HARMONICS), shape.repeat_interleave(HARMONICS, -2)
     results = [(value, shape, torch.zeros_like(value.real))] if first else []
     size = spinning.speed[0].numel() * steps * 4 * n**2

@@ -32,6 +32,7 @@ STAGES = (
     (5 / 36 + ROOT / 30, 2 / 9 + ROOT / 15, 5 / 36),
 )
 ORDER = 6
+NONE = 1e30j  # 1/s, in place of an exponent
 HARMONICS = 3  # of each motion that are kept: which is largest may change with the speed
 
 Matrices = Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
@@ -48,7 +49,7 @@ class Exponents(NamedTuple):
 
 def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Exponents:
     """Of M, D, K (s, ..., n, n) = matrices(psi), psi (s,), at speeds (...), the `count` slowest,
-    one of each pair.
+    one of each pair, NONE where there are no more.
     """
     maps = _maps(matrices, speed, steps)
     n = maps.shape[-1] // 2
@@ -64,10 +65,11 @@ def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Expo
     size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
     k = size.topk(HARMONICS, dim=0).indices
     shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
+    lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair
     order = torch.where(k > steps // 2, k - steps, k)
     exponent = principal + 1j * order * speed.abs()[..., None]
+    exponent = torch.where(lower, NONE, exponent)
     fast = (rate.abs().square().sum((0, -2)) / g.abs().square().sum((0, -2))).sqrt().detach()
-    lower = exponent[0].imag < -1e-9 * exponent[0].abs()  # the other one of its pair
     chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)[..., :count]
     exponent, shape = exponent.movedim(0, -1), shape.movedim(0, -1).movedim(-3, -1)
     at = chosen[..., None].expand(*chosen.shape, HARMONICS)
