@@ -121,8 +121,8 @@ if TYPE_CHECKING:  # imported where they are first asked for
 # fmt: off
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
-    "Campbell", "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
-    "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
+    "Campbell", "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder",
+    "Cylindrical", "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
     "MassDamping", "Measurement", "MixedState",
@@ -134,8 +134,8 @@ __all__ = [
     "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "campbell", "compare", "consistent_state",
-    "converge", "critical_load",
+    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "campbell", "compare",
+    "consistent_state", "converge", "critical_load",
     "describe", "design", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
     "moment_derivatives", "monte_carlo",

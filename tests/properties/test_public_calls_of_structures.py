@@ -445,9 +445,9 @@ def test_what_a_structure_has_not(call):
 
 
 # public names that see no scene, or make parts of one
-OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body Box Capsule Contact
-Comparison Convergence Critical Cylinder Cylindrical Damping Description Design Distance Drag Energy
-Estimate FieldFit Fit Frame Gravity Hinge History Input LineLoad Load MassDamping Measurement
+OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body Box Campbell Capsule
+Contact Comparison Convergence Critical Cylinder Cylindrical Damping Description Design Distance
+Drag Energy Estimate FieldFit Fit Frame Gravity Hinge History Input LineLoad Load MassDamping Measurement
 MixedState Modes MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane
 PointLoad PointMass
 Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider
@@ -459,7 +459,7 @@ Weld
 laws modal_assurance plot pose_from_points rayleigh sensors"""
 # of functions of the user's own, as identify and monte_carlo; of other scenes, made by remesh
 FUNCTIONS = "identify_fields moment_derivatives monte_carlo_stream rare_event sobol_indices tornado"
-FUNCTIONS += " compare converge design KalmanFilter MovingHorizon Filtered"
+FUNCTIONS += " campbell compare converge design KalmanFilter MovingHorizon Filtered"
 # of answers, whatever gave them; of joints, which one beam has not; a base
 READ = "plot.axes plot.bands plot.campbell plot.convergence plot.correlation plot.design plot.fit"
 READ += (

@@ -86,7 +86,9 @@ def test_ground_resonance_is_that_of_coleman_and_feingold(dampers):
     speed = torch.tensor([16.0, 26.0], dtype=torch.float64)
     count = len(dampers) + 2
     diagram = tb.campbell(helicopter(dampers), speed, bearing=0, count=count, steps=48)
-    assert diagram.method == ("multiblade" if len(set(dampers)) == 1 < len(dampers) - 1 else "floquet")
+    assert diagram.method == (
+        "multiblade" if len(set(dampers)) == 1 < len(dampers) - 1 else "floquet"
+    )
     for W, value in zip(speed.tolist(), diagram.eigenvalue, strict=True):
         expected = exponents(W, dampers)[::2]
         np.testing.assert_allclose(np.sort(value.real), expected, rtol=0, atol=2e-6)
@@ -137,7 +139,10 @@ def test_a_shaft_between_bearings_whirls_as_rayleighs_beam():
     section = tb.Section.from_stiffness(
         EA=E * A, GA=math.inf, GJ=E * inertia, EI=E * inertia, mass=rho * A, inertia=rho * inertia
     )
-    ends = ("pivot", tb.Body(mass=1e-9, inertia=1e-9)), ("shaft", tb.Beam.straight(L, 4, section, order=2))
+    ends = (
+        ("pivot", tb.Body(mass=1e-9, inertia=1e-9)),
+        ("shaft", tb.Beam.straight(L, 4, section, order=2)),
+    )
     scene = tb.Scene(
         dict(ends),
         joints=[
@@ -163,7 +168,9 @@ def blades(count, tower=None, frame=None, speed=0.0):
         EA=1e4, GA=math.inf, GJ=1.0, EI=(1.0, 2.0), mass=1.0, inertia=1e-3
     )
     parts = {"hub": tb.Body(mass=0.5, inertia=(0.05, 0.05, 0.08))}
-    hub = tb.Weld(None, "hub") if frame else tb.Hinge(tower and ("tower", -1), "hub", axis=(0, 0, 1))
+    hub = (
+        tb.Weld(None, "hub") if frame else tb.Hinge(tower and ("tower", -1), "hub", axis=(0, 0, 1))
+    )
     joints, supports = [hub], ()
     for k in range(count):
         angle = 2 * math.pi * k / count
@@ -189,7 +196,9 @@ def test_blades_on_the_ground_have_the_modes_of_a_turning_frame_plus_and_minus_t
     expected = [abs(w + k * W) for w in (flap, lag) for k in (-1, 0, 1)]
     np.testing.assert_allclose(np.sort(diagram.frequency[0]), np.sort(expected), rtol=1e-9)
     assert sorted(name[:-2] for name in diagram.names) == [
-        f"{how} {which}" for how in ("flap", "lag") for which in ("backward", "collective", "forward")
+        f"{how} {which}"
+        for how in ("flap", "lag")
+        for which in ("backward", "collective", "forward")
     ]
 
 

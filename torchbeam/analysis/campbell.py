@@ -71,8 +71,9 @@ def campbell(
     - **Frequencies** are those seen from the ground. Of two blades, of unequal ones, and of motions
       in which neighbours of an even number of blades move against each other, they are those of the
       harmonic that is largest in axes that turn with the blades.
-    - **Loads** on the rotor must look the same from it at every azimuth: no gravity across the axis.
-    - **Derivatives** by all that the scene holds, and by the speeds, where eigenvalues are distinct.
+    - **Loads** on the rotor must look the same from it at every azimuth: no gravity across the
+      axis.
+    - **Derivatives** by all that the scene holds and by the speeds, where eigenvalues are distinct.
     - **Cost.** Dense: O(n^3) of all coordinates a speed; "floquet" that for every step of a turn.
 
     Raises:
@@ -203,9 +204,14 @@ def _floquet(
     report = progress_of(progress, len(spinning.speed))
     first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
     value, shape = at_rest[0][:first], at_rest[1][:first]
-    value = torch.cat((value, torch.full_like(value[..., :1], NONE).expand(*value.shape[:-1], more)), -1)
+    value = torch.cat(
+        (value, torch.full_like(value[..., :1], NONE).expand(*value.shape[:-1], more)), -1
+    )
     value, shape = value[..., None], pad(shape, (0, 0, 0, more))[..., None, :]
-    value, shape = value.expand(*value.shape[:-1], HARMONICS), shape.repeat_interleave(HARMONICS, -2)
+    value, shape = (
+        value.expand(*value.shape[:-1], HARMONICS),
+        shape.repeat_interleave(HARMONICS, -2),
+    )
     results = [(value, shape, torch.zeros_like(value.real))] if first else []
     size = spinning.speed[0].numel() * steps * 4 * n**2
     at_once = max(1, ROOM // size)

@@ -1,4 +1,4 @@
-"""Campbell diagram: what `campbell` returns, with critical speeds, unstable ranges and a picture."""
+"""Campbell diagram: what `campbell` returns; critical speeds, unstable ranges, a picture."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Campbell:
         ... )
         >>> diagram = tb.campbell(scene, torch.linspace(0, 300, 4), count=4)
         >>> [round(c.speed) for c in diagram.critical(orders=1)]  # rad/s
-        [51, 52]
+        [44, 45, 252]
         >>> diagram.unstable_ranges
         []
     """
@@ -73,7 +73,8 @@ class Campbell:
             f"{counted(len(self.names), 'mode')} at {counted(len(self.speed), 'speed')} "
             f"{span(self.speed)} rad/s, {self.method}",
             *(
-                f"{name}: {span(self.frequency[..., k])} rad/s, damping {span(self.damping[..., k])}"
+                f"{name}: {span(self.frequency[..., k])} rad/s, "
+                f"damping {span(self.damping[..., k])}"
                 for k, name in enumerate(self.names)
             ),
             *(f"unstable from {a:.4g} to {b:.4g} rad/s" for a, b in self._ranges()),

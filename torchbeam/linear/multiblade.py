@@ -5,19 +5,19 @@ bearing's point, which carry the whole rotor, and b the blades' beside it. In th
 
     M_r r'' + D_r r' + K_r r = 0
 
-is constant. Coordinates that do not spin are r = exp(-psi S) r', psi = W t, with S = axis x ... on y:
-they are then moves in frame a, those of the support's node. On b, S is the generator of the blades'
-cyclic symmetry (the multiblade, or Coleman, transform: Coleman and Feingold 1958, NACA Report 1351;
-Hohenemser and Yin 1972): with P the permutation of B equal blades, turned by 2 pi/B, and its
-eigenspaces k = -B/2 ... B/2,
+is constant. Coordinates that do not spin are s = exp(psi S) r, psi = W t, with S = axis x ... on y:
+these are then moves in frame a, those of the support's node. On b, S is the generator of the
+blades' cyclic symmetry (the multiblade, or Coleman, transform: Coleman and Feingold 1958, NACA
+Report 1351; Hohenemser and Yin 1972, J. Am. Helicopter Soc. 17(3), 3): with P the permutation of B
+equal blades, turned by 2 pi/B, and Pi_k the projection on its harmonic k,
 
     P = exp(2 pi/B S)        S = sum over |k| < B/2 of i k Pi_k = sum_j c_j P^j
 
     M = M_r    D = D_r - 2 W M_r S    K = K_r - W D_r S + W^2 M_r S^2
 
-is constant as well, where all of these commute with S: for three and more equal blades. For others
-each is exp(psi S) (...) exp(-psi S), periodic; two blades and unequal ones keep their own axes, S =
-0 on b.
+of s are constant as well, where all of these commute with S: for three and more equal blades. For
+others each is exp(psi S) (...) exp(-psi S), periodic; two blades and unequal ones keep their own
+axes, S = 0 on b.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-
 from torch.nn.functional import pad
 
 from ..core.derivatives import cached, no_derivatives
@@ -95,7 +94,7 @@ class SpinningModel(Tree):
 
     @cached
     def _samples(self) -> tuple[Tensor, Tensor, Tensor]:
-        """M, D, K (2 h + 1, ..., n, n) at as many azimuths, with harmonics up to h = `harmonics`."""
+        """M, D, K (2 h + 1, ..., n, n) at as many azimuths, of harmonics up to h = `harmonics`."""
         W, S, M = self.speed[..., None, None], self.S, self.M_r
         of_rotor = M, self.D_r - 2 * W * M @ S, self.K_r + (W**2 * M @ S - W * self.D_r) @ S
         count = 2 * self.harmonics + 1
@@ -108,11 +107,7 @@ class SpinningModel(Tree):
 
 
 def spinning_model(
-    bearing: Bearing,
-    problem: SpinningProblem,
-    x: Configuration,
-    state: State,
-    speed: Tensor,
+    bearing: Bearing, problem: SpinningProblem, x: Configuration, state: State, speed: Tensor
 ) -> SpinningModel:
     """About a steady spin at speeds (...)."""
     model, space = bearing.model, bearing.model.space
@@ -246,7 +241,7 @@ def _image(part: Part, parts: list[Part], nodes: Tensor, turned: Tensor, near: T
 
 def _permutation(bearing: Bearing, parts: list[Part], images: list[Part], turn: Tensor) -> Tensor:
     """(..., w nodes, w nodes): a node's moves, turned (..., w, w), as those of its image."""
-    w, count = turn.shape[-1], bearing.model.node_count
+    count = bearing.model.node_count
     places = torch.zeros(count, count, dtype=turn.dtype, device=turn.device)
     for part, image in zip(parts, images, strict=True):
         for k in range(part.node_count):

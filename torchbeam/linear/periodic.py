@@ -73,15 +73,16 @@ def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Expo
     chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)[..., :count]
     exponent, shape = exponent.movedim(0, -1), shape.movedim(0, -1).movedim(-3, -1)
     at = chosen[..., None].expand(*chosen.shape, HARMONICS)
-    return Exponents(
-        exponent.gather(-2, at), shape.gather(-3, at[..., None].expand(*at.shape, n))
-    )
+    return Exponents(exponent.gather(-2, at), shape.gather(-3, at[..., None].expand(*at.shape, n)))
 
 
 def _maps(matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
     """(steps + 1, ..., 2 n, 2 n): g, g' at the azimuths of the steps by those at psi = 0."""
     angle, maps = 2 * math.pi / steps, []
-    dt, nodes = (angle / speed.abs())[..., None, None], torch.tensor(NODES, dtype=speed.dtype, device=speed.device)
+    dt, nodes = (
+        (angle / speed.abs())[..., None, None],
+        torch.tensor(NODES, dtype=speed.dtype, device=speed.device),
+    )
     for step in range(steps):
         at = matrices(angle * (step + nodes))
         if not step:

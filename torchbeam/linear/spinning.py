@@ -26,8 +26,8 @@ from ..nodal.conditions import Conditions, conditions
 from ..nodal.discretise import discretise
 from ..nodal.frame import FixedFrame, TranslatingFrame, TurningFrame
 from ..nodal.model import Model
-from ..scene.effects import Inputs
 from ..scene.ball import Ball
+from ..scene.effects import Inputs
 from ..scene.joint import Joint
 from ..scene.joints import Cylindrical, Hinge
 from ..scene.scene import Scene
@@ -108,8 +108,8 @@ class Bearing(Tree):
         far = concrete(off.abs().amax(-1) > ON_AXIS * beam.extent).any()
         if not isinstance(joint, Ball | Cylindrical | Hinge) or joint.acts or far:
             raise ValueError(
-                f"a {joint.called} was given to campbell as a further bearing; a Hinge, Cylindrical or "
-                "Ball on the rotor's axis in which nothing acts is wanted"
+                f"a {joint.called} was given to campbell as a further bearing; a Hinge, "
+                "Cylindrical or Ball on the rotor's axis in which nothing acts is wanted"
             )
 
     def axis(self, x: Configuration) -> Axis:
@@ -203,7 +203,9 @@ def _accelerated(led: list[Tensor], tried: list[Axis]) -> Axis:
     soon where few numbers follow each other linearly, however strongly.
     """
     last = torch.stack(led[-MEMORY:], -1)
-    off = last - torch.stack([torch.cat(x, -1).expand_as(last[..., 0]) for x in tried[-MEMORY:]], -1)
+    off = last - torch.stack(
+        [torch.cat(x, -1).expand_as(last[..., 0]) for x in tried[-MEMORY:]], -1
+    )
     best = last[..., -1]
     if last.shape[-1] > 1:
         change, moved = off.diff(dim=-1), last.diff(dim=-1)
@@ -223,8 +225,8 @@ def _refuse_failed(speed: Tensor, status: Tensor) -> None:
     if failed.any():
         first = float(concrete(speed).expand(failed.shape)[failed][0])
         raise RuntimeError(
-            f"no steady state of the rotor was found at {first:.4g} rad/s; lower speeds, or a rotor "
-            "that keeps its balance there, are wanted"
+            f"no steady state of the rotor was found at {first:.4g} rad/s; lower speeds, or a "
+            "rotor that keeps its balance there, are wanted"
         )
 
 
@@ -286,4 +288,3 @@ def _refuse_held(scene: Scene, turning: list[bool], bearings: tuple[int, ...]) -
         )
     if scene.pairs:
         raise ValueError("contact of two parts was given to campbell; none is wanted there")
-

@@ -52,20 +52,22 @@ def check_steady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -
             change = torch.cat((f_turned - _times(Q, f), m_turned - _times(Q_s, m)), -1)
             if bool(concrete(_largest(model, change) > CHANGES * size).any()):
                 raise ValueError(
-                    "loads on the rotor that change with its azimuth, as gravity across the axis or a "
-                    "spring to the ground, were given to campbell; loads that turn with it, or act "
-                    "along the axis, are wanted"
+                    "loads on the rotor that change with its azimuth, as gravity across the axis "
+                    "or a spring to the ground, were given to campbell; loads that turn with it, "
+                    "or act along the axis, are wanted"
                 )
         if bearing.support is None:
             return
         lever = x.position - centre
         moment = (m + _times(space.lever_matrix(lever).mT, f)).sum(-2)
         force = f.sum(-2)
-        across = torch.cat((_times(space.skew(unit), force), _times(space.spin_skew(unit), moment)), -1)
+        across = torch.cat(
+            (_times(space.skew(unit), force), _times(space.spin_skew(unit), moment)), -1
+        )
         if bool(concrete(_largest(model, across[..., None, :]) > CHANGES * size).any()):
             raise ValueError(
-                "a rotor out of balance was given to campbell, whose force on the bearing turns with "
-                "it; one whose loads and centrifugal forces balance across the axis is wanted"
+                "a rotor out of balance was given to campbell, whose force on the bearing turns "
+                "with it; one whose loads and centrifugal forces balance across the axis is wanted"
             )
 
 

@@ -57,7 +57,8 @@ def whirl(spinning: SpinningModel, shape: Tensor) -> Tensor:
 def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[str]:
     """Of modes (count, n) at one speed."""
     B, S, M, M_r, moves = (
-        A.to(shape.dtype) for A in (spinning.B, spinning.S, spinning.M, spinning.M_r, spinning.moves)
+        A.to(shape.dtype)
+        for A in (spinning.B, spinning.S, spinning.M, spinning.M_r, spinning.moves)
     )
     r, space = B @ shape.mT, bearing.model.space
     whole, energy, harmonics = (

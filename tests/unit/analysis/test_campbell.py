@@ -76,11 +76,11 @@ def test_single_precision_is_solved_in_double():
 
 
 def test_a_support_that_a_load_turns_takes_the_axis_along():
-    """A mast on a hinge with a spring, turned by a torque through 0.3 rad, whirls as one drawn so."""
+    """A mast on a hinge with a spring, which a torque turns by 0.3 rad, whirls as one drawn so."""
 
     def frequencies(drawn, torque):
-        turn = torch.tensor([[math.cos(drawn), 0, math.sin(drawn)], [0, 1, 0],
-                             [-math.sin(drawn), 0, math.cos(drawn)]], dtype=torch.float64)  # fmt: skip
+        c, s = math.cos(drawn), math.sin(drawn)
+        turn = torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]], dtype=torch.float64)
         along = turn[:, 2]
         axes = dict(rotation=turn)
         parts = {
@@ -141,14 +141,13 @@ def test_files_and_pictures(tmp_path):
 @pytest.mark.parametrize(
     "scene, more, sentence",
     [
-        (lambda: tb.Scene({"shaft": tb.Beam.straight(1.0, 1, tb.Section.circle(0.1, 1e9, 0.3, 1e3))}),
-         {}, "a scene without a Hinge was given"),
+        (lambda: tb.Scene({"disc": tb.Body(1.0, 1.0)}), {}, "a scene without a Hinge was given"),
         (lambda: overhung(effects=[tb.Gravity((0, 0, -9.81))]), {}, "change with its azimuth"),
-        (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), {}, "change with its"),
+        (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), {}, "azimuth"),
         (overhung, {"bearing": 3}, "bearing"),
         (overhung, {"method": "hill"}, "method"),
         (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
-        (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more equal"),
+        (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more"),
     ],
 )  # fmt: skip
 def test_refusals(scene, more, sentence):
