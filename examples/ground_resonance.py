@@ -39,7 +39,7 @@ def helicopter(dampers: tuple[float, ...]) -> tb.Scene:
         "mast": tb.Body(mass=HUB[1], inertia=1.0),
         "hub": tb.Body(mass=1e-6, inertia=1e-6),
     }
-    joints = [tb.Hinge("mast", "hub", axis=(0, 0, 1))]
+    joints: list[tb.Hinge | tb.Slider] = [tb.Hinge("mast", "hub", axis=(0, 0, 1))]
     for a, b, k in ((None, "carriage", 0), ("carriage", "mast", 1)):
         gear = tb.Slider(a, b, axis=ALONG[k], stiffness=SPRING, damping=HUB_DAMPER[k])
         joints.append(gear)

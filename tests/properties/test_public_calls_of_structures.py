@@ -447,9 +447,9 @@ def test_what_a_structure_has_not(call):
 # public names that see no scene, or make parts of one
 OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body Box Campbell Capsule
 Contact Comparison Convergence Critical Cylinder Cylindrical Damping Description Design Distance
-Drag Energy Estimate FieldFit Fit Frame Gravity Hinge History Input LineLoad Load MassDamping Measurement
-MixedState Modes MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane
-PointLoad PointMass
+Drag Energy Estimate FieldFit Fit Frame Gravity Hinge History Input LineLoad Load MassDamping
+Measurement MixedState Modes MomentDerivatives PairedModes Parameter Path PerElement PerInterval
+Plane PointLoad PointMass
 Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider
 SlowBaseline SlowPathWarning Smoothness SmoothHistory SmoothRotation SobolIndices Sphere Spring
 Stations Stats

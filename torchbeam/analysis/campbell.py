@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import choice, instant
+from ..core.arguments import boolean, choice, instant
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
@@ -41,6 +41,7 @@ def campbell(
     speeds: Any,
     *,
     bearing: int | Sequence[int] | None = None,
+    held: bool = True,
     count: int = 6,
     method: str = "auto",
     steps: int = 32,
@@ -50,16 +51,18 @@ def campbell(
 ) -> Campbell:
     """Frequencies and damping of a rotor on its support over the speed at which it spins.
 
-    The rotor is all that hangs on the second part of a `Hinge`, the bearing. It spins at a held
+    The rotor is all that hangs on the second part of a `Hinge`, the bearing. It spins at a
     speed; the support stands. Small motions are about the steady state: blades as centrifugal loads
     leave them, the support under what is steady of the rotor.
 
     Args:
         scene: a structure in a frame at rest, drawn at the azimuth 0
         speeds: (n,) rad/s, rising, about the bearing's axis
-        bearing: place of the hinge among the scene's joints; None = its only one. Its speed is
-            held: its angle, torque and resistances do not count. Several: the hinge, then further
-            bearings of the rotor on its axis
+        bearing: place of the hinge among the scene's joints; None = its only one. Several: the
+            hinge, then further bearings of the rotor on its axis
+        held: whether the speed is held, as by a stiff drive: the hinge's angle, torque and
+            resistances do not count. Else the rotor turns freely beside its steady speed, against
+            the hinge's `damping` alone: the slope of a generator's torque
         count: modes
         method: "multiblade": coordinates that do not spin, in which three and more equal blades
             have constant coefficients. "floquet": exponents over a turn, for two blades, unequal
@@ -93,7 +96,7 @@ def campbell(
         (torch.Size([4, 4]), ['backward 1', 'forward 1'])
     """
     choice("method", method, METHODS)
-    check_count("count", count), check_count("steps", steps, LEAST_STEPS)
+    check_count("count", count), check_count("steps", steps, LEAST_STEPS), boolean("held", held)
     speeds = _speeds(speeds, scene)
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
     if any(scene.internal_states):
@@ -102,7 +105,9 @@ def campbell(
         )
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        return _diagram(scene, speeds, values, time, (bearing, count, method, steps, progress))
+        return _diagram(
+            scene, speeds, values, time, (bearing, held, count, method, steps, progress)
+        )
 
     return in_double(diagram, scene, None, speeds, values, time)
 
@@ -118,8 +123,8 @@ def _speeds(speeds: Any, scene: Scene) -> Tensor:
 def _diagram(
     scene: Scene, speeds: Tensor, values: Inputs, time: Tensor, options: tuple[Any, ...]
 ) -> Campbell:
-    which, count, method, steps, progress = options
-    bearing = Bearing.of(scene, which)
+    which, held, count, method, steps, progress = options
+    bearing = Bearing.of(scene, which, held)
     start = drawn(bearing, speeds, time, values)
     check_steady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)

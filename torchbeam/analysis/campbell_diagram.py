@@ -95,7 +95,9 @@ class Campbell:
     @property
     def unstable(self) -> Tensor:
         """(n, ..., count) bool: grows, beyond rounding and the error of the steps."""
-        least = torch.maximum(GROWING * self.eigenvalue.abs(), 10 * self.error)
+        size = self.eigenvalue.abs()
+        size = torch.maximum(size, self.speed.reshape(-1, *(1,) * (size.ndim - 1)))
+        least = torch.maximum(GROWING * size, 10 * self.error)
         return self.eigenvalue.real > least
 
     @property

@@ -131,6 +131,9 @@ def spinning_model(
         lever = _rigid(space, (centre - x.position[..., at, :])[..., None, :])[..., 0, :, :]
         Y = lever @ Z_s[..., at * w : (at + 1) * w, :]
     unit = space.project_spin(axis.direction)
+    if bearing.damping is not None:  # a turn of the rotor in its bearing, behind the support's
+        turn = pad(unit, (w - unit.shape[-1], 0))[..., None].expand(*lead, w, 1)
+        Z_s, Y = pad(Z_s, (0, 1)), torch.cat((Y, turn), -1)
     X = block_diagonal(space.skew(unit), space.spin_skew(unit)).expand(*lead, w, w)
     order, P, bladed = _symmetry(bearing, X)
     S_b = _generator(P, Z_b, size, order)
@@ -139,12 +142,19 @@ def spinning_model(
     Z, moves = torch.cat((Z_y, Z_b), -1), torch.cat((Z_s + Z_y @ Y, Z_b), -1)
     eye = torch.eye(Z_b.shape[-1], dtype=M.dtype, device=M.device)
     B = block_diagonal(Y, eye.expand(*lead, *eye.shape))
+    own = torch.eye(B.shape[-1], dtype=B.dtype, device=B.device)
     if bearing.others:
-        free_moves = _null_space(G_other @ moves)
-        B, moves = B @ free_moves, moves @ free_moves
+        own = _null_space(G_other @ moves)
+        B, moves = B @ own, moves @ own
+    M_g, D_g, K_g = (moves.mT @ A @ moves for A in (M, D, K))
+    if bearing.damping is not None:
+        row = own[..., Y.shape[-1] - 1, None, :]
+        D_g = D_g + bearing.damping[..., None, None] * row.mT @ row
     return SpinningModel(
         speed.expand(lead),
-        *(moves.mT @ A @ moves for A in (M, D, K)),
+        M_g,
+        D_g,
+        K_g,
         *(Z.mT @ A @ Z for A in (M, D, K)),
         B,
         block_diagonal(X, S_b),

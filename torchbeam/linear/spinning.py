@@ -56,6 +56,8 @@ class Bearing(Tree):
                       rotor, on its axis
     support, hub      rows of the nodes that it joins; None = the ground
     rotor             (nodes,) bool, what spins
+    damping           (...) N m s/rad of the hinge, where the rotor may turn in it beside its spin;
+                      None = its speed is held
     point, direction  (..., 3) of its axis as drawn, frame a
     """
 
@@ -67,17 +69,18 @@ class Bearing(Tree):
     rotor: Tensor = leaf(1)
     point: Tensor = leaf(1)
     direction: Tensor = leaf(1)
+    damping: Tensor | None = leaf(0, default=None)
 
     @classmethod
-    def of(cls, scene: Scene, bearing: int | Sequence[int] | None) -> Bearing:
+    def of(cls, scene: Scene, bearing: int | Sequence[int] | None, held: bool = True) -> Bearing:
         """Of a joint of the scene, and further ones; None = its only hinge. Raises ValueError where
         there is none, or they do not part what spins from what stands.
         """
         at, *others = listed(bearing) if bearing is not None else (None,)
         at, others = _hinge(scene, at), tuple(_place(scene, k) for k in others)
         hinge = scene.joints[at]
-        held = dict.fromkeys(hinge.acts) | {"angle": 0.0}
-        joints = [*scene.joints[:at], with_values(hinge, **held), *scene.joints[at + 1 :]]
+        stands = dict.fromkeys(hinge.acts) | {"angle": 0.0}
+        joints = [*scene.joints[:at], with_values(hinge, **stands), *scene.joints[at + 1 :]]
         scene = replace(scene, joints=joints)
         a, b = hinge.ends
         if b is None:
@@ -91,10 +94,13 @@ class Bearing(Tree):
         _refuse_held(scene, turning, (at, *others))
         rotor = torch.tensor(turning, device=scene.beam.nodes.device)
         point, _, axes = hinge.drawn(scene.beam)
-        found = cls(discretise(scene), at, others, a, b, rotor, point, axes[..., 0])
+        none = torch.zeros_like(point[..., 0])
+        damping = None if held else none if hinge.damping is None else hinge.damping
+        drawn = (point, axes[..., 0], damping)
+        bearing = cls(discretise(scene), at, others, a, b, rotor, *drawn)
         for k in others:
-            found.check_bearing(scene.joints[k])
-        return found
+            bearing.check_bearing(scene.joints[k])
+        return bearing
 
     def check_bearing(self, joint: Joint) -> None:
         """ValueError for a further bearing that does not lie on the axis, or resists the spin."""

@@ -94,6 +94,29 @@ def test_a_support_that_a_load_turns_takes_the_axis_along():
     assert torch.allclose(frequencies(0.0, 15.0), frequencies(0.3, None), rtol=1e-7)
 
 
+def test_a_rotor_that_turns_freely_swings_against_its_blades():
+    """Three discs on a round shaft that turns in a bearing with damping c: det(J s^2 + C s + K) = 0
+    of their three angles. Held, the last two swing alone.
+    """
+    J, k, c = (0.3, 0.5, 0.2), (40.0, 30.0), 0.2
+    names = ("hub", "ring", "rim")
+    parts = {name: tb.Body(mass=1.0, inertia=x) for name, x in zip(names, J, strict=True)}
+    joints = [tb.Hinge(None, "hub", axis=(0, 0, 1), damping=c)] + [
+        tb.Hinge(*names[i : i + 2], axis=(0, 0, 1), stiffness=k[i]) for i in (0, 1)
+    ]
+    scene = tb.Scene(parts, joints=joints, plane="xy")
+    first, last = [k[0], -k[0], 0], [0, -k[1], k[1]]
+    K = np.array([first, [-k[0], sum(k), -k[1]], last])
+    below = -np.diag(1 / np.array(J)) @ np.hstack((K, np.diag([c, 0, 0])))
+    roots = np.linalg.eigvals(np.vstack((np.eye(6)[3:], below)))
+    roots = roots[roots.imag > 1]
+    free = tb.campbell(scene, [5.0], bearing=0, held=False, count=3).eigenvalue[0]
+    np.testing.assert_allclose(free[-1], roots[roots.imag.argmin()], rtol=1e-9)
+    held = tb.campbell(scene, [5.0], bearing=0, count=2).frequency[0]
+    square = np.linalg.eigvals(np.diag(1 / np.array(J[1:])) @ K[1:, 1:])
+    np.testing.assert_allclose(held, np.sort(square) ** 0.5, rtol=1e-9)
+
+
 def test_critical_speeds_lie_where_a_multiple_of_the_speed_meets_a_frequency():
     diagram = tb.campbell(overhung(), torch.linspace(0, 300, 31), count=4)
     for at in diagram.critical(orders=(1, 2)):
