@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..core.arguments import boolean, choice, instant
+from ..core.arguments import boolean, choice, instance, instant
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
@@ -95,10 +95,17 @@ def campbell(
         >>> diagram.frequency.shape, diagram.names[:2]
         (torch.Size([4, 4]), ['backward 1', 'forward 1'])
     """
+    instance("a scene", scene, Scene)
     choice("method", method, METHODS)
     check_count("count", count), check_count("steps", steps, LEAST_STEPS), boolean("held", held)
     speeds = _speeds(speeds, scene)
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
+    if not scene.batch_shape.numel():
+        raise refusal(
+            f"a scene with the batch axes {tuple(scene.batch_shape)}, without a sample,",
+            "one or more",
+            are=True,
+        )
     if any(scene.internal_states):
         raise ValueError(
             "loads with internal states were given to campbell; ones without are wanted"

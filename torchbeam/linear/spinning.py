@@ -19,7 +19,7 @@ from torch import Tensor
 from ..core.arguments import listed, place
 from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import Tree, leaf, with_values
-from ..core.validation import concrete, refusal
+from ..core.validation import concrete, refusal, shown
 from ..equations.load_steps import climb
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.conditions import Conditions, conditions
@@ -76,7 +76,10 @@ class Bearing(Tree):
         """Of a joint of the scene, and further ones; None = its only hinge. Raises ValueError where
         there is none, or they do not part what spins from what stands.
         """
-        at, *others = listed(bearing) if bearing is not None else (None,)
+        bearings = (None,) if bearing is None else listed(bearing)
+        if not bearings:
+            raise refusal(f"bearing = {shown(bearing)}", "the place of a hinge")
+        at, *others = bearings
         at, others = _hinge(scene, at), tuple(_place(scene, k) for k in others)
         hinge = scene.joints[at]
         stands = dict.fromkeys(hinge.acts) | {"angle": 0.0}
