@@ -179,8 +179,8 @@ def test_what_an_argument_may_not_be_is_refused(call, tmp_path, monkeypatch):
 
 # made by calls
 RESULTS = """Advice BlockRate Campbell Comparison Convergence Critical Description Design Energy
-Estimate FieldFit Fit Linear MixedState Modes MomentDerivatives PairedModes Path Pose RareEvent Samples
-Sensor SlowPathWarning SobolIndices Solution State Stats Stream Tornado Filtered"""
+Estimate FieldFit Fit Linear MixedState Modes MomentDerivatives PairedModes Path Pose RareEvent
+Samples Sensor SlowPathWarning SobolIndices Solution State Stats Stream Tornado Filtered"""
 # or without arguments; a view serves a page, see tests/unit/plot/test_view.py
 ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}
 ELSEWHERE |= {"view", "View"}

@@ -190,7 +190,7 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
     """(...) of an eigenvalue: the most that coefficients that change with the azimuth would move
     one, or couple two.
     """
-    M, D, _ = spinning.constant()
+    (M, D, _), W = spinning.constant(), spinning.speed[..., None, None]
     v, by = right.mT, value[..., None, :]
     slope = ((v.conj() * (2 * by * (M.to(v.dtype) @ v) + D.to(v.dtype) @ v)).sum(-2)).abs()
     size = (slope[..., :, None] * slope[..., None, :]).sqrt()
@@ -200,7 +200,7 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
     for M, D, K in zip(*change, strict=True):
         M, D, K = (A.to(v.dtype) for A in (M, D, K))
         coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
-        share = coupling / size / by.abs()
+        share = coupling / size / torch.maximum(by.abs(), W)
         share = torch.where(torch.isfinite(share), share, 0.0)
         most = torch.maximum(most, share.amax((-1, -2)))
     return most

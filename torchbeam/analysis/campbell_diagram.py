@@ -14,10 +14,12 @@ from ..core.arguments import listed, number
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
 from ..linear.elsewhere import array_of, write
-from ..linear.modes import GROWING
 from ..plot.canvas import Axes
 from ..plot.curves import campbell as frequencies_over_speed
 
+# of |eigenvalue|, or of the speed: growth from which on a mode is unstable; where two eigenvalues
+# meet, as those of a free turn, rounding counts by its root
+GROWING = 1e-5
 SHADE = dict(color="C3", alpha=0.15, lw=0)  # of unstable ranges in a picture
 
 
