@@ -100,16 +100,6 @@ def campbell(
     check_count("count", count), check_count("steps", steps, LEAST_STEPS), boolean("held", held)
     speeds = _speeds(speeds, scene)
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
-    if not scene.batch_shape.numel():
-        raise refusal(
-            f"a scene with the batch axes {tuple(scene.batch_shape)}, without a sample,",
-            "one or more",
-            are=True,
-        )
-    if any(scene.internal_states):
-        raise ValueError(
-            "loads with internal states were given to campbell; ones without are wanted"
-        )
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
         return _diagram(
@@ -120,7 +110,16 @@ def campbell(
 
 
 def _speeds(speeds: Any, scene: Scene) -> Tensor:
-    """(n, 1, ...) rad/s, before the scene's batch axes."""
+    """(n, 1, ...) rad/s, before the scene's batch axes. Raises ValueError for other speeds, and a
+    scene without a sample or with loads that remember.
+    """
+    if not scene.batch_shape.numel():
+        empty = f"a scene with the batch axes {tuple(scene.batch_shape)}, without a sample,"
+        raise refusal(empty, "one or more", are=True)
+    if any(scene.internal_states):
+        raise ValueError(
+            "loads with internal states were given to campbell; ones without are wanted"
+        )
     x = finite("speeds", as_tensor(speeds, scene.dtype, scene.device))
     if x.ndim != 1 or len(x) < 1 or bool(concrete(x[1:] <= x[:-1]).any()) or bool(x[0] < 0):
         raise refusal(f"speeds = {shown(speeds)}", "rising numbers (n,) from 0 on", are=True)
