@@ -119,19 +119,19 @@ def of_nodes(
     state: State,
     t: Tensor,
     inputs: dict[str, Tensor],
-    problem: SteadyProblem | None = None,
+    solved: SteadyProblem | None = None,
 ) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
-    """The same of all nodes (D None: no damping, rotation), and what internal states add; problem:
-    whose equilibrium the state is, None = that of the scene.
+    """The same of all nodes (D None: no damping, rotation), and what internal states add; solved:
+    the problem whose solution the state is, None = that of the scene.
     """
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
-    if problem is None:
-        problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
+    problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
     if model.internal_states:
         problem = problem.holding(x, state.internal)
     kinematics = model.kinematics(x.position, x.rotation)
+    problem = problem if solved is None else solved
     stress, _ = model.multipliers.split(x.stress)
     B = space.strain_operator(kinematics, model.length)
     force_operator = (model.length[..., None] * B).mT
