@@ -162,6 +162,30 @@ def test_a_shaft_between_bearings_whirls_as_rayleighs_beam():
         np.testing.assert_allclose(np.sort(frequency), [(root - b) / a, (root + b) / a], rtol=3e-5)
 
 
+@pytest.mark.parametrize("method", ["multiblade", "floquet"])
+def test_a_top_on_a_spring_keeps_its_weight_in_the_bearing(method):
+    """A disc spins on a mast that stands on a universal joint with springs k: J p'' - i Jp W p' +
+    (k - G) p = 0 of the tilt p, with J about the foot and G the moment of both weights.
+    """
+    m, L, Jp, Jd, k, g = 2.0, 0.5, 0.08, 0.05, 30.0, 9.81
+    mast, height, inertia = 0.7, 0.2, 0.01
+    parts = {
+        "mast": tb.Body(mass=mast, inertia=inertia, position=(0, 0, height)),
+        "disc": tb.Body(mass=m, inertia=(Jd, Jd, Jp), position=(0, 0, L)),
+    }
+    foot = dict(at=(0, 0, 0), axis=(1, 0, 0), second=(0, 1, 0), stiffness=(k, k))
+    bearing = tb.Hinge("mast", "disc", at=(0, 0, 0.35), axis=(0, 0, 1))
+    joints = [bearing, tb.Universal(None, "mast", **foot)]
+    scene = tb.Scene(parts, [tb.Gravity((0, 0, -g))], joints=joints)
+    speed = torch.tensor([0.0, 50.0, 200.0], dtype=torch.float64)
+    found = tb.campbell(scene, speed, bearing=0, count=2, method=method).frequency
+    J, K = Jd + m * L**2 + inertia + mast * height**2, k - g * (m * L + mast * height)
+    for W, frequency in zip(speed.tolist(), found, strict=True):
+        root = math.sqrt((Jp * W) ** 2 + 4 * J * K)
+        expected = [(root - Jp * W) / (2 * J), (root + Jp * W) / (2 * J)]
+        np.testing.assert_allclose(np.sort(frequency), expected, rtol=1e-10)
+
+
 def blades(count, tower=None, frame=None, speed=0.0):
     """Three or more blades that bend, on a hub; on a tower, the ground, or in a turning frame."""
     section = tb.Section.from_stiffness(
