@@ -322,6 +322,16 @@ def _placed(kind: type) -> Row:
     return Row(make, draw=(0.0, 0.02, 0.01), after=OLD, at_zero=dict(ways="eager"))
 
 
+def _yielding(kind: type, law: type, **beside: Any) -> Row:
+    """Of a law with memory, that yields early; of no stiffness there is none."""
+    make = lambda v, *ends: kind(*ends, hysteresis=law(v, 1e-3, **beside))  # noqa: E731
+    return Row(make, draw=2.0, after=OLD)
+
+
+def _restoring(angle: Any, rate: Any, k: Any) -> Any:
+    return -k * torch.sin(angle) - 0.01 * rate
+
+
 def _rows(of: Callable[..., Row], *rows: tuple) -> dict[str, Row]:
     return {f"{kind.__name__}.{name}": of(kind, name, *more[:-1], **more[-1])
             for kind, name, *more in rows}  # fmt: skip
@@ -356,5 +366,11 @@ JOINTS = {
         (tb.Universal, "second_angle", {}),
         (tb.Universal, "second_torque", 0.1, TURNS,
          dict(stiffness=(0.2, 0.3), damping=(0.01, 0.02)))),
+    **{f"{kind.__name__}, {law.__name__}": _yielding(kind, law, **beside)
+       for kind in (tb.Hinge, tb.Slider)
+       for law, beside in ((tb.ElastoPlastic, dict(hardening=0.2)), (tb.BoucWen, dict(n=2.0)))},
+    "Hinge.torque, by the angle": Row(
+        lambda v, *ends: tb.Hinge(*ends, torque=tb.Drive(_restoring, values=dict(k=v))),
+        draw=2.0, after=OLD, at_zero=dict(ways="eager", scale=1e-4)),
 }
 # fmt: on

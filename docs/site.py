@@ -21,7 +21,8 @@ EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py"))
 REFERENCE = {
     "scene": ("Scenes", "What there is: beams, bodies, sections, and what holds and joins them.", (
         "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
-        "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
+        "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance",
+        "ElastoPlastic", "BoucWen", "Drive")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
         "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
@@ -100,7 +101,8 @@ MODULES_SEEN = ("tb", "tb.sensors", "tb.laws", "tb.plot", "torchbeam_envs", "bas
 SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
-    "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
+    "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame",
+                              "plastic_frame"),
     "Vibration": ("campbell", "rotor", "ground_resonance"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (

@@ -61,6 +61,7 @@ from .plot.view import View, view
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
+from .scene.bouc_wen import BoucWen
 from .scene.effects import (
     Accelerogram,
     Actuation,
@@ -71,6 +72,7 @@ from .scene.effects import (
     Cylinder,
     Damping,
     Drag,
+    Drive,
     Gravity,
     History,
     Input,
@@ -92,6 +94,7 @@ from .scene.effects import (
     TipLoad,
     rayleigh,
 )
+from .scene.elasto_plastic import ElastoPlastic
 from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
 from .scene.scene import Scene
 from .scene.section import Section
@@ -120,9 +123,11 @@ if TYPE_CHECKING:  # imported where they are first asked for
 
 # fmt: off
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
-    "Campbell", "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder",
-    "Cylindrical", "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "BoucWen",
+    "Box", "Campbell",
+    "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
+    "Damping", "Description", "Design", "Distance", "Drag", "Drive", "ElastoPlastic", "Energy",
+    "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
     "MassDamping", "Measurement", "MixedState",

@@ -445,11 +445,13 @@ def test_what_a_structure_has_not(call):
 
 
 # public names that see no scene, or make parts of one
-OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body Box Campbell Capsule
-Contact Comparison Convergence Critical Cylinder Cylindrical Damping Description Design Distance
-Drag Energy Estimate FieldFit Fit Frame Gravity Hinge History Input LineLoad Load MassDamping
-Measurement MixedState Modes MomentDerivatives PairedModes Parameter Path PerElement PerInterval
-Plane PointLoad PointMass
+OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body BoucWen Box Campbell
+Capsule Contact
+Comparison Convergence Critical Cylinder Cylindrical Damping Description Design Distance Drag
+Drive ElastoPlastic Energy
+Estimate FieldFit Fit Frame Gravity Hinge History Input LineLoad Load MassDamping Measurement
+MixedState Modes MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane
+PointLoad PointMass
 Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider
 SlowBaseline SlowPathWarning Smoothness SmoothHistory SmoothRotation SobolIndices Sphere Spring
 Stations Stats
@@ -465,7 +467,8 @@ READ = "plot.axes plot.bands plot.campbell plot.convergence plot.correlation plo
 READ += (
     " plot.grid plot.histogram plot.load_path plot.obstacles plot.profile plot.save plot.tendons"
 )
-READ += " plot.tornado plot.tried S.JointCoordinate S.JointLoad S.JointRate S.Sensor"
+READ += " plot.tornado plot.tried S.JointCoordinate S.JointHysteresis S.JointLoad S.JointRate"
+READ += " S.Sensor"
 
 
 def test_every_public_call_is_in_the_table():

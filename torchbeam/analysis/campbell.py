@@ -62,7 +62,7 @@ def campbell(
             hinge, then further bearings of the rotor on its axis
         held: whether the speed is held, as by a stiff drive: the hinge's angle, torque and
             resistances do not count. Else the rotor turns freely beside its steady speed, against
-            the hinge's `damping` alone: the slope of a generator's torque
+            the hinge's `damping`, and the slope by the rate of a torque that is a `Drive` alone
         count: modes
         method: "multiblade": coordinates that do not spin, in which three and more equal blades
             have constant coefficients. "floquet": exponents over a turn, for two blades, unequal

@@ -99,6 +99,7 @@ class Midpoint4(Method):
         touching = (x for x in model.scene.loads if x.between_nodes or x.touches)
         lossy = [x.called for x in touching if not x.conservative or x.lossy or x.moves]
         lossy += [f"{x.called} with friction" for x in model.scene.joints if "friction" in x.acts]
+        lossy += [f"{x.called} with hysteresis" for x in model.scene.joints if x.hysteresis]
         lossy += ["Tendon with friction"] * model.tendons.dissipative
         lossy += [f"{x.called} with friction or damping" for x in model.scene.pairs if x.lossy]
         if lossy:

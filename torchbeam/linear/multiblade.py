@@ -149,7 +149,8 @@ def spinning_model(
     M_g, D_g, K_g = (moves.mT @ A @ moves for A in (M, D, K))
     if bearing.damping is not None:
         row = own[..., Y.shape[-1] - 1, None, :]
-        D_g = D_g + bearing.damping[..., None, None] * row.mT @ row
+        damper = bearing.damper(speed, problem.t)[..., None, None]
+        D_g = D_g + damper * row.mT @ row
     return SpinningModel(
         speed.expand(lead),
         M_g,

@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 from ..core.derivatives import vjp
 from ..core.functions_of_time import rate_along
 from ..core.validation import concrete
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.loads import advanced_rates
 from ..nodal.model import Model
 from ..state.state import State
@@ -111,7 +111,12 @@ class Perturbation:
         held = self.state.internal if z is None or not z.shape[-1] else self.state.internal + z
         ones = torch.ones(self.shape, dtype=self.axes.dtype, device=self.axes.device)
         return SteadyProblem(
-            self.model, self.t, inputs, ones, internal=held if self.model.internal_states else None
+            self.model,
+            self.t,
+            inputs,
+            ones,
+            internal=held if self.model.internal_states else None,
+            past=Past.of(self.model.scene, self.state),
         )
 
     def at(

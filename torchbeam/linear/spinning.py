@@ -28,6 +28,7 @@ from ..nodal.frame import FixedFrame, TranslatingFrame, TurningFrame
 from ..nodal.model import Model
 from ..scene.ball import Ball
 from ..scene.effects import Inputs
+from ..scene.effects.drive import Drive
 from ..scene.joint import Joint
 from ..scene.joints import Cylindrical, Hinge
 from ..scene.scene import Scene
@@ -57,7 +58,7 @@ class Bearing(Tree):
     support, hub      rows of the nodes that it joins; None = the ground
     rotor             (nodes,) bool, what spins
     damping           (...) N m s/rad of the hinge, where the rotor may turn in it beside its spin;
-                      None = its speed is held
+                      None = its speed is held;  drive: its law by the rate, None = it has none
     point, direction  (..., 3) of its axis as drawn, frame a
     """
 
@@ -70,6 +71,7 @@ class Bearing(Tree):
     point: Tensor = leaf(1)
     direction: Tensor = leaf(1)
     damping: Tensor | None = leaf(0, default=None)
+    drive: Drive | None = None
 
     @classmethod
     def of(cls, scene: Scene, bearing: int | Sequence[int] | None, held: bool = True) -> Bearing:
@@ -99,7 +101,8 @@ class Bearing(Tree):
         point, _, axes = hinge.drawn(scene.beam)
         none = torch.zeros_like(point[..., 0])
         damping = None if held else none if hinge.damping is None else hinge.damping
-        drawn = (point, axes[..., 0], damping)
+        drive = None if held else hinge.drive
+        drawn = (point, axes[..., 0], damping, drive)
         bearing = cls(discretise(scene), at, others, a, b, rotor, *drawn)
         for k in others:
             bearing.check_bearing(scene.joints[k])
@@ -120,6 +123,12 @@ class Bearing(Tree):
                 f"a {joint.called} was given to campbell as a further bearing; a Hinge, "
                 "Cylindrical or Ball on the rotor's axis in which nothing acts is wanted"
             )
+
+    def damper(self, speed: Tensor, t: Tensor) -> Tensor:
+        """(...) N m s/rad that resists a change of the speed (...) rad/s, where it is not held."""
+        if self.drive is None:
+            return self.damping
+        return self.damping - self.drive.by_rate(torch.zeros_like(speed), speed, t)
 
     def axis(self, x: Configuration) -> Axis:
         """Where the nodes stand at x."""

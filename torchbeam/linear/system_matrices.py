@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import wants_gradient
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..math.block_tridiagonal import BlockChain
 from ..math.quadratic_eigen import DENSE
 from ..math.shapes import broadcast_shapes
@@ -49,7 +49,8 @@ def at_rest(
     model = discretise(model.scene) if lumped and model.scene.frame is not None else model
     space = model.space
     reduced = space.start(check_state(state, model.scene, "state"))
-    problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
+    past = Past.of(model.scene, reduced)
+    problem = SteadyProblem(model, t, inputs, torch.ones_like(t), past=past)
     if model.internal_states:
         x = Configuration(reduced.position, reduced.rotation, reduced.stress)
         problem = problem.holding(x, reduced.internal)
@@ -127,7 +128,8 @@ def of_nodes(
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
-    problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
+    past = Past.of(model.scene, state)
+    problem = SteadyProblem(model, t, inputs, torch.ones_like(t), past=past)
     if model.internal_states:
         problem = problem.holding(x, state.internal)
     kinematics = model.kinematics(x.position, x.rotation)

@@ -245,6 +245,12 @@ class Scene(Tree):
         return len(sizes), max(sizes, default=0)
 
     @cached
+    def joint_memory(self) -> int:
+        """How many numbers a joint remembers at most."""
+        laws = (joint.hysteresis for joint in self.joints)
+        return max((law.memory for law in laws if law is not None), default=0)
+
+    @cached
     def stress_count(self) -> int:
         """How many rows a state's stress has: the beam's, then own unknowns of interactions."""
         return self.beam.stress_count + sum(

@@ -49,7 +49,7 @@ class State(Instant):
             None where frame a does not turn
         internal: (..., z) internal states of user loads, one load after the other, those of a load
             along the beam node by node; None without
-        joints: (..., J, 12) of the joints of a structure, see `joint`; None without
+        joints: (..., J, 12 or more) of the joints of a structure, see `joint`; None without
         tendons: (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
             length m; None without
         coordinates: which coordinates each joint has, see `Joint.coordinates`
@@ -351,7 +351,7 @@ def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
     if not scene.joints:
         return {}
     return {
-        "joints": like.new_zeros(*like.shape, len(scene.joints), READINGS),
+        "joints": like.new_zeros(*like.shape, len(scene.joints), READINGS + scene.joint_memory),
         "coordinates": tuple(joint.coordinates for joint in scene.joints),
     }
 

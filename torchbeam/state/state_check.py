@@ -8,10 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.validation import broadcast, refusal
 from ..core.warning import warn
 from ..scene.prescribed_motion import orientation, turning
+from .instant import READINGS
 from .rest_shape import RestShape
 from .state import State, no_memory, no_motion, supported, with_tendons
 
@@ -81,6 +83,8 @@ def with_optional_fields(state: State, scene: Any) -> State:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     if scene.joints and state.joints is None:
         state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
+    if scene.joints and (more := READINGS + scene.joint_memory - state.joints.shape[-1]):
+        state = replace(state, joints=pad(state.joints, (0, more)))  # of a scene with other laws
     kept = None if state.memory is None else tuple(state.memory.shape[-2:])
     if scene.memory[1] and kept != scene.memory:
         memory = no_memory(scene, state.position.new_zeros(state.batch_shape))

@@ -19,7 +19,7 @@ from ..core.status import DIVERGED
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -162,7 +162,8 @@ def _equilibrium(
     # with those, the tangent of what is held is not that of what comes to rest
     judged = not model.internal_states
     begun = None if initial is None else poses_of_supports(model.scene, initial)
-    problem = SteadyProblem(model, time, given, time.new_ones(()), begun=begun)
+    past = Past.of(model.scene, initial)
+    problem = SteadyProblem(model, time, given, time.new_ones(()), begun=begun, past=past)
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
     whole, begin = problem, start
@@ -198,7 +199,8 @@ def _equilibrium(
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
-                loaded = LoadedProblem(model, time, given).braced(start).by(engine)
+                loaded = LoadedProblem(model, time, given, past=past)
+                loaded = loaded.braced(start).by(engine)
                 *stable, states = stable_branch(model, loaded, start, unstable, tolerance)
             x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:

@@ -24,7 +24,7 @@ from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..equations.load_steps import climb
-from ..equations.steady import Configuration
+from ..equations.steady import Configuration, Past
 from ..math.shapes import largest
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -114,6 +114,9 @@ class Path:
             *(chosen(list(values)) for values in zip(*(p.place for p in points), strict=True))
         )
         factor = place.factor[..., 0, 0]
+        if points[0].past is not None:
+            pasts = (chosen(list(values)) for values in zip(*(p.past for p in points), strict=True))
+            loaded = replace(loaded, past=Past(*pasts))
         state = loaded.at(place).state(
             place.shape, chosen([p.reaction for p in points]), status.expand(valid.shape)
         )
@@ -268,7 +271,8 @@ def _path(
     with no_derivatives():
         start = model.space.start(rest(model.scene) if initial is None else initial)
         start = Configuration(start.position, start.rotation, start.stress)
-        loaded = LoadedProblem(model, time, inputs, load)
+        past = Past.of(model.scene, initial)
+        loaded = LoadedProblem(model, time, inputs, load, past=past)
         loose = held_by_loads_alone(loaded(time + 1), loaded(time * 0), start)
         loaded, failed = loaded.braced(start).by(engine), None
         if initial is None and load is not None:

@@ -117,6 +117,27 @@ def test_a_rotor_that_turns_freely_swings_against_its_blades():
     np.testing.assert_allclose(held, np.sort(square) ** 0.5, rtol=1e-9)
 
 
+def test_a_generator_whose_torque_rises_with_the_speed_damps_it():
+    """J W' = T - k W^2 settles at W = (T/k)^1/2. About that the law is a damper of 2 k W, here on a
+    hub with a ring on a spring.
+    """
+    J, ring, k, torque, spring = 0.4, 0.3, 0.02, 0.5, 50.0
+    parts = {"hub": tb.Body(mass=1.0, inertia=J), "ring": tb.Body(mass=1.0, inertia=ring)}
+    generator = tb.Hinge(None, "hub", axis=(0, 0, 1), torque=lambda rate: -k * rate**2)
+    push = tb.PointLoad("hub", moment=(0.0, 0, torque))
+    alone = tb.Scene({"hub": parts["hub"]}, [push], joints=[generator], plane="xy")
+    W = tb.simulate(alone, [0.0, 30.0], step=0.02).joint[0].rate[-1].item()
+    # a step turns it by a tenth of a radian: second order, W/3 (W h/2)^2 and more of the speed
+    assert abs(W - math.sqrt(torque / k)) < 1e-2
+    joints = [generator, tb.Hinge("hub", "ring", axis=(0, 0, 1), stiffness=spring)]
+    scene = tb.Scene(parts, joints=joints, plane="xy")
+    value = tb.campbell(scene, [W], bearing=0, held=False, count=2).eigenvalue[0]
+    roots = np.polymul([J, 2 * k * W, spring], [ring, 0, spring])
+    roots = np.roots(np.polysub(roots, [spring**2]))
+    slow = roots[np.abs(roots).argsort()[:2]].real
+    np.testing.assert_allclose(np.sort(value.real), np.sort(slow), atol=1e-9)
+
+
 def test_critical_speeds_lie_where_a_multiple_of_the_speed_meets_a_frequency():
     diagram = tb.campbell(overhung(), torch.linspace(0, 300, 31), count=4)
     for at in diagram.critical(orders=(1, 2)):

@@ -17,6 +17,7 @@ from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
+from .drive import Drive
 from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
@@ -58,8 +59,9 @@ from .values import (
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
-    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
-    "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
+    "Damping", "Drag", "Drive", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs",
+    "LineLoad", "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement",
+    "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
     "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",

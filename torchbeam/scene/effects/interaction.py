@@ -55,7 +55,8 @@ class Interaction(LoadEffect):
 
     **Memory.** A class with a `memory` keeps so many numbers in `State.memory`. At the end of a
     step, and in an equilibrium, `remember(point, t, inputs)` returns them, (..., memory). Its point
-    has the numbers at the start, 0 at first (`internal`), the length of the step `dt`, places and
+    has the numbers at the start (`internal`: 0 at first, in an equilibrium those of `initial`,
+    along a path those of the point before), the length of the step `dt`, places and
     turns at its end, and velocities and own unknowns as they act. The wrench gets `internal`, too.
 
     Raises:
