@@ -118,17 +118,10 @@ def test_a_rotor_that_turns_freely_swings_against_its_blades():
 
 
 def test_a_generator_whose_torque_rises_with_the_speed_damps_it():
-    """J W' = T - k W^2 settles at W = (T/k)^1/2. About that the law is a damper of 2 k W, here on a
-    hub with a ring on a spring.
-    """
-    J, ring, k, torque, spring = 0.4, 0.3, 0.02, 0.5, 50.0
+    """About a speed W the law -k W^2 is a damper of 2 k W, here on a hub with a ring on a spring."""
+    J, ring, k, spring, W = 0.4, 0.3, 0.02, 50.0, 5.0
     parts = {"hub": tb.Body(mass=1.0, inertia=J), "ring": tb.Body(mass=1.0, inertia=ring)}
     generator = tb.Hinge(None, "hub", axis=(0, 0, 1), torque=lambda rate: -k * rate**2)
-    push = tb.PointLoad("hub", moment=(0.0, 0, torque))
-    alone = tb.Scene({"hub": parts["hub"]}, [push], joints=[generator], plane="xy")
-    W = tb.simulate(alone, [0.0, 30.0], step=0.02).joint[0].rate[-1].item()
-    # a step turns it by a tenth of a radian: second order, W/3 (W h/2)^2 and more of the speed
-    assert abs(W - math.sqrt(torque / k)) < 1e-2
     joints = [generator, tb.Hinge("hub", "ring", axis=(0, 0, 1), stiffness=spring)]
     scene = tb.Scene(parts, joints=joints, plane="xy")
     value = tb.campbell(scene, [W], bearing=0, held=False, count=2).eigenvalue[0]
