@@ -118,7 +118,7 @@ def test_a_rotor_that_turns_freely_swings_against_its_blades():
 
 
 def test_a_generator_whose_torque_rises_with_the_speed_damps_it():
-    """About a speed W the law -k W^2 is a damper of 2 k W, here on a hub with a ring on a spring."""
+    """About a speed W the law -k W^2 is a damper of 2 k W: of a hub with a ring on a spring."""
     J, ring, k, spring, W = 0.4, 0.3, 0.02, 50.0, 5.0
     parts = {"hub": tb.Body(mass=1.0, inertia=J), "ring": tb.Body(mass=1.0, inertia=ring)}
     generator = tb.Hinge(None, "hub", axis=(0, 0, 1), torque=lambda rate: -k * rate**2)
