@@ -37,7 +37,8 @@ REFERENCE = {
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (
-        "modes", "Modes", "modal_assurance", "pair_modes", "PairedModes", "linearize", "Linear")),
+        "modes", "Modes", "modal_assurance", "pair_modes", "PairedModes", "campbell", "Campbell",
+        "linearize", "Linear")),
     "accuracy": ("Accuracy", "Which mesh, element, method and step.", (
         "converge", "Convergence", "remesh", "advise", "Advice", "describe", "Description")),
     "identification": ("Identification", "Parameters and fields from measurements.", (
@@ -110,7 +111,7 @@ GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame",
                               "plastic_frame"),
     "Sections": ("composite_box",),
-    "Vibration": ("campbell", "rotor", "read_blade"),
+    "Vibration": ("campbell", "rotor", "ground_resonance", "read_blade"),
     "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),

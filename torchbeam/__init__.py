@@ -18,6 +18,8 @@ import torch
 
 from . import plot, sensors
 from .analysis.advise import Advice, advise
+from .analysis.campbell import campbell
+from .analysis.campbell_diagram import Campbell
 from .analysis.convergence.converge import converge
 from .analysis.convergence.convergence import Convergence
 from .analysis.convergence.on_request import equilibrium, modes, simulate
@@ -125,7 +127,7 @@ if TYPE_CHECKING:  # imported where they are first asked for
 # fmt: off
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body",
-    "BoucWen", "Box", "Capsule", "Comparison", "Contact", "Convergence", "Critical",
+    "BoucWen", "Box", "Campbell", "Capsule", "Comparison", "Contact", "Convergence", "Critical",
     "CrossSection", "Cylinder", "Cylindrical", "Damping", "Description", "Design", "Distance",
     "Drag", "Drive", "ElastoPlastic", "Energy", "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
@@ -139,7 +141,8 @@ __all__ = [
     "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "View", "Viscoelastic", "Weld", "advise", "block_rate", "compare",
+    "Tornado", "Universal", "View", "Viscoelastic", "Weld", "advise", "block_rate", "campbell",
+    "compare",
     "consistent_state", "converge", "critical_load",
     "describe", "design", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
@@ -157,6 +160,7 @@ torch.serialization.add_safe_globals(
     [
         Advice,
         Bootstrap,
+        Campbell,
         Critical,
         Description,
         Estimate,

@@ -27,6 +27,11 @@ HINGED = tb.rest(
         supports=[tb.Support(("arm", 0))],
     )
 )
+OVERHUNG = tb.Scene(
+    {"arm": BEAM, "hub": HUB},
+    joints=[tb.Hinge(("arm", -1), "hub", axis=(1, 0, 0))],
+    supports=[tb.Support(("arm", 0))],
+)
 LEANING = tb.Scene(
     BEAM,
     [
@@ -245,6 +250,8 @@ CALLS = {
         count=3, tolerance=1e-3, t=0.0, lumped=False, inputs={"u": (-1.0, 0, 0)})),
     "modes": (tb.modes, dict(scene=DRIVEN, state=tb.rest(DRIVEN), count=3, normalize="largest",
         t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)})),
+    "campbell": (tb.campbell, dict(scene=OVERHUNG, speeds=(0.0, 1.0), bearing=0, held=True, count=2,
+        method="auto", steps=8, t=0.0, inputs=None, progress=None)),
     "linearize": (tb.linearize, dict(scene=DRIVEN, state=tb.rest(DRIVEN), outputs=[S.TipPosition()],
         t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)})),
     "response": (LINEAR.response, dict(omega=1.0)),

@@ -143,7 +143,7 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
         seen = readings.abs().amax(-1) > torch.finfo(
             readings.dtype
         ).eps ** 0.5 * modes.shape.abs().amax((-1, -2))
-        index = _pairs(torch.where(seen[..., None, :], modal_assurance(shapes, readings), 0))
+        index = pairs(torch.where(seen[..., None, :], modal_assurance(shapes, readings), 0))
     readings = torch.take_along_dim(readings, index[..., None], -2)
     squares = _squares(readings)[..., None]
     fitted = (
@@ -165,7 +165,7 @@ def _squares(x: Tensor) -> Tensor:
     return (x.conj() * x).real.sum(-1)
 
 
-def _pairs(mac: Tensor) -> Tensor:
+def pairs(mac: Tensor) -> Tensor:
     """Column (..., k) of each row of mac (..., k, m): the largest entry first, then the largest of
     other rows and columns.
     """

@@ -117,9 +117,15 @@ def augmented(
 
 
 def of_nodes(
-    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
+    model: Model,
+    state: State,
+    t: Tensor,
+    inputs: dict[str, Tensor],
+    solved: SteadyProblem | None = None,
 ) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
-    """The same of all nodes (D None: no damping, rotation), and what internal states add."""
+    """The same of all nodes (D None: no damping, rotation), and what internal states add; solved:
+    the problem whose solution the state is, None = that of the scene.
+    """
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
@@ -128,6 +134,7 @@ def of_nodes(
     if model.internal_states:
         problem = problem.holding(x, state.internal)
     kinematics = model.kinematics(x.position, x.rotation)
+    problem = problem if solved is None else solved
     stress, _ = model.multipliers.split(x.stress)
     B = space.strain_operator(kinematics, model.length)
     force_operator = (model.length[..., None] * B).mT

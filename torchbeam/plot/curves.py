@@ -188,7 +188,7 @@ def campbell(
         ax.plot([0, end], [0, order * end], color=GREY, lw=0.8, ls=":")
         look = dict(color="0.4", fontsize=8, va="center" if end == x.max() else "bottom")
         place = dict(textcoords="offset points", annotation_clip=False)
-        ax.annotate(f"{order}/rev", (end, order * end), (2, 0), **place, **look)
+        ax.annotate(f"{order:g}/rev", (end, order * end), (2, 0), **place, **look)
     ax.set(xlabel="speed / (rad/s)", ylabel="frequency / (rad/s)", xlim=(0, x.max()), ylim=(0, top))
     return ax if names is None else _legend(ax)
 

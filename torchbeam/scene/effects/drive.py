@@ -109,6 +109,10 @@ class Drive(OwnLaw):
         first = (alike._effort(x, 2 * x, like.new_zeros(()))[(0,) * q.ndim] for x in (q, other))
         return bool((next(first) - next(first)).abs() > 0)
 
+    def by_rate(self, coordinate: Tensor, rate: Tensor, t: Tensor) -> Tensor:
+        """(...) the effort's derivative by the rate, of one joint at these (...)."""
+        return self._slopes(coordinate[..., None], rate[..., None], t)[1][..., 0]
+
     def damper(self, travel: Travel) -> Tensor:
         q = self._own(travel.after)
         return -self._at_joint(self._slopes(q, torch.zeros_like(q), travel.t)[1], travel)
