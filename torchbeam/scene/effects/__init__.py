@@ -39,6 +39,7 @@ from .point_mass import PointMass
 from .self_contact import SelfContact
 from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
+from .strip_air import StripAir
 from .tendon import Eyelet, Tendon
 from .values import (
     Along,
@@ -61,7 +62,7 @@ __all__ = [
     "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
-    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing",
+    "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
 # fmt: on

@@ -1,0 +1,324 @@
+"""Air of a wing or a blade by strip theory: lift, moment and drag of each section by its own motion."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ...core.arguments import function as check_function
+from ...core.declared import parameter, real_numbers
+from ...core.functions_of_time import at_time, taken
+from ...core.leaves import Tree, leaf, option, with_values
+from ...core.validation import Value, refusal, shown
+from ..beam import Beam
+from .drag import norm
+from .load_point import (
+    ACCELERATION,
+    ANGULAR_ACCELERATION,
+    INTERNAL,
+    POSITION,
+    ROTATION,
+    SPIN,
+    VELOCITY,
+    LoadEffect,
+    LoadPoint,
+    Wrench,
+    derivatives,
+)
+from .values import Input, Inputs, load_value, to_sites, value_at
+
+# shares and rates (per semichord travelled) of the delayed parts of Wagner's function (Jones 1940)
+WAGNER = ((0.165, 0.0455), (0.335, 0.3))
+QUARTER = 0.25  # of the chord, behind the leading edge: where circulation acts
+THREE_QUARTERS = 0.75  # where the flow is tangential
+
+
+def _lags(name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
+    if value is None or value == "wagner":
+        return None if value is None else WAGNER
+    wanted = 'None, "wagner" or pairs (share, rate) of positive numbers'
+    try:
+        pairs = tuple((float(share), float(rate)) for share, rate in value)
+    except (TypeError, ValueError):
+        raise refusal(f"{name} = {shown(value)}", wanted) from None
+    if not all(share > 0 and 0 < rate < math.inf for share, rate in pairs) or (
+        sum(share for share, _ in pairs) > 1
+    ):
+        raise refusal(f"{name} = {shown(value)}", f"{wanted}, shares of 1 in all at most,")
+    return pairs
+
+
+def _along(name: str, value: Any) -> Any:
+    """Numbers for all (..., 1), for each element or for each node; or a function of s."""
+    if callable(value):
+        return check_function(name, value, "s")
+    value = real_numbers(name, value)
+    return value if value.ndim else value[None]
+
+
+def _positive(name: str, value: Any) -> Any:
+    return _along(name, value if callable(value) else parameter(name, value, zero=False))
+
+
+def _wind(name: str, value: Any) -> Any:
+    if isinstance(value, Tree) and hasattr(value, "velocity"):
+        return value
+    if callable(value) and _of_place(value):
+        return check_function(name, value, "position", "t")
+    return load_value(name, value)
+
+
+def _of_place(function: Callable[..., Any]) -> bool:
+    """Whether a function takes two arguments, place and time."""
+    try:
+        inspect.signature(function).bind(None, None)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+class Flow(NamedTuple):
+    """Air that meets a section, in its axes, each (..., sites, 1).
+
+    forward m/s: speed along the chord toward the leading edge, against the air
+    upwash m/s: of the air along the section's z axis, at three quarters of the chord, pitch rate
+    included; as it acts, delayed by the wake
+    pitch rad/s: rate of turning about the beam, nose up
+    semichord m
+    """
+
+    forward: Tensor
+    upwash: Tensor
+    pitch: Tensor
+    semichord: Tensor
+
+
+@dataclass(frozen=True)
+class StripAir(LoadEffect):
+    """Air about a wing or a blade, by strip theory: each section is a thin aerofoil.
+
+        y of the section
+        ^  leading edge            wind -y, nose up = turn about +x (the beam, from the page)
+        |  ------o-------- trailing edge
+              axis   z is up, lift acts along +z
+
+    With the semichord b, the axis a = 2 axis - 1 semichords behind mid-chord, and in section axes
+    the speed U toward +y against the air, the upwash w of the air along +z and the pitch rate p
+    about +x, at the beam's axis:
+
+        q = w + b (1/2 - a) p                        upwash at three quarters of the chord
+        Q = (1 - sum A_i) q + sum A_i z_i,           z_i' = B_i V/b (q - z_i),  V^2 = U^2 + w^2
+        n = rho b c U Q                              normal force of the circulation, at c/4
+        f = rho b c (Q - b p/2)^2                    suction of the leading edge, along +y
+        l = pi rho b^2 (w' - b a p')                 apparent mass, w' in section axes
+        m = b (a + 1/2) n + b a l - pi rho b^3 (U p/2 + b p'/8)
+
+    Force f along y and n + l along z, moment m about x, per metre (Theodorsen 1935, NACA Report
+    496; f: Garrick 1936, NACA Report 567; lags: Jones 1940, NACA Report 681). These are the linear
+    theory's for small motions. For large ones velocities are resolved in the axes of the deformed
+    section: steady lift is rho b c V^2 sin(alpha), across the air that comes.
+
+    Args:
+        chord: m, along y of the section, the leading edge at +y. (..., 1) for all, (..., N) of the
+            elements, (..., N+1) of the nodes, or a function of s (..., sites) m
+        axis: of the beam: share of the chord behind the leading edge; likewise
+        lift_slope: c, 1/rad; likewise
+        polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
+            at angles of attack (..., sites) rad, the moment about the quarter chord; in place of
+            the lift slope
+        lags: "wagner": two states at each node, A = (0.165, 0.335), B = (0.0455, 0.3); pairs
+            (A_i, B_i) in their place, () = none, apparent mass alone. None = quasi-steady: Q = q,
+            l = p' = 0
+        density: (...) kg/m^3 of the air
+        wind: m/s, in inertial axes that coincide with frame a at t = 0: (..., 3), a function of t,
+            an Input; function(position, t) -> (..., sites, 3), or an object whose `velocity` is
+            such. None = still air
+        on: name of a beam of a structure; None = all
+
+    Wind that changes acts by its upwash alone: its own rate does not push. Work of the air is in
+    `energy.work`.
+
+    Raises:
+        ValueError: for a chord or a density that is not positive, lags that are no such pairs.
+
+    Examples:
+        >>> gliding = tb.Scene(beam, [tb.StripAir(0.1, wind=(0, -10.0, 0.5))])
+        >>> tb.equilibrium(gliding).tip.position[2] > 0  # lifted
+        tensor(True)
+    """
+
+    chord: Value | Callable[[Tensor], Tensor] = leaf(1, check=_positive)
+    axis: Value | Callable[[Tensor], Tensor] = leaf(1, default=0.25, kw_only=True, check=_along)
+    lift_slope: Value | Callable[[Tensor], Tensor] = leaf(
+        1, default=2 * math.pi, kw_only=True, check=_along
+    )
+    polar: Callable[[Tensor], Sequence[Tensor]] | None = leaf(
+        lambda air: _axes_of(air.polar, 0), default=None, kw_only=True
+    )
+    lags: str | Sequence[tuple[float, float]] | None = option(_lags, default="wagner", kw_only=True)
+    density: Value = leaf(0, default=1.225, kw_only=True, positive=True)
+    wind: Value | Input | Callable[..., Tensor] | None = leaf(
+        lambda air: 1 if air.wind is None or not air.by_field else _axes_of(air.wind, 0),
+        default=None, kw_only=True, check=_wind,
+    )  # fmt: skip
+    on: str | None = field(default=None, kw_only=True)
+
+    wants_axes = True
+
+    @property
+    def internal(self) -> int:
+        return len(self.lags or ())
+
+    @property
+    def by_field(self) -> bool:
+        """Whether the wind differs from place to place."""
+        wind = self.wind
+        return (
+            isinstance(wind, Tree)
+            and hasattr(wind, "velocity")
+            or (not isinstance(wind, (Tensor, Input)) and callable(wind) and _of_place(wind))
+        )
+
+    @property
+    def depends(self) -> frozenset[str]:
+        carries = () if self.lags is None else (ACCELERATION, ANGULAR_ACCELERATION)
+        place = (POSITION,) if self.by_field else ()
+        return frozenset({ROTATION, VELOCITY, SPIN, *carries, *place})
+
+    @property
+    def by_place(self) -> bool:
+        """Whether a number differs along the beam."""
+        return any(callable(x) or x.shape[-1] > 1 for x in self._numbers().values())
+
+    def _numbers(self) -> dict[str, Any]:
+        return dict(chord=self.chord, axis=self.axis, lift_slope=self.lift_slope)
+
+    def internal_states(self, beam: Beam) -> int:
+        return self.internal * beam.rows_along(self)
+
+    def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> StripAir | None:
+        if not self.by_place:
+            return None
+        numbers = {
+            name: to_sites(
+                f"StripAir's {name}", taken(name, x(s), s) if callable(x) else x, s, elements
+            )
+            for name, x in self._numbers().items()
+        }
+        if self.wind is not None and not self.by_field:
+            numbers["wind"] = value_at(self.wind, t, inputs, s)
+        return with_values(self, **numbers)
+
+    def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        flow, speed, relative = self._flow(point, t, inputs)
+        delayed = flow
+        if self.internal:
+            z = point.internal
+            if point.dt is not None:
+                z = self._advanced(z, flow, speed, point.dt)
+            shares = z.new_tensor([share for share, _ in self.lags])
+            upwash = (1 - shares.sum()) * flow.upwash + (shares * z).sum(-1, keepdim=True)
+            delayed = flow._replace(upwash=upwash)
+        U, _, p, b = flow
+        a = self._behind(b)
+        suction, normal, moment = self._circulation(delayed)
+        apparent = math.pi * self.density[..., None, None] * b**2
+        moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
+        if self.lags is not None:
+            lift, turning = self._apparent(point, flow, relative, a)
+            normal, moment = normal + apparent * lift, moment + apparent * (b * a * lift - turning)
+        y, z_axis = point.R[..., :, 1], point.R[..., :, 2]
+        return suction * y + normal * z_axis, moment * point.R[..., :, 0]
+
+    def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
+        """z' (..., sites, lags)."""
+        flow, speed, _ = self._flow(point, t, inputs)
+        return self._rates(z, flow, speed) * (flow.upwash - z)
+
+    def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """Derivative (..., sites, lags, 3 or lags) of z' by names, as in `tangent`, and by z."""
+        names = (*sorted(self.depends), INTERNAL)
+        return derivatives(lambda at: self.rates(at, at.internal, t, inputs), point, names)
+
+    def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
+        """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
+        flow, speed, _ = self._flow(point, t, inputs)
+        return self._advanced(z, flow, speed, dt)
+
+    def _advanced(self, z: Tensor, flow: Flow, speed: Tensor, dt: Tensor) -> Tensor:
+        """z + dt/2 z', z' at mid step."""
+        h = dt[..., None, None] / 2 * self._rates(z, flow, speed)
+        return (z + h * flow.upwash) / (1 + h)
+
+    def _rates(self, z: Tensor, flow: Flow, speed: Tensor) -> Tensor:
+        """B_i V/b (..., sites, lags)."""
+        return z.new_tensor([rate for _, rate in self.lags]) * speed / flow.semichord
+
+    def _flow(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Flow, Tensor, Tensor]:
+        """The flow without delay, the speed V (..., sites, 1) m/s, and the velocity (..., sites, 3)
+        of the air against the section, at the beam's axis, in section axes.
+        """
+        air = -point.velocity
+        if self.wind is not None:
+            air = air + self._wind_at(point, t, inputs)
+        relative = (point.R.mT @ air[..., None])[..., 0]
+        p = (point.spin * point.R[..., :, 0]).sum(-1, keepdim=True)
+        b = self.chord[..., None] / 2
+        U, w = -relative[..., 1:2], relative[..., 2:3]
+        flow = Flow(U, w + b * (0.5 - self._behind(b)) * p, p, b)
+        return flow, norm(relative[..., 1:]), relative
+
+    def _wind_at(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """(..., sites or 1, 3) m/s, frame a."""
+        axes = None if point.axes is None else point.axes[..., None, :, :]
+        if not self.by_field:
+            return point.from_inertial(value_at(self.wind, t, inputs, point.R))[..., None, :]
+        place = point.position
+        place = place if axes is None else (axes.mT @ place[..., None])[..., 0]
+        velocity = getattr(self.wind, "velocity", self.wind)
+        air = at_time(lambda now: taken("a wind's velocity", velocity(place, now), place, 3), t, 2)
+        return air if axes is None else (axes @ air[..., None])[..., 0]
+
+    def _behind(self, b: Tensor) -> Tensor:
+        """a: semichords from mid-chord back to the beam's axis, (..., sites, 1)."""
+        return 2 * self.axis[..., None] - 1
+
+    def _circulation(self, flow: Flow) -> tuple[Tensor, Tensor, Tensor]:
+        """Suction along y and normal force, per metre, and the moment about the quarter chord."""
+        U, Q, p, b = flow
+        half = self.density[..., None, None] * b
+        if self.polar is None:
+            slope = half * self.lift_slope[..., None]
+            return slope * (Q - b / 2 * p) ** 2, slope * U * Q, torch.zeros_like(Q)
+        w = Q - b / 2 * p
+        speed = norm(torch.cat(torch.broadcast_tensors(U, Q), -1))
+        lift, drag, moment = (
+            half * speed * taken("a polar's coefficient", x, Q)[..., None]
+            for x in self.polar(torch.atan2(Q, U)[..., 0])
+        )
+        return lift * w - drag * U, lift * U + drag * w, 2 * b * speed * moment
+
+    def _apparent(
+        self, point: LoadPoint, flow: Flow, relative: Tensor, a: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """w' - b a p' and b^2 p'/8: what the apparent mass pi rho b^2 pushes by, and turns by."""
+        R, b = point.R, flow.semichord
+        still = torch.zeros_like(flow.pitch)
+        across = (point.spin * R[..., :, 1]).sum(-1, keepdim=True)  # turn about y
+        rise, turn = (
+            still if x is None else (x * R[..., :, k]).sum(-1, keepdim=True)
+            for x, k in ((point.acceleration, 2), (point.angular_acceleration, 0))
+        )
+        w_rate = flow.pitch * flow.forward + across * relative[..., :1] - rise
+        return w_rate - b * a * turn, b**2 / 8 * turn
+
+
+def _axes_of(value: Any, axes: int) -> int | None:
+    """Own axes of a leaf that may be a function of the motion, which has none that are known."""
+    return None if callable(value) and not isinstance(value, Tree) else axes
