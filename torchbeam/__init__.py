@@ -70,6 +70,7 @@ from .scene.effects import (
     Damping,
     Drag,
     Gravity,
+    Gust,
     History,
     Input,
     LineLoad,
@@ -89,6 +90,9 @@ from .scene.effects import (
     StripAir,
     Tendon,
     TipLoad,
+    Turbulence,
+    Wind,
+    WindTable,
     rayleigh,
 )
 from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
@@ -133,7 +137,7 @@ __all__ = [
     "Smoothness",
     "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
     "Stream", "StripAir", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "compare", "consistent_state",
+    "Tornado", "Turbulence", "Universal", "View", "Weld", "Wind", "WindTable", "advise", "block_rate", "compare", "consistent_state",
     "converge", "critical_load",
     "describe", "design", "equilibrium", "export",
     "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",

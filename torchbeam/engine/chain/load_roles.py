@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ...core.leaves import constant, functions, leaves, own_leaves
+from ...core.leaves import Tree, constant, functions, own_leaves
 from ...nodal.acting import ActingLoad
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs
@@ -102,10 +102,15 @@ def _places(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[A
 
 def _by_time(load: Any, by_place: bool) -> bool:
     """Whether what a load holds is asked at t."""
-    return (
-        not unchanging(load)
-        if by_place
-        else any(leaf.axes == 1 and callable(leaf.value) for leaf in leaves(load))
+    return not unchanging(load) if by_place else _of_time(load)
+
+
+def _of_time(tree: Any) -> bool:
+    """Whether a function of t is among a tree's leaves, be it a tree itself (`tb.History`)."""
+    return any(
+        (leaf.axes == 1 and callable(leaf.value))
+        or (isinstance(leaf.value, Tree) and _of_time(leaf.value))
+        for leaf in own_leaves(tree)
     )
 
 

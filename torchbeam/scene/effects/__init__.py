@@ -41,6 +41,7 @@ from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
 from .strip_air import StripAir
 from .tendon import Eyelet, Tendon
+from .turbulence import Turbulence, WindTable
 from .values import (
     Along,
     Input,
@@ -54,15 +55,17 @@ from .values import (
     inputs_over,
     value_at,
 )
+from .wind import Gust, Wind, WindField
 
 # fmt: off
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
-    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
+    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "Gust", "History", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
     "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
-    "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "changing",
+    "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "Turbulence", "Wind", "WindField",
+    "WindTable", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
 # fmt: on

@@ -248,13 +248,17 @@ class LoadEffect(Tree):
 
 def at_instant(tree: Tree, t: Tensor, inputs: Inputs, like: Tensor, **parts: Tree) -> Tree:
     """A tree with numbers in the place of functions of t and of inputs among its own leaves, and
-    with these `parts` of it; itself where that changes nothing.
+    in winds among them, and with these `parts` of it; itself where that changes nothing.
     """
+    own = own_leaves(tree)
     asked = {
         leaf.name: value_at(leaf.value, t, inputs, like)
-        for leaf in own_leaves(tree)
+        for leaf in own
         if leaf.axes == 1 and (callable(leaf.value) or isinstance(leaf.value, Input))
     }
+    for leaf in own:
+        if hasattr(leaf.value, "resolved"):
+            parts[leaf.name] = leaf.value.resolved(t, inputs, like)
     asked |= {name: part for name, part in parts.items() if part is not getattr(tree, name)}
     return with_values(tree, **asked) if asked else tree
 
