@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ...core.leaves import Tree, constant, functions, own_leaves
+from ...core.leaves import Tree, constant, own_leaves
 from ...nodal.acting import ActingLoad
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs
@@ -66,7 +66,7 @@ class LoadRoles(NamedTuple):
         by_time = bool(
             asked or any(map(_by_time, loads, by_place)) or (wants_support and not rests)
         )
-        driven = any(map(functions, (*scene.joints, *scene.tendons)))
+        driven = any(map(_of_time, (*scene.joints, *scene.tendons)))
         asks = by_time or not given_eigenstrain or not rests or driven
         return cls(
             tuple(natively),
@@ -108,7 +108,7 @@ def _by_time(load: Any, by_place: bool) -> bool:
 def _of_time(tree: Any) -> bool:
     """Whether a function of t is among a tree's leaves, be it a tree itself (`tb.History`)."""
     return any(
-        (leaf.axes == 1 and callable(leaf.value))
+        (leaf.axes is not None and callable(leaf.value))
         or (isinstance(leaf.value, Tree) and _of_time(leaf.value))
         for leaf in own_leaves(tree)
     )

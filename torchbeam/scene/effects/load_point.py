@@ -132,6 +132,7 @@ class LoadEffect(Tree):
             None = all parts
         inputs: `Input`s that it takes beside the inputs in its leaves
         by_place: of an effect without a node: whether it differs along the beam
+        shared: names of leaves that are the same all along it even where others have `at_sites`
         by_mass: whether it acts on all masses, bodies included; else on beams alone, per length
 
     Raises:
@@ -158,6 +159,7 @@ class LoadEffect(Tree):
     on = None
     inputs: ClassVar[Iterable] = ()
     by_place = True
+    shared: ClassVar[tuple[str, ...]] = ()
     by_mass = False
     # whether its work is independent of the path where nothing moves: of what vanishes at rest, too
     conservative = False

@@ -170,6 +170,7 @@ class StripAir(LoadEffect):
     on: str | None = field(default=None, kw_only=True)
 
     wants_axes = True
+    shared = ("polar", "density", "wind")  # the same at all sites
 
     @property
     def internal(self) -> int:
@@ -211,7 +212,9 @@ class StripAir(LoadEffect):
             )
             for name, x in self._numbers().items()
         }
-        if self.wind is not None and not self.by_field:
+        if hasattr(self.wind, "resolved"):
+            numbers["wind"] = self.wind.resolved(t, inputs, s)
+        elif self.wind is not None and not self.by_field:
             numbers["wind"] = value_at(self.wind, t, inputs, s)
         return with_values(self, **numbers)
 
