@@ -84,7 +84,7 @@ def of_row(row: Any, load: Any) -> Any:
     """The inverse."""
     if row is None or load is None:
         return row or load
-    return with_values(row, **{name: getattr(load, name) for name in load.shared})
+    return with_values(row, **{name: getattr(load, name) for name in row.shared})
 
 
 @dataclass(frozen=True)

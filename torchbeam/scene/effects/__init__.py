@@ -36,6 +36,7 @@ from .loads import LineLoad, PointLoad, TipLoad
 from .obstacle import Obstacle
 from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
+from .polar import Polar
 from .self_contact import SelfContact
 from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
@@ -63,7 +64,7 @@ __all__ = [
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
     "Damping", "Drag", "Effect", "Eyelet", "Gravity", "Gust", "History", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
-    "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
+    "Plane", "PointLoad", "PointMass", "Polar", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
     "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "Turbulence", "Wind", "WindField",
     "WindTable", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",

@@ -170,7 +170,6 @@ class StripAir(LoadEffect):
     on: str | None = field(default=None, kw_only=True)
 
     wants_axes = True
-    shared = ("polar", "density", "wind")  # the same at all sites
 
     @property
     def internal(self) -> int:
@@ -195,7 +194,16 @@ class StripAir(LoadEffect):
     @property
     def by_place(self) -> bool:
         """Whether a number differs along the beam."""
-        return any(callable(x) or x.shape[-1] > 1 for x in self._numbers().values())
+        several = any(callable(x) or x.shape[-1] > 1 for x in self._numbers().values())
+        return several or self._polar_by_place
+
+    @property
+    def _polar_by_place(self) -> bool:
+        return getattr(self.polar, "s", None) is not None or getattr(self.polar, "by_site", False)
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        return ("density", "wind") if self._polar_by_place else ("density", "wind", "polar")
 
     def _numbers(self) -> dict[str, Any]:
         return dict(chord=self.chord, axis=self.axis, lift_slope=self.lift_slope)
@@ -212,6 +220,8 @@ class StripAir(LoadEffect):
             )
             for name, x in self._numbers().items()
         }
+        if self._polar_by_place:
+            numbers["polar"] = self.polar.at_sites(s)
         if hasattr(self.wind, "resolved"):
             numbers["wind"] = self.wind.resolved(t, inputs, s)
         elif self.wind is not None and not self.by_field:

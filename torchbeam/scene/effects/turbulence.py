@@ -18,7 +18,7 @@ from ...math.quaternions import cross
 from ...math.shapes import broadcast_shapes
 from .histories import _interval
 from .values import Inputs
-from .wind import WindField, direction, positive, tensor, vector
+from .wind import WindField, direction, hats, positive, vector
 
 VON_KARMAN, KAIMAL = SPECTRA = ("von-karman", "kaimal")
 A = 1.339  # von Karman's, of the scale
@@ -49,7 +49,7 @@ def spectrum(name: str, k: Tensor, sigma: Tensor, length: Tensor) -> Tensor:
 def energy(k: Tensor, sigma: Tensor, length: Tensor) -> Tensor:
     """Von Karman's energy by wave number, of isotropic turbulence; its integral is 3/2 sigma^2.
 
-        E = 55/(9 pi) sigma^2 L (1.339 L k)^4 (1 + (1.339 L k)^2)^(-17/6)
+    E = 55/(9 pi) sigma^2 L (1.339 L k)^4 (1 + (1.339 L k)^2)^(-17/6)
     """
     q = (A * length * k).square()
     return 55 / (9 * math.pi) * sigma.square() * length * q.square() * (1 + q) ** (-17 / 6)
@@ -63,7 +63,9 @@ def _three(name: str, value: Any) -> Tensor:
 
 
 def _seeds(name: str, value: Any) -> Any:
-    seeds = whole(name, value) if is_integer(value) else tuple(whole(name, x) for x in listed(value))
+    seeds = (
+        whole(name, value) if is_integer(value) else tuple(whole(name, x) for x in listed(value))
+    )
     if seeds == ():
         raise refusal(f"{name} of no numbers", "one, or several,")
     return seeds
@@ -263,7 +265,9 @@ class WindTable(WindField):
         vars(self).update(t=t, values=values, _now=_Planes(t, values), **axes)
 
     def resolved(self, t: Tensor, inputs: Inputs, like: Tensor) -> WindTable:
-        return with_values(self, _now=at_time(self._now, t, axes=4)) if callable(self._now) else self
+        return (
+            with_values(self, _now=at_time(self._now, t, axes=4)) if callable(self._now) else self
+        )
 
     def velocity(self, position: Tensor, t: Tensor) -> Tensor:
         now = self._now(t) if callable(self._now) else self._now
@@ -275,7 +279,7 @@ class WindTable(WindField):
             if places is None:
                 now = now.squeeze(-behind - 1)
             else:
-                weights = _hats(component, places)
+                weights = hats(component, places)
                 weights = weights[(..., *(None,) * behind)]
                 now = (weights * now).sum(-behind - 1)
         return now + torch.zeros_like(position)
@@ -305,10 +309,3 @@ class WindTable(WindField):
             for at, weight in corners
         )
         return sum(values)
-
-
-def _hats(x: Tensor, places: Tensor) -> Tensor:
-    """Weights (..., n) of places (n,) at x (...), of which two beside each other are not 0."""
-    share = ((x[..., None] - places[:-1]) / places.diff()).clamp(0, 1)
-    one, none = torch.ones_like(share[..., :1]), torch.zeros_like(share[..., :1])
-    return torch.cat((one, share), -1) - torch.cat((share, none), -1)

@@ -57,6 +57,13 @@ def along(axis: Tensor, position: Tensor) -> Tensor:
     return (position * axis[..., None, :]).sum(-1)
 
 
+def hats(x: Tensor, places: Tensor) -> Tensor:
+    """Weights (..., n) of places (n,) at x (...), of which two beside each other are not 0."""
+    share = ((x[..., None] - places[:-1]) / places.diff()).clamp(0, 1)
+    one, none = torch.ones_like(share[..., :1]), torch.zeros_like(share[..., :1])
+    return torch.cat((one, share), -1) - torch.cat((share, none), -1)
+
+
 class WindField(Tree):
     """Base of winds: a velocity of the air that depends on place and time. Two of them are added by
     `+`.
