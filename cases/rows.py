@@ -74,6 +74,11 @@ def double(v: Any) -> Tensor:
     return torch.as_tensor(v, dtype=torch.float64)
 
 
+def along_all(v: Any) -> Any:
+    """A number of each sample as one for all nodes."""
+    return v[..., None] if isinstance(v, Tensor) and v.is_floating_point() else v
+
+
 def pulled(v: Any) -> tb.Spring:
     """So soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's motion."""
     return tb.Spring(-1, 1e-3, to=double(v) / 1e-3 + double((1.0, 0, 0)))
@@ -231,12 +236,12 @@ ROWS = {
         lambda v, N: tb.StripAir(0.1, density=v, axis=0.4, lags=None, wind=BREEZE), zero=0.0,
         cost=("StripAir, quasi-steady", "the same without lags and apparent mass", 1.225)),
     "StripAir.chord": Row(
-        lambda v, N: tb.StripAir(double(v)[..., None], wind=BREEZE), draw=0.2),
+        lambda v, N: tb.StripAir(along_all(v), wind=BREEZE), draw=0.2),
     "StripAir.axis": Row(
-        lambda v, N: tb.StripAir(0.1, axis=double(v)[..., None], wind=BREEZE), draw=0.5,
+        lambda v, N: tb.StripAir(0.1, axis=along_all(v), wind=BREEZE), draw=0.5,
         at_zero=dict(ways=MOVING, scale=1e-4)),
     "StripAir.lift_slope": Row(
-        lambda v, N: tb.StripAir(0.1, lift_slope=double(v)[..., None], wind=BREEZE), draw=5.0,
+        lambda v, N: tb.StripAir(0.1, lift_slope=along_all(v), wind=BREEZE), draw=5.0,
         at_zero=dict(ways=MOVING, scale=1e-4)),
     "StripAir.wind": Row(
         lambda v, N: tb.StripAir(0.1, wind=v), numbers=TWO["numbers"], draw=(0.2, -4.0, 0.5),

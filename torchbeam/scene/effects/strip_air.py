@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import function as check_function
+from ...core.arguments import function_of
 from ...core.declared import real_numbers
 from ...core.functions_of_time import at_time, taken
 from ...core.leaves import Tree, is_function, leaf, option, with_values
@@ -38,7 +39,7 @@ WAGNER = ((0.165, 0.0455), (0.335, 0.3))
 
 
 def _lags(name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
-    if value is None or value == "wagner":
+    if value is None or (isinstance(value, str) and value == "wagner"):
         return None if value is None else WAGNER
     wanted = 'None, "wagner" or pairs (share, rate) of positive numbers'
     try:
@@ -163,7 +164,7 @@ class StripAir(LoadEffect):
         1, default=2 * math.pi, kw_only=True, check=_along
     )
     polar: Callable[[Tensor], Sequence[Tensor]] | None = leaf(
-        lambda air: _axes_of(air.polar, 0), default=None, kw_only=True
+        lambda air: _axes_of(air.polar, 0), default=None, kw_only=True, check=function_of("angle")
     )
     lags: str | Sequence[tuple[float, float]] | None = option(_lags, default="wagner", kw_only=True)
     density: Value = leaf(0, default=1.225, kw_only=True, nonnegative=True)
