@@ -74,6 +74,11 @@ def double(v: Any) -> Tensor:
     return torch.as_tensor(v, dtype=torch.float64)
 
 
+def along_all(v: Any) -> Any:
+    """A number of each sample as one for all nodes."""
+    return v[..., None] if isinstance(v, Tensor) and v.is_floating_point() else v
+
+
 def pulled(v: Any) -> tb.Spring:
     """So soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's motion."""
     return tb.Spring(-1, 1e-3, to=double(v) / 1e-3 + double((1.0, 0, 0)))
@@ -141,6 +146,7 @@ NONE = dict(zero=(0.0, 0, 0))
 TWO = dict(numbers=((0.1, -0.2, 0.3), (-0.05, 0.1, 0.2)), draw=UP, at_zero={}, **NONE)
 FORCES, MOMENTS = (0.4, False), (0.2, True)  # of the gradient fuzz: N and N m
 RUBBING = dict(stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
+BREEZE = (0.5, -5.0, 0.8)  # m/s
 # of the zero net: how scenes are solved, the first in short runs
 MOVING, EAGERLY = "eager native", "equilibrium modes linearize eager"
 DYNAMIC = f"{MOVING} modes linearize equilibrium"
@@ -222,6 +228,24 @@ ROWS = {
         lambda v, N: tb.Drag(1000.0, 0.01, added_mass=v),
         at_zero=dict(ways=DYNAMIC, least=True, scale=1e-2),
         cost=("Drag, added mass", "water, d = 1 cm", 1.0)),
+    "StripAir.density": Row(
+        lambda v, N: tb.StripAir(0.1, density=v, axis=0.4, wind=BREEZE), zero=0.0, draw=2.0,
+        at_zero=dict(ways=MOVING, least=True, scale=1e-4),
+        cost=("StripAir, Wagner's lags", "chord 10 cm, wind 5 m/s", 1.225)),
+    "StripAir, quasi-steady": Row(
+        lambda v, N: tb.StripAir(0.1, density=v, axis=0.4, lags=None, wind=BREEZE), zero=0.0,
+        cost=("StripAir, quasi-steady", "the same without lags and apparent mass", 1.225)),
+    "StripAir.chord": Row(
+        lambda v, N: tb.StripAir(along_all(v), wind=BREEZE), draw=0.2),
+    "StripAir.axis": Row(
+        lambda v, N: tb.StripAir(0.1, axis=along_all(v), wind=BREEZE), draw=0.5,
+        at_zero=dict(ways=MOVING, scale=1e-4)),
+    "StripAir.lift_slope": Row(
+        lambda v, N: tb.StripAir(0.1, lift_slope=along_all(v), wind=BREEZE), draw=5.0,
+        at_zero=dict(ways=MOVING, scale=1e-4)),
+    "StripAir.wind": Row(
+        lambda v, N: tb.StripAir(0.1, wind=v), numbers=TWO["numbers"], draw=(0.2, -4.0, 0.5),
+        at_zero=dict(ways=MOVING, scale=1e-4)),
     "PointMass.mass": Row(
         lambda v, N: tb.PointMass(v), zero=0.0, draw=0.2, after=OLD,
         cost=("PointMass", "20 g on the tip", 0.02),

@@ -23,7 +23,7 @@ REFERENCE = {
         "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
         "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
-        "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
+        "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag", "StripAir",
         "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
         "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
     "values": ("Values", "What may stand in place of a number.", (

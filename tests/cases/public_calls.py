@@ -111,6 +111,8 @@ CALLS = {
     "Drag": (tb.Drag, dict(density=1.0, diameter=1.0, normal=1.0, tangential=0.1,
         flow=(0.0, 0, 1.0), added_mass=0.0)),
     "Drag2": (tb.Drag, dict(density=1.0, diameter=1.0, added_mass=0.1)),
+    "StripAir": (tb.StripAir, dict(chord=0.1, axis=0.3, lift_slope=6.0, lags="wagner",
+        density=1.2, wind=(0.0, -1.0, 0))),
     "PointMass": (tb.PointMass, dict(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 0, 0.1),
         node=1)),
     "Spring": (tb.Spring, dict(node=-1, stiffness=1.0, to=FORCE, length=0.1, damping=0.1)),

@@ -332,6 +332,7 @@ CASES = {
 POSITIVE, ORDERED = "is positive", "increases"
 # fmt: off
 NEVER_ZERO = {  # or not only; why there is no case
+    "StripAir.chord": POSITIVE, "StripAir.polar": "is a function",
     "Contact.corners": "of a body's surface, whose size is positive",
     "Section.from_stiffness EA": POSITIVE, "Section.from_stiffness GA": POSITIVE,
     "Section.from_stiffness GJ": POSITIVE,

@@ -453,7 +453,7 @@ PointLoad PointMass
 Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider
 SlowBaseline SlowPathWarning Smoothness SmoothHistory SmoothRotation SobolIndices Sphere Spring
 Stations Stats
-Stream Support Table Tendon
+Stream StripAir Support Table Tendon
 TipLoad Tornado Universal View
 Weld
 laws modal_assurance plot pose_from_points rayleigh sensors"""

@@ -1,4 +1,4 @@
-"""Air of a wing or a blade by strip theory: lift, moment and drag of each section by its own motion."""
+"""Air of a wing or a blade, by strip theory: each section by its own motion."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import function as check_function
-from ...core.declared import parameter, real_numbers
+from ...core.arguments import function_of
+from ...core.declared import real_numbers
 from ...core.functions_of_time import at_time, taken
-from ...core.leaves import Tree, leaf, option, with_values
+from ...core.leaves import Tree, is_function, leaf, option, with_values
 from ...core.validation import Value, refusal, shown
 from ..beam import Beam
 from .drag import norm
@@ -35,12 +36,10 @@ from .values import Input, Inputs, load_value, to_sites, value_at
 
 # shares and rates (per semichord travelled) of the delayed parts of Wagner's function (Jones 1940)
 WAGNER = ((0.165, 0.0455), (0.335, 0.3))
-QUARTER = 0.25  # of the chord, behind the leading edge: where circulation acts
-THREE_QUARTERS = 0.75  # where the flow is tangential
 
 
 def _lags(name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
-    if value is None or value == "wagner":
+    if value is None or (isinstance(value, str) and value == "wagner"):
         return None if value is None else WAGNER
     wanted = 'None, "wagner" or pairs (share, rate) of positive numbers'
     try:
@@ -62,8 +61,11 @@ def _along(name: str, value: Any) -> Any:
     return value if value.ndim else value[None]
 
 
-def _positive(name: str, value: Any) -> Any:
-    return _along(name, value if callable(value) else parameter(name, value, zero=False))
+def _chord(name: str, value: Any) -> Any:
+    value = _along(name, value)
+    if not callable(value) and not torch.as_tensor(value).all():
+        raise refusal(f"{name} of 0", "a chord other than 0")
+    return value
 
 
 def _wind(name: str, value: Any) -> Any:
@@ -84,19 +86,22 @@ def _of_place(function: Callable[..., Any]) -> bool:
 
 
 class Flow(NamedTuple):
-    """Air that meets a section, in its axes, each (..., sites, 1).
+    """Air that meets a section, in axes of the chord: y toward the leading edge, z that of the
+    section; each (..., sites, 1).
 
-    forward m/s: speed along the chord toward the leading edge, against the air
-    upwash m/s: of the air along the section's z axis, at three quarters of the chord, pitch rate
-    included; as it acts, delayed by the wake
-    pitch rad/s: rate of turning about the beam, nose up
+    forward m/s: speed of the section along y, against the air
+    upwash m/s: of the air along z, at three quarters of the chord, turning included; as it acts,
+    delayed by the wake
+    pitch rad/s: rate of turning about x, nose up
     semichord m
+    speed m/s: of the air in the section's plane, at the beam's axis
     """
 
     forward: Tensor
     upwash: Tensor
     pitch: Tensor
     semichord: Tensor
+    speed: Tensor
 
 
 @dataclass(frozen=True)
@@ -125,8 +130,8 @@ class StripAir(LoadEffect):
     section: steady lift is rho b c V^2 sin(alpha), across the air that comes.
 
     Args:
-        chord: m, along y of the section, the leading edge at +y. (..., 1) for all, (..., N) of the
-            elements, (..., N+1) of the nodes, or a function of s (..., sites) m
+        chord: m, along y of the section: leading edge at +y, of a negative one at -y. (..., 1) for
+            all, (..., N) of the elements, (..., N+1) of the nodes, or a function of s (..., sites)
         axis: of the beam: share of the chord behind the leading edge; likewise
         lift_slope: c, 1/rad; likewise
         polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
@@ -145,7 +150,7 @@ class StripAir(LoadEffect):
     `energy.work`.
 
     Raises:
-        ValueError: for a chord or a density that is not positive, lags that are no such pairs.
+        ValueError: for a chord of 0, a negative density, lags that are no such pairs.
 
     Examples:
         >>> gliding = tb.Scene(beam, [tb.StripAir(0.1, wind=(0, -10.0, 0.5))])
@@ -153,16 +158,16 @@ class StripAir(LoadEffect):
         tensor(True)
     """
 
-    chord: Value | Callable[[Tensor], Tensor] = leaf(1, check=_positive)
+    chord: Value | Callable[[Tensor], Tensor] = leaf(1, check=_chord)
     axis: Value | Callable[[Tensor], Tensor] = leaf(1, default=0.25, kw_only=True, check=_along)
     lift_slope: Value | Callable[[Tensor], Tensor] = leaf(
         1, default=2 * math.pi, kw_only=True, check=_along
     )
     polar: Callable[[Tensor], Sequence[Tensor]] | None = leaf(
-        lambda air: _axes_of(air.polar, 0), default=None, kw_only=True
+        lambda air: _axes_of(air.polar, 0), default=None, kw_only=True, check=function_of("angle")
     )
     lags: str | Sequence[tuple[float, float]] | None = option(_lags, default="wagner", kw_only=True)
-    density: Value = leaf(0, default=1.225, kw_only=True, positive=True)
+    density: Value = leaf(0, default=1.225, kw_only=True, nonnegative=True)
     wind: Value | Input | Callable[..., Tensor] | None = leaf(
         lambda air: 1 if air.wind is None or not air.by_field else _axes_of(air.wind, 0),
         default=None, kw_only=True, check=_wind,
@@ -178,12 +183,9 @@ class StripAir(LoadEffect):
     @property
     def by_field(self) -> bool:
         """Whether the wind differs from place to place."""
-        wind = self.wind
-        return (
-            isinstance(wind, Tree)
-            and hasattr(wind, "velocity")
-            or (not isinstance(wind, (Tensor, Input)) and callable(wind) and _of_place(wind))
-        )
+        if isinstance(self.wind, Tree):
+            return hasattr(self.wind, "velocity")
+        return is_function(self.wind) and _of_place(self.wind)
 
     @property
     def depends(self) -> frozenset[str]:
@@ -229,30 +231,31 @@ class StripAir(LoadEffect):
         return with_values(self, **numbers)
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        flow, speed, relative = self._flow(point, t, inputs)
-        delayed = flow
+        air = self._air(point, t, inputs)
+        flow, a = self._flow(point, air), self._behind
+        U, q, p, b, _ = flow
         if self.internal:
-            z = point.internal
-            if point.dt is not None:
-                z = self._advanced(z, flow, speed, point.dt)
+            z = (
+                point.internal
+                if point.dt is None
+                else self._advanced(point.internal, flow, point.dt)
+            )
             shares = z.new_tensor([share for share, _ in self.lags])
-            upwash = (1 - shares.sum()) * flow.upwash + (shares * z).sum(-1, keepdim=True)
-            delayed = flow._replace(upwash=upwash)
-        U, _, p, b = flow
-        a = self._behind(b)
-        suction, normal, moment = self._circulation(delayed)
+            q = (1 - shares.sum()) * q + (shares * z).sum(-1, keepdim=True)
+        suction, normal, moment = self._circulation(flow._replace(upwash=q))
         apparent = math.pi * self.density[..., None, None] * b**2
         moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
         if self.lags is not None:
-            lift, turning = self._apparent(point, flow, relative, a)
+            lift, turning = self._apparent(point, air, b, a)
             normal, moment = normal + apparent * lift, moment + apparent * (b * a * lift - turning)
-        y, z_axis = point.R[..., :, 1], point.R[..., :, 2]
-        return suction * y + normal * z_axis, moment * point.R[..., :, 0]
+        x, y, z = (point.R[..., :, k] for k in range(3))
+        side = self._side
+        return side * suction * y + normal * z, side * moment * x
 
     def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
         """z' (..., sites, lags)."""
-        flow, speed, _ = self._flow(point, t, inputs)
-        return self._rates(z, flow, speed) * (flow.upwash - z)
+        flow = self._flow(point, self._air(point, t, inputs))
+        return self._rates(z, flow) * (flow.upwash - z)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Derivative (..., sites, lags, 3 or lags) of z' by names, as in `tangent`, and by z."""
@@ -261,56 +264,60 @@ class StripAir(LoadEffect):
 
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
-        flow, speed, _ = self._flow(point, t, inputs)
-        return self._advanced(z, flow, speed, dt)
+        return self._advanced(z, self._flow(point, self._air(point, t, inputs)), dt)
 
-    def _advanced(self, z: Tensor, flow: Flow, speed: Tensor, dt: Tensor) -> Tensor:
+    def _advanced(self, z: Tensor, flow: Flow, dt: Tensor) -> Tensor:
         """z + dt/2 z', z' at mid step."""
-        h = dt[..., None, None] / 2 * self._rates(z, flow, speed)
+        h = dt[..., None, None] / 2 * self._rates(z, flow)
         return (z + h * flow.upwash) / (1 + h)
 
-    def _rates(self, z: Tensor, flow: Flow, speed: Tensor) -> Tensor:
+    def _rates(self, z: Tensor, flow: Flow) -> Tensor:
         """B_i V/b (..., sites, lags)."""
-        return z.new_tensor([rate for _, rate in self.lags]) * speed / flow.semichord
+        return z.new_tensor([rate for _, rate in self.lags]) * flow.speed / flow.semichord
 
-    def _flow(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Flow, Tensor, Tensor]:
-        """The flow without delay, the speed V (..., sites, 1) m/s, and the velocity (..., sites, 3)
-        of the air against the section, at the beam's axis, in section axes.
-        """
+    def _air(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """Velocity (..., sites, 3) m/s of the air against the beam's axis, section axes."""
         air = -point.velocity
         if self.wind is not None:
             air = air + self._wind_at(point, t, inputs)
-        relative = (point.R.mT @ air[..., None])[..., 0]
-        p = (point.spin * point.R[..., :, 0]).sum(-1, keepdim=True)
-        b = self.chord[..., None] / 2
-        U, w = -relative[..., 1:2], relative[..., 2:3]
-        flow = Flow(U, w + b * (0.5 - self._behind(b)) * p, p, b)
-        return flow, norm(relative[..., 1:]), relative
+        return (point.R.mT @ air[..., None])[..., 0]
 
     def _wind_at(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """(..., sites or 1, 3) m/s, frame a."""
-        axes = None if point.axes is None else point.axes[..., None, :, :]
         if not self.by_field:
             return point.from_inertial(value_at(self.wind, t, inputs, point.R))[..., None, :]
+        axes = None if point.axes is None else point.axes[..., None, :, :]
         place = point.position
         place = place if axes is None else (axes.mT @ place[..., None])[..., 0]
         velocity = getattr(self.wind, "velocity", self.wind)
         air = at_time(lambda now: taken("a wind's velocity", velocity(place, now), place, 3), t, 2)
         return air if axes is None else (axes @ air[..., None])[..., 0]
 
-    def _behind(self, b: Tensor) -> Tensor:
+    def _flow(self, point: LoadPoint, air: Tensor) -> Flow:
+        """Without delay."""
+        p = self._side * (point.spin * point.R[..., :, 0]).sum(-1, keepdim=True)
+        b = self.chord.abs()[..., None] / 2
+        q = air[..., 2:] + b * (0.5 - self._behind) * p
+        return Flow(-self._side * air[..., 1:2], q, p, b, norm(air[..., 1:]))
+
+    @property
+    def _side(self) -> Tensor:
+        """1 where the leading edge is at +y of the section, -1 at -y, (..., sites, 1)."""
+        return self.chord.sign()[..., None]
+
+    @property
+    def _behind(self) -> Tensor:
         """a: semichords from mid-chord back to the beam's axis, (..., sites, 1)."""
         return 2 * self.axis[..., None] - 1
 
     def _circulation(self, flow: Flow) -> tuple[Tensor, Tensor, Tensor]:
         """Suction along y and normal force, per metre, and the moment about the quarter chord."""
-        U, Q, p, b = flow
-        half = self.density[..., None, None] * b
+        U, Q, p, b, _ = flow
+        half, w = self.density[..., None, None] * b, Q - b / 2 * p
         if self.polar is None:
             slope = half * self.lift_slope[..., None]
-            return slope * (Q - b / 2 * p) ** 2, slope * U * Q, torch.zeros_like(Q)
-        w = Q - b / 2 * p
-        speed = norm(torch.cat(torch.broadcast_tensors(U, Q), -1))
+            return slope * w**2, slope * U * Q, torch.zeros_like(Q)
+        speed = norm(torch.cat((U, Q), -1))
         lift, drag, moment = (
             half * speed * taken("a polar's coefficient", x, Q)[..., None]
             for x in self.polar(torch.atan2(Q, U)[..., 0])
@@ -318,17 +325,17 @@ class StripAir(LoadEffect):
         return lift * w - drag * U, lift * U + drag * w, 2 * b * speed * moment
 
     def _apparent(
-        self, point: LoadPoint, flow: Flow, relative: Tensor, a: Tensor
+        self, point: LoadPoint, air: Tensor, b: Tensor, a: Tensor
     ) -> tuple[Tensor, Tensor]:
         """w' - b a p' and b^2 p'/8: what the apparent mass pi rho b^2 pushes by, and turns by."""
-        R, b = point.R, flow.semichord
-        still = torch.zeros_like(flow.pitch)
-        across = (point.spin * R[..., :, 1]).sum(-1, keepdim=True)  # turn about y
+        R, still = point.R, torch.zeros_like(air[..., :1])
+        pitch, yaw = ((point.spin * R[..., :, k]).sum(-1, keepdim=True) for k in (0, 1))
         rise, turn = (
             still if x is None else (x * R[..., :, k]).sum(-1, keepdim=True)
             for x, k in ((point.acceleration, 2), (point.angular_acceleration, 0))
         )
-        w_rate = flow.pitch * flow.forward + across * relative[..., :1] - rise
+        turn = self._side * turn
+        w_rate = yaw * air[..., :1] - pitch * air[..., 1:2] - rise
         return w_rate - b * a * turn, b**2 / 8 * turn
 
 
