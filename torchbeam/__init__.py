@@ -69,6 +69,7 @@ from .scene.effects import (
     Cylinder,
     Damping,
     Drag,
+    DynamicStall,
     Gravity,
     Gust,
     History,
@@ -126,7 +127,7 @@ if TYPE_CHECKING:  # imported where they are first asked for
 __all__ = [
     "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
     "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
-    "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
+    "Damping", "Description", "Design", "Distance", "Drag", "DynamicStall", "Energy", "Estimate",
     "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
     "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
     "MassDamping", "Measurement", "MixedState",

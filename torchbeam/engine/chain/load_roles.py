@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ...core.leaves import Tree, constant, own_leaves
+from ...core.leaves import FunctionOfTime, Tree, constant, own_leaves
 from ...nodal.acting import ActingLoad
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs
@@ -108,8 +108,9 @@ def _by_time(load: Any, by_place: bool) -> bool:
 def _of_time(tree: Any) -> bool:
     """Whether a function of t is among a tree's leaves, be it a tree itself (`tb.History`)."""
     return any(
-        (leaf.axes is not None and callable(leaf.value))
-        or (isinstance(leaf.value, Tree) and _of_time(leaf.value))
+        isinstance(leaf.value, FunctionOfTime) or _of_time(leaf.value)
+        if isinstance(leaf.value, Tree)
+        else leaf.axes is not None and callable(leaf.value)
         for leaf in own_leaves(tree)
     )
 

@@ -96,7 +96,7 @@ class LocalProblems:
     def internal(self) -> tuple[int, ...]:
         """How many internal states each of the loads has at a node."""
         return tuple(
-            (row or load).internal
+            of_row(row, load).internal
             for row, load in zip(
                 self.trees.node.now.loads, self.trees.common.now.loads, strict=True
             )

@@ -17,6 +17,7 @@ from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
+from .dynamic_stall import DynamicStall
 from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
@@ -62,7 +63,7 @@ from .wind import Gust, Wind, WindField
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
-    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "Gust", "History", "Input", "Inputs", "LineLoad",
+    "Damping", "Drag", "DynamicStall", "Effect", "Eyelet", "Gravity", "Gust", "History", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
     "Plane", "PointLoad", "PointMass", "Polar", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
     "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "Turbulence", "Wind", "WindField",

@@ -103,6 +103,13 @@ class Flow(NamedTuple):
     semichord: Tensor
     speed: Tensor
 
+    @property
+    def turn(self) -> Tensor:
+        """b p/V (..., sites), 0 in still air."""
+        moves = self.speed > 0
+        turn = self.semichord * self.pitch / torch.where(moves, self.speed, 1.0)
+        return torch.where(moves, turn, 0.0)[..., 0]
+
 
 @dataclass(frozen=True)
 class StripAir(LoadEffect):
@@ -136,14 +143,14 @@ class StripAir(LoadEffect):
         lift_slope: c, 1/rad; likewise
         polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
             at angles of attack (..., sites) rad, the moment about the quarter chord; in place of
-            the lift slope
+            the lift slope. `Polar` is one, and `DynamicStall`, which has states of its own
         lags: "wagner": two states at each node, A = (0.165, 0.335), B = (0.0455, 0.3); pairs
             (A_i, B_i) in their place, () = none, apparent mass alone. None = quasi-steady: Q = q,
             l = p' = 0
         density: (...) kg/m^3 of the air
         wind: m/s, in inertial axes that coincide with frame a at t = 0: (..., 3), a function of t,
-            an Input; function(position, t) -> (..., sites, 3), or an object whose `velocity` is
-            such. None = still air
+            an Input; function(position, t) -> (..., sites, 3), or `Wind`, `Gust`, `Turbulence`,
+            `WindTable` and their sums. None = still air
         on: name of a beam of a structure; None = all
 
     Wind that changes acts by its upwash alone: its own rate does not push. Work of the air is in
@@ -178,7 +185,12 @@ class StripAir(LoadEffect):
 
     @property
     def internal(self) -> int:
-        return len(self.lags or ())
+        return len(self.lags or ()) + self._stalls
+
+    @property
+    def _stalls(self) -> int:
+        """How many states the polar has, of dynamic stall."""
+        return getattr(self.polar, "internal", 0)
 
     @property
     def by_field(self) -> bool:
@@ -233,16 +245,12 @@ class StripAir(LoadEffect):
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         air = self._air(point, t, inputs)
         flow, a = self._flow(point, air), self._behind
-        U, q, p, b, _ = flow
+        U, _, p, b, _ = flow
+        z, delayed = point.internal, flow
         if self.internal:
-            z = (
-                point.internal
-                if point.dt is None
-                else self._advanced(point.internal, flow, point.dt)
-            )
-            shares = z.new_tensor([share for share, _ in self.lags])
-            q = (1 - shares.sum()) * q + (shares * z).sum(-1, keepdim=True)
-        suction, normal, moment = self._circulation(flow._replace(upwash=q))
+            z = z if point.dt is None else self._advanced(z, flow, point.dt)
+            delayed = self._delayed(flow, z)
+        suction, normal, moment = self._circulation(delayed, z)
         apparent = math.pi * self.density[..., None, None] * b**2
         moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
         if self.lags is not None:
@@ -253,9 +261,15 @@ class StripAir(LoadEffect):
         return side * suction * y + normal * z, side * moment * x
 
     def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
-        """z' (..., sites, lags)."""
+        """z' (..., sites, internal)."""
         flow = self._flow(point, self._air(point, t, inputs))
-        return self._rates(z, flow) * (flow.upwash - z)
+        lags = z[..., : len(self.lags or ())]
+        rates = self._rates(lags, flow) * (flow.upwash - lags)
+        if not self._stalls:
+            return rates
+        stall, angle = z[..., lags.shape[-1] :], self._angle(self._delayed(flow, z))
+        stall = self.polar.rates(stall, angle, flow.turn) * flow.speed / flow.semichord
+        return torch.cat((rates, stall), -1)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Derivative (..., sites, lags, 3 or lags) of z' by names, as in `tangent`, and by z."""
@@ -268,12 +282,31 @@ class StripAir(LoadEffect):
 
     def _advanced(self, z: Tensor, flow: Flow, dt: Tensor) -> Tensor:
         """z + dt/2 z', z' at mid step."""
-        h = dt[..., None, None] / 2 * self._rates(z, flow)
-        return (z + h * flow.upwash) / (1 + h)
+        half, lags = dt[..., None, None] / 2, z[..., : len(self.lags or ())]
+        h = half * self._rates(lags, flow)
+        lags = (lags + h * flow.upwash) / (1 + h)
+        if not self._stalls:
+            return lags
+        stall, angle = z[..., lags.shape[-1] :], self._angle(self._delayed(flow, lags))
+        half = (half * flow.speed / flow.semichord)[..., 0]
+        return torch.cat((lags, self.polar.advanced(stall, angle, flow.turn, half)), -1)
+
+    def _delayed(self, flow: Flow, z: Tensor) -> Flow:
+        """The flow with the upwash that the wake has delayed by."""
+        if not self.lags:
+            return flow
+        shares = z.new_tensor([share for share, _ in self.lags])
+        lags = (shares * z[..., : len(self.lags)]).sum(-1, keepdim=True)
+        return flow._replace(upwash=(1 - shares.sum()) * flow.upwash + lags)
+
+    @staticmethod
+    def _angle(flow: Flow) -> Tensor:
+        """Angle of attack (..., sites) at three quarters of the chord."""
+        return torch.atan2(flow.upwash, flow.forward)[..., 0]
 
     def _rates(self, z: Tensor, flow: Flow) -> Tensor:
         """B_i V/b (..., sites, lags)."""
-        return z.new_tensor([rate for _, rate in self.lags]) * flow.speed / flow.semichord
+        return z.new_tensor([rate for _, rate in self.lags or ()]) * flow.speed / flow.semichord
 
     def _air(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """Velocity (..., sites, 3) m/s of the air against the beam's axis, section axes."""
@@ -310,17 +343,20 @@ class StripAir(LoadEffect):
         """a: semichords from mid-chord back to the beam's axis, (..., sites, 1)."""
         return 2 * self.axis[..., None] - 1
 
-    def _circulation(self, flow: Flow) -> tuple[Tensor, Tensor, Tensor]:
+    def _circulation(self, flow: Flow, z: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
         """Suction along y and normal force, per metre, and the moment about the quarter chord."""
         U, Q, p, b, _ = flow
         half, w = self.density[..., None, None] * b, Q - b / 2 * p
         if self.polar is None:
             slope = half * self.lift_slope[..., None]
             return slope * w**2, slope * U * Q, torch.zeros_like(Q)
-        speed = norm(torch.cat((U, Q), -1))
+        speed, angle = norm(torch.cat((U, Q), -1)), self._angle(flow)
+        stall = self._stalls and z is not None
+        of_polar = (
+            self.polar.dynamic(angle, z[..., -self._stalls :]) if stall else self.polar(angle)
+        )
         lift, drag, moment = (
-            half * speed * taken("a polar's coefficient", x, Q)[..., None]
-            for x in self.polar(torch.atan2(Q, U)[..., 0])
+            half * speed * taken("a polar's coefficient", x, Q)[..., None] for x in of_polar
         )
         return lift * w - drag * U, lift * U + drag * w, 2 * b * speed * moment
 
