@@ -40,6 +40,7 @@ from .point_mass import PointMass
 from .polar import Polar
 from .self_contact import SelfContact
 from .smooth_history import SmoothHistory, SmoothRotation
+from .rotor import Induction, blade_element_momentum
 from .springs import RootSpring, Spring
 from .strip_air import StripAir
 from .tendon import Eyelet, Tendon
@@ -63,11 +64,14 @@ from .wind import Gust, Wind, WindField
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
-    "Damping", "Drag", "DynamicStall", "Effect", "Eyelet", "Gravity", "Gust", "History", "Input", "Inputs", "LineLoad",
+    "Damping", "Drag", "DynamicStall", "Effect", "Eyelet", "Gravity", "Gust", "History",
+    "Induction", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
-    "Plane", "PointLoad", "PointMass", "Polar", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
-    "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "Turbulence", "Wind", "WindField",
-    "WindTable", "changing",
+    "Plane", "PointLoad", "PointMass", "Polar", "Pose", "RootSpring",
+    "SelfContact", "SmoothHistory",
+    "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "Turbulence",
+    "Wind", "WindField",
+    "WindTable", "blade_element_momentum", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
 # fmt: on
