@@ -217,19 +217,18 @@ class StripAir(LoadEffect):
             numbers["wind"] = value_at(self.wind, t, inputs, s)
         return with_values(self, **numbers)
 
+    def _placed(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> StripAir:
+        """With numbers for the sites of a point; itself where it has them."""
+        return self.at_sites(point.s, t, inputs, point.elements) or self
+
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        return self._placed(point, t, inputs)._wrench(point, t, inputs)
+
+    def _wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         air = self._air(point, t, inputs)
         flow, a = self._flow(point, air), self._behind
-        U, q, p, b, _ = flow
-        if self.internal:
-            z = (
-                point.internal
-                if point.dt is None
-                else self._advanced(point.internal, flow, point.dt)
-            )
-            shares = z.new_tensor([share for share, _ in self.lags])
-            q = (1 - shares.sum()) * q + (shares * z).sum(-1, keepdim=True)
-        suction, normal, moment = self._circulation(flow._replace(upwash=q))
+        U, _, p, b, _ = flow
+        suction, normal, moment = self._circulation(self._delayed(flow, point))
         apparent = math.pi * self.density[..., None, None] * b**2
         moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
         if self.lags is not None:
@@ -241,8 +240,9 @@ class StripAir(LoadEffect):
 
     def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
         """z' (..., sites, lags)."""
-        flow = self._flow(point, self._air(point, t, inputs))
-        return self._rates(z, flow) * (flow.upwash - z)
+        here = self._placed(point, t, inputs)
+        flow = here._flow(point, here._air(point, t, inputs))
+        return here._rates(z, flow) * (flow.upwash - z)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Derivative (..., sites, lags, 3 or lags) of z' by names, as in `tangent`, and by z."""
@@ -251,7 +251,18 @@ class StripAir(LoadEffect):
 
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
-        return self._advanced(z, self._flow(point, self._air(point, t, inputs)), dt)
+        here = self._placed(point, t, inputs)
+        return here._advanced(z, here._flow(point, here._air(point, t, inputs)), dt)
+
+    def _delayed(self, flow: Flow, point: LoadPoint) -> Flow:
+        """As it acts; where nothing is known of internal states, after long."""
+        z = point.internal
+        if not self.internal or z is None:
+            return flow
+        z = z if point.dt is None else self._advanced(z, flow, point.dt)
+        shares = z.new_tensor([share for share, _ in self.lags])
+        late = (shares * z).sum(-1, keepdim=True)
+        return flow._replace(upwash=(1 - shares.sum()) * flow.upwash + late)
 
     def _advanced(self, z: Tensor, flow: Flow, dt: Tensor) -> Tensor:
         """z + dt/2 z', z' at mid step."""
