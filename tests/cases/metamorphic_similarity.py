@@ -29,8 +29,9 @@ class Quantity(NamedTuple):
     """Powers of mass, length and time, and how it turns.
 
     "number"; "polar" or "axial" vector in frame a; "place" (a point there); "rotation"
-    (a quaternion to frame a); in section axes "own y" of a vector, "own polar", "own axial", "own tensor" (3, 3); of six
-    entries "wrench" (force, moment), "own wrench", "springs" (along and about three axes);
+    (a quaternion to frame a); in section axes "own polar", "own axial", "own y" (of a vector), "own
+    tensor" (3, 3); of six entries "wrench" (force, moment), "own wrench", "springs" (along and
+    about three axes);
     "compliance" and "mass" (6, 6); "frame": quaternion from frame a to inertial axes; "instant".
     """
 

@@ -38,9 +38,9 @@ from .obstacle import Obstacle
 from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
 from .polar import Polar
+from .rotor import Induction, blade_element_momentum
 from .self_contact import SelfContact
 from .smooth_history import SmoothHistory, SmoothRotation
-from .rotor import Induction, blade_element_momentum
 from .springs import RootSpring, Spring
 from .strip_air import StripAir
 from .tendon import Eyelet, Tendon

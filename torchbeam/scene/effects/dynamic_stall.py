@@ -1,4 +1,4 @@
-"""Dynamic stall of Beddoes and Leishman, in the incompressible form of Hansen, Gaunaa and Madsen."""
+"""Dynamic stall of Beddoes and Leishman, in an incompressible form."""
 
 from __future__ import annotations
 

@@ -225,8 +225,8 @@ def pieces_through(x: Tensor, y: Tensor) -> Tensor:
 
 
 def _slopes(h: Tensor, s: Tensor) -> Tensor:
-    """Slopes (..., n, m) at the places, of lines s (..., n - 1, m) over h (n - 1, 1): their weighted
-    harmonic mean, 0 where they turn; at the ends that of a parabola, held monotone.
+    """Slopes (..., n, m) at the places, of lines s (..., n - 1, m) over h (n - 1, 1): their
+    weighted harmonic mean, 0 where they turn; at the ends that of a parabola, held monotone.
     """
     if len(h) == 1:
         return torch.cat((s, s), -2)

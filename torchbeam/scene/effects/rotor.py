@@ -53,9 +53,9 @@ class Induction(WindField):
     Args:
         r: (n,) m, strictly increasing
         axial, swirl: (..., n) m/s, linear in r, constant beyond
-        axis: (..., 3) along the wind, of any length; the rotor turns about it in the positive sense
+        axis: (..., 3) along the wind, of any length; the rotor turns about it, right-handed
 
-    Add it to the wind that comes: `StripAir(..., wind=tb.Wind((0, 0, 10.0)) + rotor.induction)`. The
+    Add it to the wind that comes: `StripAir(..., wind=tb.Wind((0, 0, 10)) + rotor.induction)`. The
     air that the rotor meets in its plane turns against it by `swirl`. It is that of a steady rotor:
     it does not change with the blades' motion.
 

@@ -209,15 +209,13 @@ class StripAir(LoadEffect):
     def by_place(self) -> bool:
         """Whether a number differs along the beam."""
         several = any(callable(x) or x.shape[-1] > 1 for x in self._numbers().values())
-        return several or self._polar_by_place
-
-    @property
-    def _polar_by_place(self) -> bool:
-        return getattr(self.polar, "s", None) is not None or getattr(self.polar, "by_site", False)
+        return several or getattr(self.polar, "s", None) is not None
 
     @property
     def shared(self) -> tuple[str, ...]:
-        return ("density", "wind") if self._polar_by_place else ("density", "wind", "polar")
+        by_site = getattr(self.polar, "s", None) is not None
+        by_site = by_site or getattr(self.polar, "by_site", False)
+        return ("density", "wind") if by_site else ("density", "wind", "polar")
 
     def _numbers(self) -> dict[str, Any]:
         return dict(chord=self.chord, axis=self.axis, lift_slope=self.lift_slope)
@@ -234,7 +232,7 @@ class StripAir(LoadEffect):
             )
             for name, x in self._numbers().items()
         }
-        if self._polar_by_place:
+        if hasattr(self.polar, "at_sites"):
             numbers["polar"] = self.polar.at_sites(s)
         if hasattr(self.wind, "resolved"):
             numbers["wind"] = self.wind.resolved(t, inputs, s)
@@ -242,15 +240,20 @@ class StripAir(LoadEffect):
             numbers["wind"] = value_at(self.wind, t, inputs, s)
         return with_values(self, **numbers)
 
+    def _placed(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> StripAir:
+        """With numbers for the sites of a point; itself where it has them."""
+        return self.at_sites(point.s, t, inputs, point.elements) or self
+
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+        return self._placed(point, t, inputs)._wrench(point, t, inputs)
+
+    def _wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
         air = self._air(point, t, inputs)
         flow, a = self._flow(point, air), self._behind
         U, _, p, b, _ = flow
-        z, delayed = point.internal, flow
-        if self.internal:
-            z = z if point.dt is None else self._advanced(z, flow, point.dt)
-            delayed = self._delayed(flow, z)
-        suction, normal, moment = self._circulation(delayed, z)
+        z = point.internal
+        z = z if z is None or point.dt is None else self._advanced(z, flow, point.dt)
+        suction, normal, moment = self._circulation(self._delayed(flow, z), z)
         apparent = math.pi * self.density[..., None, None] * b**2
         moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
         if self.lags is not None:
@@ -262,13 +265,14 @@ class StripAir(LoadEffect):
 
     def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
         """z' (..., sites, internal)."""
-        flow = self._flow(point, self._air(point, t, inputs))
+        here = self._placed(point, t, inputs)
+        flow = here._flow(point, here._air(point, t, inputs))
         lags = z[..., : len(self.lags or ())]
-        rates = self._rates(lags, flow) * (flow.upwash - lags)
+        rates = here._rates(lags, flow) * (flow.upwash - lags)
         if not self._stalls:
             return rates
         stall, angle = z[..., lags.shape[-1] :], self._angle(self._delayed(flow, z))
-        stall = self.polar.rates(stall, angle, flow.turn) * flow.speed / flow.semichord
+        stall = here.polar.rates(stall, angle, flow.turn) * flow.speed / flow.semichord
         return torch.cat((rates, stall), -1)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
@@ -278,7 +282,8 @@ class StripAir(LoadEffect):
 
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
-        return self._advanced(z, self._flow(point, self._air(point, t, inputs)), dt)
+        here = self._placed(point, t, inputs)
+        return here._advanced(z, here._flow(point, here._air(point, t, inputs)), dt)
 
     def _advanced(self, z: Tensor, flow: Flow, dt: Tensor) -> Tensor:
         """z + dt/2 z', z' at mid step."""
@@ -291,9 +296,9 @@ class StripAir(LoadEffect):
         half = (half * flow.speed / flow.semichord)[..., 0]
         return torch.cat((lags, self.polar.advanced(stall, angle, flow.turn, half)), -1)
 
-    def _delayed(self, flow: Flow, z: Tensor) -> Flow:
-        """The flow with the upwash that the wake has delayed by."""
-        if not self.lags:
+    def _delayed(self, flow: Flow, z: Tensor | None) -> Flow:
+        """As it acts; where nothing is known of internal states, after long."""
+        if not self.lags or z is None:
             return flow
         shares = z.new_tensor([share for share, _ in self.lags])
         lags = (shares * z[..., : len(self.lags)]).sum(-1, keepdim=True)

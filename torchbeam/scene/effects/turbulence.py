@@ -22,8 +22,13 @@ from .wind import WindField, direction, hats, positive, vector
 
 VON_KARMAN, KAIMAL = SPECTRA = ("von-karman", "kaimal")
 A = 1.339  # von Karman's, of the scale
-GAUSS = ((-0.8611363115940526, 0.3478548451374538), (-0.3399810435848563, 0.6521451548625461),
-         (0.3399810435848563, 0.6521451548625461), (0.8611363115940526, 0.3478548451374538))  # fmt: skip
+# places and weights on [-1, 1]
+GAUSS = (
+    (-0.8611363115940526, 0.3478548451374538),
+    (-0.3399810435848563, 0.6521451548625461),
+    (0.3399810435848563, 0.6521451548625461),
+    (0.8611363115940526, 0.3478548451374538),
+)
 LOOKED_AT = 256  # places of a table up to which all are summed, so that native code can be made
 
 
@@ -157,7 +162,7 @@ class Turbulence(WindField):
         return torch.exp(middle) / L, total
 
     def _drawn(self, *shape: int) -> Tensor:
-        """Numbers (seeds, *shape) of the normal distribution; without the first axis of one seed."""
+        """Numbers (seeds, *shape) of the normal distribution; of one seed without that axis."""
         seeds = (self.seed,) if is_integer(self.seed) else self.seed
         like = self.length
         numbers = [
