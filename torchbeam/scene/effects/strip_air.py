@@ -14,7 +14,7 @@ from torch import Tensor
 from ...core.arguments import function as check_function
 from ...core.arguments import function_of
 from ...core.declared import real_numbers
-from ...core.functions_of_time import at_time, taken
+from ...core.functions_of_time import taken
 from ...core.leaves import Tree, is_function, leaf, option, with_values
 from ...core.validation import Value, refusal, shown
 from ..beam import Beam
@@ -33,6 +33,7 @@ from .load_point import (
     derivatives,
 )
 from .values import Input, Inputs, load_value, to_sites, value_at
+from .wind import in_frame
 
 # shares and rates (per semichord travelled) of the delayed parts of Wagner's function (Jones 1940)
 WAGNER = ((0.165, 0.0455), (0.335, 0.3))
@@ -324,12 +325,7 @@ class StripAir(LoadEffect):
         """(..., sites or 1, 3) m/s, frame a."""
         if not self.by_field:
             return point.from_inertial(value_at(self.wind, t, inputs, point.R))[..., None, :]
-        axes = None if point.axes is None else point.axes[..., None, :, :]
-        place = point.position
-        place = place if axes is None else (axes.mT @ place[..., None])[..., 0]
-        velocity = getattr(self.wind, "velocity", self.wind)
-        air = at_time(lambda now: taken("a wind's velocity", velocity(place, now), place, 3), t, 2)
-        return air if axes is None else (axes @ air[..., None])[..., 0]
+        return in_frame(getattr(self.wind, "velocity", self.wind), point, t)
 
     def _flow(self, point: LoadPoint, air: Tensor) -> Flow:
         """Without delay."""

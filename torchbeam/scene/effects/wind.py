@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from ...core.declared import parameter, real_numbers
+from ...core.functions_of_time import at_time, taken
 from ...core.leaves import Tree, leaf
 from ...core.validation import Value, concrete, refusal
-from .load_point import at_instant
+from .load_point import LoadPoint, at_instant
 from .values import Input, Inputs, load_value, value_at
 
 EVEN = 106.68  # m, 350 ft: of the gradient at which a gust has its reference velocity (CS 25.341)
@@ -62,6 +63,16 @@ def hats(x: Tensor, places: Tensor) -> Tensor:
     share = ((x[..., None] - places[:-1]) / places.diff()).clamp(0, 1)
     one, none = torch.ones_like(share[..., :1]), torch.zeros_like(share[..., :1])
     return torch.cat((one, share), -1) - torch.cat((share, none), -1)
+
+
+def in_frame(velocity: Callable[[Tensor, Tensor], Tensor], point: LoadPoint, t: Tensor) -> Tensor:
+    """A wind's velocity (..., sites, 3) m/s, frame a, at a point; the function in inertial axes."""
+    axes, place = point.axes, point.position
+    if axes is not None:
+        axes = axes[..., None, :, :]
+        place = (axes.mT @ place[..., None])[..., 0]
+    air = at_time(lambda now: taken("a wind's velocity", velocity(place, now), place, 3), t, 2)
+    return air if axes is None else (axes @ air[..., None])[..., 0]
 
 
 class WindField(Tree):
