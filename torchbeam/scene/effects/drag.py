@@ -58,8 +58,8 @@ class Drag(LoadEffect):
         diameter: (...) m: width across the flow, pi d the wetted circumference
         normal, tangential: (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and
             0.4 above the drag crisis
-        flow: m/s: (..., 3) or an Input of size 3, uniform, in inertial axes, as Gravity's g; `Wind`,
-            `Gust`, `Turbulence`, `WindTable` and their sums; or function(position, t)
+        flow: m/s: (..., 3) or an Input of size 3, uniform, in inertial axes, as Gravity's g; a
+            `Wind`, `Gust`, `Turbulence`, `WindTable`, or a sum of them; or function(position, t)
             -> (..., sites, 3), both in frame a; None = still
         added_mass: (...) C_a of the fluid that moves along; a circular cylinder in potential flow
             has 1. None or 0: none

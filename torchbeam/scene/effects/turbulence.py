@@ -105,7 +105,7 @@ class Turbulence(WindField):
             sigma and L of the first component; neighbours are coherent as in the real field
         harmonics: n. Each costs a sine and a cosine at each node
         band: wave numbers in units of 1/L (of the first component) between which they lie, equally
-            in their logarithm; what lies outside is left out
+            in their logarithm; what lies outside is left out, of the default 5 % of the variance
         seed: of phases and directions; several make a batch
 
     Each harmonic has the energy of its band, so the variance is that of the spectrum within `band`,
