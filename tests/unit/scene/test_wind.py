@@ -1,6 +1,7 @@
 """Winds against their formulas, spectra against von Karman's and Kaimal's, tables against SciPy."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -93,10 +94,10 @@ def test_the_spectrum_in_time_is_the_formulas(name, spectrum):
     power = 2 * np.abs(np.fft.rfft(v, axis=0)) ** 2 / (len(t) * (np.hanning(len(t)) ** 2).sum())
     k = 2 * math.pi * np.fft.rfftfreq(len(t), 0.25) / U * L[0]
     for c, along in ((0, True), (2, False)):
-        got = [power[(k >= a) & (k < b), c].sum() for a, b in zip(ends, ends[1:], strict=False)]
+        got = [power[(k >= a) & (k < b), c].sum() for a, b in pairwise(ends)]
         want = [
             quad(spectrum, a / L[0], b / L[0], args=(sigma[c], L[c], along))[0]
-            for a, b in zip(ends, ends[1:], strict=False)
+            for a, b in pairwise(ends)
         ]
         np.testing.assert_allclose(got, want, rtol=0.01)
 

@@ -200,7 +200,7 @@ def looked_up(alpha: Tensor, pieces: Tensor, angle: Tensor) -> Tensor:
         places = places.expand(*shape, places.shape[-1]).contiguous()
         k = torch.searchsorted(places, inside.detach()[..., None].contiguous(), right=True)
     else:
-        k = torch.searchsorted(places, inside.detach().contiguous(), right=True)
+        k = torch.searchsorted(places.contiguous(), inside.detach().contiguous(), right=True)
     lead = broadcast_shapes(pieces.shape[:-2], k.shape[:-1])
     rows = pieces.expand(*lead, *pieces.shape[-2:])
     at = k.expand(*lead, k.shape[-1])[..., None]
