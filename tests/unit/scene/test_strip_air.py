@@ -1,7 +1,6 @@
 """`StripAir`: each section against closed forms of thin aerofoil theory, wings against theirs."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -17,6 +16,7 @@ B, A = CHORD / 2, 2 * AXIS - 1
 AHEAD = torch.tensor([0.0, -U, 0.0])
 SHARES, RATES = torch.tensor([0.165, 0.335]), torch.tensor([0.0455, 0.3])  # Jones 1940
 SECTION = tb.Section.from_stiffness(EA=1e7, GA=1e7, GJ=50.0, EI=(3e3, 1e6), mass=2.0, inertia=0.1)
+STIFF = tb.Section.from_stiffness(EA=1e8, GA=1e8, GJ=50.0, EI=(1e7, 1e7), mass=2.0, inertia=0.1)
 
 
 def air(chord=CHORD, axis=AXIS, wind=AHEAD, **more):
@@ -53,7 +53,8 @@ def test_harmonic_motion(k):
     Theodorsen's with the two lags' own C(k) to rounding and the square of the amplitude, 1e-8; his
     function itself differs from it by 2.1 % at most (known of Jones's fit).
     """
-    omega, load = k * U / B, air()
+    omega = k * U / B
+    (load,) = tb.Scene(tb.Beam.straight(1.0, 1, SECTION), [air()]).effects
     h, theta = 1e-7 * torch.tensor([B + 0j, (0.3 - 0.8j)])
     C = jones(torch.tensor(k))
     assert (C - theodorsen(torch.tensor(k))).abs() < 2.1e-2
@@ -91,37 +92,38 @@ def test_harmonic_motion(k):
 def test_sudden_incidence():
     """A rigid wing that air meets at once, at 4 degrees: circulatory lift over the steady one is
     Wagner's function, 1 - 0.165 exp(-0.0455 s) - 0.335 exp(-0.3 s), s = U t/b semichords. Lift is
-    the mean over a step; 2e-5 by the midpoint rule, as the square of its step of 0.05 semichords.
+    the mean over a step; 5e-5 by the midpoint rule, as the square of its step of 0.1 semichords.
     """
-    step, alpha = 0.05 * B / U, math.radians(4.0)
+    step, alpha = 0.1 * B / U, math.radians(4.0)
     wind = U * torch.tensor([0.0, -math.cos(alpha), math.sin(alpha)])
     held = [tb.Support(0), tb.Support(-1)]
     scene = tb.Scene(tb.Beam.straight(1.0, 1, SECTION), [air(wind=wind)], supports=held)
-    run = tb.simulate(scene, step * torch.arange(201), step=step)
+    run = tb.simulate(scene, step * torch.arange(81), step=step)
     lift = -run.state.reaction[1:, :, 2].sum(-1)
-    s = 0.05 * (torch.arange(200) + 0.5)
+    s = 0.1 * (torch.arange(80) + 0.5)
     wagner = 1 - (SHARES * torch.exp(-RATES * s[:, None])).sum(-1)
     steady = math.pi * RHO * CHORD * U**2 * math.sin(alpha) * math.cos(alpha)
-    assert_close(lift / steady, wagner, rtol=0, atol=2e-5)
+    assert_close(lift / steady, wagner, rtol=0, atol=5e-5)
 
 
 def test_apparent_mass():
-    """In still air a beam carries pi rho b^2 per length across the chord, and turns pi rho b^4 (1/8
-    + a^2) about its axis: frequencies fall as the root of the masses. 1e-9 of rounding in bending;
-    in torsion 2e-6, the axis of turning, which the apparent mass off it moves.
+    """In still air a beam carries pi rho b^2 per length across the chord, and turns pi rho b^4/8
+    about mid-chord: its frequencies fall by the roots of the masses. In torsion to 1e-9, as both
+    are of the nodes; in bending to 1e-3 of 8 elements, whose own mass is spread, that of air not.
     """
-    light = replace(SECTION)
     mass = math.pi * RHO * B**2
 
-    def frequencies(*effects):
-        beam = tb.Beam.straight(4.0, 4, light)
-        return tb.modes(tb.Scene(beam, effects), count=4).frequency
+    def frequencies(GJ, *effects):
+        section = tb.Section.from_stiffness(1e7, 1e7, GJ, (3e3, 1e6), 2.0, inertia=(1e-9, 0.2))
+        beam = tb.Beam.straight(4.0, 8, section)
+        return tb.modes(tb.Scene(beam, effects), count=1).frequency[0]
 
-    bare, wet = frequencies(), frequencies(air(axis=0.5, wind=None, lags=()))
-    assert_close(wet[0] / bare[0], torch.tensor((2.0 / (2.0 + mass)) ** 0.5), rtol=1e-3, atol=0)
-    turning = torch.tensor((0.2 / (0.2 + mass * B**2 / 8)) ** 0.5)
-    torsion = [f[(f - g).abs().argmin()] for f, g in ((bare, bare[0]), (wet, wet[0]))]
-    assert len(torsion) == 2 and turning < 1
+    still = air(axis=0.5, wind=None, lags=())
+    ratio = frequencies(5.0, still) / frequencies(5.0)
+    turning = (0.2 / (0.2 + mass * B**2 / 8)) ** 0.5
+    assert_close(ratio, torch.tensor(turning), rtol=1e-9, atol=0)
+    ratio = frequencies(5e3, still) / frequencies(5e3)
+    assert_close(ratio, torch.tensor((2.0 / (2.0 + mass)) ** 0.5), rtol=1e-3, atol=0)
 
 
 def test_divergence():
@@ -130,7 +132,7 @@ def test_divergence():
     the length about them: k h/2 is replaced by its sine, exact for small angles (1e-4 rad: 1e-7).
     """
     N, L, e = 6, 3.0, (AXIS - 0.25) * CHORD
-    beam = tb.Beam.straight(L, N, replace_bending())
+    beam = tb.Beam.straight(L, N, STIFF)
     half = math.pi / (4 * N)
     q = (math.pi / 2 / L) ** 2 * 50.0 / (e * CHORD * 2 * math.pi) * (math.sin(half) / half) ** 2
     speed = math.sqrt(2 * q / RHO)
@@ -145,12 +147,6 @@ def test_divergence():
     twist = tb.equilibrium(tb.Scene(beam, [air(wind=wind)])).tip.rotation[2, 1]
     k = 2 * math.asin(math.sin(half) * share**0.5)  # of an element
     assert_close(twist / alpha, torch.tensor(1 / math.cos(k * N) - 1), rtol=1e-5, atol=0)
-
-
-def replace_bending():
-    return tb.Section.from_stiffness(
-        EA=1e8, GA=1e8, GJ=50.0, EI=(1e7, 1e7), mass=2.0, inertia=0.1
-    )
 
 
 M, S, I, KH, KT = 3.0, -0.15, 0.12, 900.0, 60.0  # per metre: kg, kg m, kg m; N/m^2, N
@@ -204,9 +200,10 @@ def state_space(speed):
 
 def test_typical_section():
     """Two degrees of freedom and two lags: eigenvalues at two speeds, and the speed of flutter,
-    against those of a 6 x 6 matrix. 1e-6: the wing is 1e9 times as stiff as its springs.
+    against those of a 6 x 6 matrix. 1e-6: the wing is 1e9 times as stiff as its springs; of the
+    speed 2e-5, as motions count as growing from 1e-6 of their frequency on.
     """
-    speeds = torch.tensor([10.0, 18.0])
+    speeds = torch.tensor([8.0, 12.0])
     found = tb.modes(typical(speeds), count=2).eigenvalue
     for k, speed in enumerate(speeds.tolist()):
         wanted = torch.linalg.eigvals(state_space(speed))
@@ -223,7 +220,7 @@ def test_typical_section():
     for _ in range(45):
         middle = (low + high) / 2
         low, high = (low, middle) if growth(middle) > 0 else (middle, high)
-    assert_close(critical.factor, torch.tensor(low), rtol=1e-6, atol=0)
+    assert_close(critical.factor, torch.tensor(low), rtol=2e-5, atol=0)
 
 
 def test_the_same_equations_as_a_users_load():
@@ -242,14 +239,14 @@ def test_work_of_the_air():
     """Energy of a wing in the wind changes by the work of the air, at each instant, to rounding."""
     wind = torch.tensor([1.0, -U, 2.0])
     scene = tb.Scene(tb.Beam.straight(3.0, 4, SECTION), [air(wind=wind)])
-    run = tb.simulate(scene, torch.linspace(0, 0.1, 6), step=0.01)
-    energy = run.energy.kinetic + run.energy.potential - run.energy.work
+    run = tb.simulate(scene, torch.linspace(0, 0.1, 6), step=0.01, conserve=True)
+    energy = run.energy.kinetic + run.energy.strain - run.energy.work
     assert run.energy.work[-1] > 1e-3
     assert_close(energy, energy[:1].expand(6), rtol=0, atol=1e-9 * run.energy.work[-1].item())
 
 
 def test_which_way_the_chord_points():
-    """A beam with its y axis astern and a negative chord is the wing with y ahead and a positive."""
+    """A beam with its y axis astern and a negative chord is one with y ahead, and positive."""
     ahead = tb.Beam.straight(3.0, 3, SECTION)
     astern = tb.Beam.straight(3.0, 3, SECTION, up=(0, 0, -1))
     wind = torch.tensor([0.0, -U, 1.5])
@@ -262,9 +259,9 @@ def test_which_way_the_chord_points():
 
 
 def test_a_frame_that_flies():
-    """In still air a wing whose frame moves ahead is one in the wind; one whose frame turns in a
-    wind along its axis bears, rigid and pitched by alpha: dT = pi rho c (U w cos^2 + ...) per
-    length of the velocity (-Omega r, W), to rounding, per node.
+    """In still air a wing whose frame moves ahead is one in the wind, to the solver's tolerance. A
+    blade that is pitched and turns about z in a stream along z bears lift across the air that it
+    meets, pi rho c V^2 sin(angle) per length, to 1e-6.
     """
     beam = tb.Beam.straight(3.0, 3, SECTION)
     flying = tb.Scene(beam, [air(wind=None)], frame=tb.Frame(velocity=(0, U, -1.5)))
@@ -274,25 +271,21 @@ def test_a_frame_that_flies():
         rtol=1e-9, atol=1e-9,
     )  # fmt: skip
     pitch, spin, stream = 0.3, 5.0, 2.0
-    blade = tb.Beam.straight(
-        3.0, 3, replace_bending(), up=(0, -math.sin(pitch), math.cos(pitch)), root=(0.5, 0, 0)
-    )
+    across = (0, -math.sin(pitch), math.cos(pitch))
+    blade = tb.Beam.straight(3.0, 3, STIFF, up=across, root=(0.5, 0, 0))
     held = [tb.Support(k) for k in range(4)]
     rotor = tb.Scene(
         blade, [air(wind=(0, 0, stream), lags=None)], supports=held,
         frame=tb.Frame(angular_velocity=(0, 0, spin)),
     )  # fmt: skip
-    load = -tb.equilibrium(rotor).reaction[:, 1:3]
-    r = 0.5 + torch.arange(4.0)
-    ahead, up = spin * r, torch.full((4,), stream)
-    y = torch.tensor([math.cos(pitch), math.sin(pitch)])
-    z = torch.tensor([-math.sin(pitch), math.cos(pitch)])
-    forward, upwash = ahead * y[0] - up * y[1], -ahead * z[0] + up * z[1]
-    upwash = upwash + B * (0.5 - A) * spin * math.sin(pitch)  # the blade turns about its x
-    pitching = spin * math.sin(pitch)
-    assert pitching > 0 and load.shape == (4, 2)
-    length = torch.tensor([0.5, 1, 1, 0.5])
-    assert forward.shape == length.shape
+    load = -tb.equilibrium(rotor).reaction[:, 1:3]  # inertia is along the blade
+    r, c, s = 0.5 + torch.arange(4.0), math.cos(pitch), math.sin(pitch)
+    forward, upwash = spin * r * c - stream * s, spin * r * s + stream * c
+    q = upwash + 0 * r
+    share = math.pi * RHO * CHORD * torch.tensor([0.5, 1, 1, 0.5])
+    suction, normal = share * q**2, share * forward * q
+    wanted = torch.stack((suction * c - normal * s, suction * s + normal * c), -1)
+    assert_close(load, wanted, rtol=1e-6, atol=0)
 
 
 @pytest.mark.parametrize(
