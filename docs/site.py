@@ -23,9 +23,12 @@ REFERENCE = {
         "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
         "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
-        "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag", "StripAir",
+        "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
+        "StripAir", "Polar", "DynamicStall", "blade_element_momentum", "Induction",
         "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
         "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
+    "wind": ("Wind", "What blows: the `wind` of StripAir and the `flow` of Drag.", (
+        "Wind", "Gust", "Turbulence", "WindTable")),
     "values": ("Values", "What may stand in place of a number.", (
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram",
         "SmoothHistory", "SmoothRotation")),

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ...core.leaves import Tree, branch, leaf, with_values
-from ...core.validation import Value
+from ...core.validation import Value, refusal, shown
 from .polar import Polar, at_sites, looked_up, pieces_through
 from .wind import hats, positive
 
@@ -70,6 +70,8 @@ class DynamicStall(Tree):
     def __post_init__(self) -> None:
         super().__post_init__()
         polar = self.polar
+        if not isinstance(polar, Polar):
+            raise refusal(f"{shown(polar)} as a steady polar", "a Polar")
         a, a0 = polar.alpha, polar.zero_lift[..., None]
         far = (a - a0).abs() > NEAR
         a_away = torch.where(far, a - a0, 1.0)

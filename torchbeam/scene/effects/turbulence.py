@@ -10,10 +10,19 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, count, is_integer, listed, whole
+from ...core.arguments import boolean, choice, count, is_integer, listed, number, whole
 from ...core.functions_of_time import at_time
 from ...core.leaves import FunctionOfTime, leaf, option, with_values
-from ...core.validation import Value, as_tensor, common_dtype, finite, increasing, refusal
+from ...core.validation import (
+    Value,
+    as_tensor,
+    broadcast,
+    common_dtype,
+    finite,
+    increasing,
+    refusal,
+    shown,
+)
 from ...math.quaternions import cross
 from ...math.shapes import broadcast_shapes
 from .histories import _interval
@@ -77,13 +86,11 @@ def _seeds(name: str, value: Any) -> Any:
 
 
 def _band(name: str, value: Any) -> tuple[float, float]:
-    try:
-        low, high = (float(x) for x in value)
-    except (TypeError, ValueError):
-        low, high = 0.0, 0.0
-    if not 0 < low < high < math.inf:
-        raise refusal(f"{name} = {value}", "two rising wave numbers in 1/length")
-    return low, high
+    ends = listed(value)
+    ends = tuple(number(name, x) for x in ends)
+    if len(ends) != 2 or not 0 < ends[0] < ends[1] < math.inf:
+        raise refusal(f"{name} = {shown(value)}", "two rising wave numbers, by 1/length,", are=True)
+    return ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +133,7 @@ class Turbulence(WindField):
     length: Value = leaf(1, check=_three)
     up: Value = leaf(1, default=(0.0, 0.0, 1.0), kw_only=True, check=direction)
     spectrum: str = option(lambda n, v: choice(n, v, SPECTRA), default=VON_KARMAN, kw_only=True)
-    isotropic: bool = option(lambda n, v: bool(v), default=False, kw_only=True)
+    isotropic: bool = option(boolean, default=False, kw_only=True)
     harmonics: int = option(count, default=48, kw_only=True)
     band: tuple[float, float] = option(_band, default=(0.03, 300.0), kw_only=True)
     seed: int | Sequence[int] = option(_seeds, default=0, kw_only=True)
@@ -139,6 +146,9 @@ class Turbulence(WindField):
         super().__post_init__()
         if self.isotropic and self.spectrum == KAIMAL:
             raise refusal("Turbulence, isotropic, of a Kaimal spectrum", "von Karman's")
+        several = [] if is_integer(self.seed) else [(len(self.seed),)]
+        held = (self.mean, self.sigma, self.length, self.up)
+        broadcast("Turbulence's numbers", *(x.shape[:-1] for x in held), *several)
         e = direction("Turbulence's mean", self.mean)
         side = cross(self.up, e)
         size = side.square().sum(-1, keepdim=True).sqrt()
