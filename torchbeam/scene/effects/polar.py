@@ -43,8 +43,8 @@ class Polar(Tree):
 
     Examples:
         >>> flat = tb.Polar((-0.2, 0.0, 0.2), cl=(-1.2, 0.0, 1.2), cd=(0.02, 0.01, 0.02))
-        >>> flat(torch.tensor([0.1]))
-        (tensor([0.6000]), tensor([0.0119]), tensor([0.]))
+        >>> [round(x.item(), 4) for x in flat(torch.tensor([0.1]))]
+        [0.6, 0.0125, 0.0]
     """
 
     alpha: Tensor = leaf(lambda polar: 1 + polar.by_site)
@@ -78,7 +78,7 @@ class Polar(Tree):
         """cl, cd and cm (..., sites) at the angles (..., sites) rad; of several aerofoils each site
         its own.
         """
-        return looked_up(self.alpha, self._pieces, angle).unbind(-1)
+        return looked_up(self.alpha, self._pieces, angle.to(self.alpha)).unbind(-1)
 
     def at_sites(self, s: Tensor) -> Polar:
         """With a row for each of the sites with the arc lengths s (..., sites) m."""

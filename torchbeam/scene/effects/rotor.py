@@ -5,14 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import count
+from ...core.arguments import boolean, count, function
 from ...core.leaves import leaf
-from ...core.validation import Value, as_tensor, common_dtype, concrete, increasing, refusal
+from ...core.validation import (
+    Value,
+    as_tensor,
+    broadcast,
+    common_dtype,
+    concrete,
+    increasing,
+    positive,
+    refusal,
+)
 from ...math.quaternions import cross
 from .drag import norm
 from .polar import Polar
@@ -147,62 +156,93 @@ def blade_element_momentum(
         >>> foil = tb.Polar((-0.5, 0.5), cl=(-3.0, 3.0), cd=(0.01, 0.01))
         >>> r = torch.linspace(5.0, 49.0, 12)
         >>> rotor = tb.blade_element_momentum(
-        ...     10.0, 1.4, r, 60 / (5 + r), 0.8 / (1 + r / 6), foil, hub=2.0, tip=50.0
+        ...     10.0, 1.4, r, 5 - 0.07 * r, torch.atan(4.8 / r) - 0.1, foil, hub=2.0, tip=50.0
         ... )
         >>> 0.4 < rotor.torque * 1.4 / (0.5 * 1.225 * torch.pi * 50.0**2 * 10.0**3) < 16 / 27
         tensor(True)
     """
-    wind, spin, r, chord, twist, density, hub, tip = (
+    polar = _polar(polar)
+    losses, blades = boolean("losses", losses), count("blades", blades)
+    V, spin, r, chord, twist, density, hub, tip = (
         as_tensor(x, *common_dtype(wind, spin, r, chord, twist, density, hub, tip))
         for x in (wind, spin, r, chord, twist, density, hub, tip)
     )
     increasing("radii r", r)
+    for name, x in (("hub", hub), ("tip", tip)):
+        positive(name, x)
+        if x.ndim:
+            raise refusal(f"{name} of shape {tuple(x.shape)}", "one number")
+    for name, x in (("chord", chord), ("twist", twist)):
+        if x.shape[-1:] != r.shape:
+            raise refusal(f"{name} of shape {tuple(x.shape)}", f"(..., {len(r)})")
     if concrete((r[0] < hub) | (r[-1] > tip)).any():
         raise refusal("radii r beyond hub and tip", "radii between them", were=True, are=True)
-    blades = count("blades", blades)
-    V, speed = wind[..., None], spin[..., None] * r
-    polar = polar.at_sites(r - hub) if hasattr(polar, "at_sites") else polar
-    solidity = blades * chord / (8 * math.pi * r)
-
-    def elements(phi: Tensor) -> Elements:
-        sin, cos = phi.sin(), phi.cos()
-        loss = torch.ones_like(phi)
-        if losses:
-            ends = (tip - r) / r, (r - hub) / hub
-            for end in ends:
-                decay = torch.exp(-blades / 2 * end / sin.abs())
-                loss = loss * torch.acos(decay.clamp(max=1 - 1e-12)) * (2 / math.pi)
-        angle = phi - twist
-        cl, cd, _ = polar(angle)
-        normal, tangential = cl * cos + cd * sin, cl * sin - cd * cos
-        k = solidity * normal / (loss * sin**2)
-        turned = solidity * tangential / (loss * sin * cos)
-        heavy = k > GLAUERT
-        k_heavy = torch.where(heavy, k, 1.0)
-        one, two, three = (
-            2 * loss * k_heavy - x
-            for x in (10 / 9 - loss, loss * (4 / 3 - loss), 25 / 9 - 2 * loss)
-        )
-        three = torch.where(three.abs() < 1e-9, 1e-9, three)
-        a = torch.where(heavy, (one - two.clamp(min=1e-12).sqrt()) / three, k / (1 + k))
-        swirl = turned / (1 - turned)
-        pressure = density[..., None] / 2 * chord * (
-            ((1 - a) * V) ** 2 + ((1 + swirl) * speed) ** 2
-        )  # fmt: skip
-        return Elements(a, swirl, phi, angle, loss, pressure * normal, pressure * tangential)
-
-    def residual(phi: Tensor) -> Tensor:
-        x = elements(phi)
-        return phi.sin() / (1 - x.axial) - V / speed * phi.cos() / (1 + x.swirl)
-
-    phi = _root(residual, torch.broadcast_tensors(V / speed, chord, twist)[0])
-    found = elements(phi)
+    V, spin, density = (x[..., None] for x in (V, spin, density))
+    ends = ((tip - r) / r, (r - hub) / hub) if losses else ()
+    annuli = _Annuli(V, spin * r, chord, twist, density, r, blades, ends, polar(r - hub))
+    broadcast("a rotor's numbers", *(x.shape[:-1] for x in (V, spin, chord, twist, density)))
+    elements = annuli.at(_root(annuli.residual, V / annuli.speed * chord * twist))
     thrust, torque = (
         blades * torch.trapezoid(_with_ends(x), torch.cat((hub[None], r, tip[None])), dim=-1)
-        for x in (found.normal, found.tangential * r)
+        for x in (elements.normal, elements.tangential * r)
     )
-    induction = Induction(r, found.axial * V, found.swirl * speed, axis=axis)
-    return RotorState(r, found, thrust, torque, induction)
+    induction = Induction(r, elements.axial * V, elements.swirl * annuli.speed, axis=axis)
+    return RotorState(r, elements, thrust, torque, induction)
+
+
+def _polar(polar: Any) -> Callable[[Tensor], Callable[[Tensor], Any]]:
+    """What gives the polar at lengths (n,) m from the hub on."""
+    if hasattr(polar, "at_sites"):
+        return polar.at_sites
+    polar = function("polar", polar, "angle")
+    return lambda s: polar
+
+
+class _Annuli(NamedTuple):
+    """Numbers (..., n) of the elements. ends: how far tip and hub are, over the smaller of both
+    radii; none without losses.
+    """
+
+    wind: Tensor
+    speed: Tensor
+    chord: Tensor
+    twist: Tensor
+    density: Tensor
+    r: Tensor
+    blades: int
+    ends: tuple[Tensor, ...]
+    polar: Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
+
+    def at(self, phi: Tensor) -> Elements:
+        """At inflow angles (..., n), by the momentum of their annuli."""
+        sin, cos, loss = phi.sin(), phi.cos(), torch.ones_like(phi)
+        for end in self.ends:
+            decay = torch.exp(-self.blades / 2 * end / sin.abs())
+            loss = loss * torch.acos(decay.clamp(max=1 - 1e-12)) * (2 / math.pi)
+        angle = phi - self.twist
+        cl, cd, _ = self.polar(angle)
+        normal, tangential = cl * cos + cd * sin, cl * sin - cd * cos
+        solidity = self.blades * self.chord / (8 * math.pi * self.r * loss * sin)
+        k, turned = solidity * normal / sin, solidity * tangential / cos
+        a, swirl = _axial(k, loss), turned / (1 - turned)
+        square = ((1 - a) * self.wind) ** 2 + ((1 + swirl) * self.speed) ** 2
+        pressure = self.density / 2 * self.chord * square
+        return Elements(a, swirl, phi, angle, loss, pressure * normal, pressure * tangential)
+
+    def residual(self, phi: Tensor) -> Tensor:
+        x = self.at(phi)
+        return phi.sin() / (1 - x.axial) - self.wind / self.speed * phi.cos() / (1 + x.swirl)
+
+
+def _axial(k: Tensor, loss: Tensor) -> Tensor:
+    """a by momentum, beyond `GLAUERT` by Buhl's line (Buhl 2005, equation 18)."""
+    heavy = k > GLAUERT
+    k_heavy = torch.where(heavy, k, 1.0)
+    one, two, three = (
+        2 * loss * k_heavy - x for x in (10 / 9 - loss, loss * (4 / 3 - loss), 25 / 9 - 2 * loss)
+    )
+    three = torch.where(three.abs() < 1e-9, 1e-9, three)
+    return torch.where(heavy, (one - two.clamp(min=1e-12).sqrt()) / three, k / (1 + k))
 
 
 def _root(residual: Callable[[Tensor], Tensor], like: Tensor) -> Tensor:

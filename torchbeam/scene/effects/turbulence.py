@@ -207,7 +207,7 @@ class Turbulence(WindField):
         return k[..., None] * n, cosine, sine
 
     def velocity(self, position: Tensor, t: Tensor) -> Tensor:
-        phase = position @ self._waves.mT - (self._rates * t)[..., None, :]
+        phase = position.to(self._waves) @ self._waves.mT - (self._rates * t)[..., None, :]
         return self.mean[..., None, :] + (phase.cos() @ self._cosine + phase.sin() @ self._sine)
 
 

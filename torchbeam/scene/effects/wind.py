@@ -81,6 +81,17 @@ class WindField(Tree):
 
     An effect takes it as `wind=` or `flow=`. Place and velocity are in inertial axes that coincide
     with frame a at t = 0, the place from the origin of frame a.
+
+    Examples:
+        >>> @dataclass(frozen=True)
+        ... class Vortex(extend.WindField):  # about the z axis
+        ...     spin: extend.Value = extend.leaf(0)  # rad/s
+        ...
+        ...     def velocity(self, position, t):
+        ...         x, y, z = position.unbind(-1)
+        ...         return self.spin[..., None, None] * torch.stack((-y, x, 0 * z), -1)
+        >>> Vortex(torch.tensor(2.0)).velocity(torch.tensor([[1.0, 0, 0]]), torch.tensor(0.0))
+        tensor([[-0., 2., 0.]])
     """
 
     def velocity(self, position: Tensor, t: Tensor) -> Tensor:
