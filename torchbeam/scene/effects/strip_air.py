@@ -35,14 +35,16 @@ from .load_point import (
 from .values import Input, Inputs, load_value, to_sites, value_at
 from .wind import in_frame
 
-# shares and rates (per semichord travelled) of the delayed parts of Wagner's function (Jones 1940)
-WAGNER = ((0.165, 0.0455), (0.335, 0.3))
+# shares and rates (per semichord travelled) of what is late of Wagner's function, by which lift
+# follows a section's motion (Jones 1940), and of Kuessner's, by which it follows a gust that the
+# section enters (Bisplinghoff, Ashley and Halfman 1955, section 5-7)
+LAGS = {"wagner": ((0.165, 0.0455), (0.335, 0.3)), "kussner": ((0.5, 0.13), (0.5, 1.0))}
 
 
 def _lags(name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
-    if value is None or (isinstance(value, str) and value == "wagner"):
-        return None if value is None else WAGNER
-    wanted = 'None, "wagner" or pairs (share, rate) of positive numbers'
+    if value is None or (isinstance(value, str) and value in LAGS):
+        return LAGS.get(value)
+    wanted = 'None, "wagner", "kussner" or pairs (share, rate) of positive numbers'
     try:
         pairs = tuple((float(share), float(rate)) for share, rate in value)
     except (TypeError, ValueError):
@@ -145,7 +147,8 @@ class StripAir(LoadEffect):
         polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
             at angles of attack (..., sites) rad, the moment about the quarter chord; in place of
             the lift slope. `Polar` is one, and `DynamicStall`, which has states of its own
-        lags: "wagner": two states at each node, A = (0.165, 0.335), B = (0.0455, 0.3); pairs
+        lags: "wagner": two states at each node, A = (0.165, 0.335), B = (0.0455, 0.3); "kussner":
+            A = (0.5, 0.5), B = (0.13, 1), for gusts that meet wings which hardly move; pairs
             (A_i, B_i) in their place, () = none, apparent mass alone. None = quasi-steady: Q = q,
             l = p' = 0
         density: (...) kg/m^3 of the air
