@@ -23,9 +23,12 @@ REFERENCE = {
         "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
         "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
-        "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag", "StripAir",
+        "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
+        "StripAir", "Polar", "DynamicStall", "blade_element_momentum", "Induction",
         "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
         "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
+    "wind": ("Wind", "What blows: the `wind` of StripAir and the `flow` of Drag.", (
+        "Wind", "Gust", "Turbulence", "WindTable")),
     "values": ("Values", "What may stand in place of a number.", (
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram",
         "SmoothHistory", "SmoothRotation")),
@@ -100,7 +103,7 @@ SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
-    "Vibration": ("campbell", "flutter", "rotor"),
+    "Vibration": ("campbell", "flutter", "gust", "rotor"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),

@@ -446,20 +446,22 @@ def test_what_a_structure_has_not(call):
 
 # public names that see no scene, or make parts of one
 OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body Box Capsule Contact
-Comparison Convergence Critical Cylinder Cylindrical Damping Description Design Distance Drag Energy
-Estimate FieldFit Fit Frame Gravity Hinge History Input LineLoad Load MassDamping Measurement
+Comparison Convergence Critical Cylinder Cylindrical Damping Description Design Distance Drag
+DynamicStall Energy
+Estimate FieldFit Fit Frame Gravity Gust Hinge History Induction Input LineLoad Load
+MassDamping Measurement
 MixedState Modes MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane
-PointLoad PointMass
+PointLoad PointMass Polar
 Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider
 SlowBaseline SlowPathWarning Smoothness SmoothHistory SmoothRotation SobolIndices Sphere Spring
 Stations Stats
 Stream StripAir Support Table Tendon
-TipLoad Tornado Universal View
-Weld
+TipLoad Tornado Turbulence Universal View
+Weld Wind WindTable
 laws modal_assurance plot pose_from_points rayleigh sensors"""
 # of functions of the user's own, as identify and monte_carlo; of other scenes, made by remesh
 FUNCTIONS = "identify_fields moment_derivatives monte_carlo_stream rare_event sobol_indices tornado"
-FUNCTIONS += " compare converge design KalmanFilter MovingHorizon Filtered"
+FUNCTIONS += " blade_element_momentum compare converge design KalmanFilter MovingHorizon Filtered"
 # of answers, whatever gave them; of joints, which one beam has not; a base
 READ = "plot.axes plot.bands plot.campbell plot.convergence plot.correlation plot.design plot.fit"
 READ += (

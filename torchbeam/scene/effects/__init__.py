@@ -17,6 +17,7 @@ from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
+from .dynamic_stall import DynamicStall
 from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
@@ -36,11 +37,14 @@ from .loads import LineLoad, PointLoad, TipLoad
 from .obstacle import Obstacle
 from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
+from .polar import Polar
+from .rotor import Induction, blade_element_momentum
 from .self_contact import SelfContact
 from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
 from .strip_air import StripAir
 from .tendon import Eyelet, Tendon
+from .turbulence import Turbulence, WindTable
 from .values import (
     Along,
     Input,
@@ -54,15 +58,20 @@ from .values import (
     inputs_over,
     value_at,
 )
+from .wind import Gust, Wind, WindField
 
 # fmt: off
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
-    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
+    "Damping", "Drag", "DynamicStall", "Effect", "Eyelet", "Gravity", "Gust", "History",
+    "Induction", "Input", "Inputs", "LineLoad",
     "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
-    "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
-    "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "changing",
+    "Plane", "PointLoad", "PointMass", "Polar", "Pose", "RootSpring",
+    "SelfContact", "SmoothHistory",
+    "SmoothRotation", "Sphere", "Spring", "StripAir", "Tendon", "TipLoad", "Turbulence",
+    "Wind", "WindField",
+    "WindTable", "blade_element_momentum", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
 # fmt: on

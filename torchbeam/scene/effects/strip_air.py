@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -14,9 +14,10 @@ from torch import Tensor
 from ...core.arguments import function as check_function
 from ...core.arguments import function_of
 from ...core.declared import real_numbers
-from ...core.functions_of_time import at_time, taken
+from ...core.functions_of_time import taken
 from ...core.leaves import Tree, is_function, leaf, option, with_values
 from ...core.validation import Value, refusal, shown
+from ...math.quaternions import skew
 from ..beam import Beam
 from .drag import norm
 from .load_point import (
@@ -31,8 +32,10 @@ from .load_point import (
     LoadPoint,
     Wrench,
     derivatives,
+    jacobians,
 )
 from .values import Input, Inputs, load_value, to_sites, value_at
+from .wind import in_frame
 
 # shares and rates (per semichord travelled) of what is late of Wagner's function, by which lift
 # follows a section's motion (Jones 1940), and of Kuessner's, by which it follows a gust that the
@@ -105,6 +108,13 @@ class Flow(NamedTuple):
     semichord: Tensor
     speed: Tensor
 
+    @property
+    def turn(self) -> Tensor:
+        """b p/V (..., sites), 0 in still air."""
+        moves = self.speed > 0
+        turn = self.semichord * self.pitch / torch.where(moves, self.speed, 1.0)
+        return torch.where(moves, turn, 0.0)[..., 0]
+
 
 @dataclass(frozen=True)
 class StripAir(LoadEffect):
@@ -145,8 +155,8 @@ class StripAir(LoadEffect):
             l = p' = 0
         density: (...) kg/m^3 of the air
         wind: m/s, in inertial axes that coincide with frame a at t = 0: (..., 3), a function of t,
-            an Input; function(position, t) -> (..., sites, 3), or an object whose `velocity` is
-            such. None = still air
+            an Input; function(position, t) -> (..., sites, 3), or `Wind`, `Gust`, `Turbulence`,
+            `WindTable` and their sums. None = still air
         on: name of a beam of a structure; None = all
 
     Wind that changes acts by its upwash alone: its own rate does not push. Work of the air is in
@@ -181,7 +191,12 @@ class StripAir(LoadEffect):
 
     @property
     def internal(self) -> int:
-        return len(self.lags or ())
+        return len(self.lags or ()) + self._stalls
+
+    @property
+    def _stalls(self) -> int:
+        """How many states the polar has, of dynamic stall."""
+        return getattr(self.polar, "internal", 0)
 
     @property
     def by_field(self) -> bool:
@@ -199,7 +214,14 @@ class StripAir(LoadEffect):
     @property
     def by_place(self) -> bool:
         """Whether a number differs along the beam."""
-        return any(callable(x) or x.shape[-1] > 1 for x in self._numbers().values())
+        several = any(callable(x) or x.shape[-1] > 1 for x in self._numbers().values())
+        return several or getattr(self.polar, "s", None) is not None
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        by_site = getattr(self.polar, "s", None) is not None
+        by_site = by_site or getattr(self.polar, "by_site", False)
+        return ("density", "wind") if by_site else ("density", "wind", "polar")
 
     def _numbers(self) -> dict[str, Any]:
         return dict(chord=self.chord, axis=self.axis, lift_slope=self.lift_slope)
@@ -216,7 +238,11 @@ class StripAir(LoadEffect):
             )
             for name, x in self._numbers().items()
         }
-        if self.wind is not None and not self.by_field:
+        if hasattr(self.polar, "at_sites"):
+            numbers["polar"] = self.polar.at_sites(s)
+        if hasattr(self.wind, "resolved"):
+            numbers["wind"] = self.wind.resolved(t, inputs, s)
+        elif self.wind is not None and not self.by_field:
             numbers["wind"] = value_at(self.wind, t, inputs, s)
         return with_values(self, **numbers)
 
@@ -225,27 +251,94 @@ class StripAir(LoadEffect):
         return self.at_sites(point.s, t, inputs, point.elements) or self
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        return self._placed(point, t, inputs)._wrench(point, t, inputs)
+        here = self._placed(point, t, inputs)
+        return _in_frame_a(here._section(here._motion(point, t, inputs), point), point.R)
 
-    def _wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """That of the section's law by the motion x that it reads, in section axes, where a turn s
+        of R and a change dv of the velocity give
+
+        d(air) = air x s - dv,    d(e . u) = (e x u) . s + e . du
+        """
+        here, R = self._placed(point, t, inputs), point.R
+        x = here._motion(point, t, inputs)
+        (by,) = jacobians(lambda x: here._section(x, point), x)
+        none = torch.zeros_like(by[..., :1])
+        local = {
+            ROTATION: by @ self._turned(point, x),
+            VELOCITY: -by[..., :3],
+            SPIN: torch.cat((by[..., 3:5], none), -1),
+        }
+        if self.lags is not None:
+            local[ACCELERATION] = torch.cat((none, none, by[..., 5:6]), -1)
+            local[ANGULAR_ACCELERATION] = torch.cat((by[..., 6:], none, none), -1)
+        if self.by_field:
+
+            def wind(place: Tensor) -> Tensor:
+                return here._wind_at(replace(point, position=place), t, inputs) + 0 * place
+
+            (slope,) = jacobians(wind, point.position.expand(*x.shape[:-1], 3))
+            local[POSITION] = by[..., :3] @ (R.mT @ slope @ R)
+        tangents = {}
+        for name, M in local.items():
+            M = M @ R.mT
+            tangents[name] = torch.cat(
+                (R[..., :, 1:] @ M[..., :2, :], R[..., :, :1] @ M[..., 2:, :]), -2
+            )
+        both = _in_frame_a(here._section(x, point), R)
+        turn = torch.cat([skew(w) for w in both], -2)
+        return tangents | {ROTATION: tangents[ROTATION] - turn}
+
+    def _motion(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """What the section's law reads, in section axes (..., sites, 5 or 7): velocity of the air
+        against the beam's axis, turning about x and y; with an apparent mass acceleration along z
+        and angular acceleration about x, absolute.
+        """
         air = self._air(point, t, inputs)
-        flow, a = self._flow(point, air), self._behind
+        numbers = [(u * point.R[..., :, k]).sum(-1, keepdim=True) for u, k in self._read(point)]
+        return torch.cat((air, *[x.expand(*air.shape[:-1], 1) for x in numbers]), -1)
+
+    def _turned(self, point: LoadPoint, motion: Tensor) -> Tensor:
+        """Derivative (..., sites, 5 or 7, 3) of the motion by a turn, section axes."""
+        rows = [skew(motion[..., :3])]
+        for u, k in self._read(point):
+            own = (point.R.mT @ u[..., None])[..., 0].expand(*motion.shape[:-1], 3)
+            rows.append(skew(own)[..., k : k + 1, :])
+        return torch.cat(rows, -2)
+
+    def _read(self, point: LoadPoint) -> list[tuple[Tensor, int]]:
+        """Vectors in frame a, and along which axis of the section they are read."""
+        pairs = [(point.spin, 0), (point.spin, 1)]
+        if self.lags is not None:
+            pairs += [(point.acceleration, 2), (point.angular_acceleration, 0)]
+        return [(torch.zeros_like(point.velocity) if u is None else u, k) for u, k in pairs]
+
+    def _section(self, motion: Tensor, point: LoadPoint) -> Tensor:
+        """(..., sites, 3) force along y and z and moment about x, per metre, by a motion."""
+        flow, a = self._flow(motion), self._behind
         U, _, p, b, _ = flow
-        suction, normal, moment = self._circulation(self._delayed(flow, point))
+        z = point.internal
+        z = z if z is None or point.dt is None else self._advanced(z, flow, point.dt)
+        suction, normal, moment = self._circulation(self._delayed(flow, z), z)
         apparent = math.pi * self.density[..., None, None] * b**2
         moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
         if self.lags is not None:
-            lift, turning = self._apparent(point, air, b, a)
+            lift, turning = self._apparent(motion, b, a)
             normal, moment = normal + apparent * lift, moment + apparent * (b * a * lift - turning)
-        x, y, z = (point.R[..., :, k] for k in range(3))
         side = self._side
-        return side * suction * y + normal * z, side * moment * x
+        return torch.cat(torch.broadcast_tensors(side * suction, normal, side * moment), -1)
 
     def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
-        """z' (..., sites, lags)."""
+        """z' (..., sites, internal)."""
         here = self._placed(point, t, inputs)
-        flow = here._flow(point, here._air(point, t, inputs))
-        return here._rates(z, flow) * (flow.upwash - z)
+        flow = here._flow(here._motion(point, t, inputs))
+        lags = z[..., : len(self.lags or ())]
+        rates = here._rates(lags, flow) * (flow.upwash - lags)
+        if not self._stalls:
+            return rates
+        stall, angle = z[..., lags.shape[-1] :], self._angle(self._delayed(flow, z))
+        stall = here.polar.rates(stall, angle, flow.turn) * flow.speed / flow.semichord
+        return torch.cat((rates, stall), -1)
 
     def rates_tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
         """Derivative (..., sites, lags, 3 or lags) of z' by names, as in `tangent`, and by z."""
@@ -255,26 +348,35 @@ class StripAir(LoadEffect):
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
         here = self._placed(point, t, inputs)
-        return here._advanced(z, here._flow(point, here._air(point, t, inputs)), dt)
-
-    def _delayed(self, flow: Flow, point: LoadPoint) -> Flow:
-        """As it acts; where nothing is known of internal states, after long."""
-        z = point.internal
-        if not self.internal or z is None:
-            return flow
-        z = z if point.dt is None else self._advanced(z, flow, point.dt)
-        shares = z.new_tensor([share for share, _ in self.lags])
-        late = (shares * z).sum(-1, keepdim=True)
-        return flow._replace(upwash=(1 - shares.sum()) * flow.upwash + late)
+        return here._advanced(z, here._flow(here._motion(point, t, inputs)), dt)
 
     def _advanced(self, z: Tensor, flow: Flow, dt: Tensor) -> Tensor:
         """z + dt/2 z', z' at mid step."""
-        h = dt[..., None, None] / 2 * self._rates(z, flow)
-        return (z + h * flow.upwash) / (1 + h)
+        half, lags = dt[..., None, None] / 2, z[..., : len(self.lags or ())]
+        h = half * self._rates(lags, flow)
+        lags = (lags + h * flow.upwash) / (1 + h)
+        if not self._stalls:
+            return lags
+        stall, angle = z[..., lags.shape[-1] :], self._angle(self._delayed(flow, lags))
+        half = (half * flow.speed / flow.semichord)[..., 0]
+        return torch.cat((lags, self.polar.advanced(stall, angle, flow.turn, half)), -1)
+
+    def _delayed(self, flow: Flow, z: Tensor | None) -> Flow:
+        """As it acts; where nothing is known of internal states, after long."""
+        if not self.lags or z is None:
+            return flow
+        shares = z.new_tensor([share for share, _ in self.lags])
+        lags = (shares * z[..., : len(self.lags)]).sum(-1, keepdim=True)
+        return flow._replace(upwash=(1 - shares.sum()) * flow.upwash + lags)
+
+    @staticmethod
+    def _angle(flow: Flow) -> Tensor:
+        """Angle of attack (..., sites) at three quarters of the chord."""
+        return torch.atan2(flow.upwash, flow.forward)[..., 0]
 
     def _rates(self, z: Tensor, flow: Flow) -> Tensor:
         """B_i V/b (..., sites, lags)."""
-        return z.new_tensor([rate for _, rate in self.lags]) * flow.speed / flow.semichord
+        return z.new_tensor([rate for _, rate in self.lags or ()]) * flow.speed / flow.semichord
 
     def _air(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """Velocity (..., sites, 3) m/s of the air against the beam's axis, section axes."""
@@ -287,19 +389,14 @@ class StripAir(LoadEffect):
         """(..., sites or 1, 3) m/s, frame a."""
         if not self.by_field:
             return point.from_inertial(value_at(self.wind, t, inputs, point.R))[..., None, :]
-        axes = None if point.axes is None else point.axes[..., None, :, :]
-        place = point.position
-        place = place if axes is None else (axes.mT @ place[..., None])[..., 0]
-        velocity = getattr(self.wind, "velocity", self.wind)
-        air = at_time(lambda now: taken("a wind's velocity", velocity(place, now), place, 3), t, 2)
-        return air if axes is None else (axes @ air[..., None])[..., 0]
+        return in_frame(getattr(self.wind, "velocity", self.wind), point, t)
 
-    def _flow(self, point: LoadPoint, air: Tensor) -> Flow:
+    def _flow(self, motion: Tensor) -> Flow:
         """Without delay."""
-        p = self._side * (point.spin * point.R[..., :, 0]).sum(-1, keepdim=True)
+        p = self._side * motion[..., 3:4]
         b = self.chord.abs()[..., None] / 2
-        q = air[..., 2:] + b * (0.5 - self._behind) * p
-        return Flow(-self._side * air[..., 1:2], q, p, b, norm(air[..., 1:]))
+        q = motion[..., 2:3] + b * (0.5 - self._behind) * p
+        return Flow(-self._side * motion[..., 1:2], q, p, b, norm(motion[..., 1:3]))
 
     @property
     def _side(self) -> Tensor:
@@ -311,33 +408,34 @@ class StripAir(LoadEffect):
         """a: semichords from mid-chord back to the beam's axis, (..., sites, 1)."""
         return 2 * self.axis[..., None] - 1
 
-    def _circulation(self, flow: Flow) -> tuple[Tensor, Tensor, Tensor]:
+    def _circulation(self, flow: Flow, z: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
         """Suction along y and normal force, per metre, and the moment about the quarter chord."""
         U, Q, p, b, _ = flow
         half, w = self.density[..., None, None] * b, Q - b / 2 * p
         if self.polar is None:
             slope = half * self.lift_slope[..., None]
             return slope * w**2, slope * U * Q, torch.zeros_like(Q)
-        speed = norm(torch.cat((U, Q), -1))
+        speed, angle = norm(torch.cat((U, Q), -1)), self._angle(flow)
+        stall = self._stalls and z is not None
+        of_polar = (
+            self.polar.dynamic(angle, z[..., -self._stalls :]) if stall else self.polar(angle)
+        )
         lift, drag, moment = (
-            half * speed * taken("a polar's coefficient", x, Q)[..., None]
-            for x in self.polar(torch.atan2(Q, U)[..., 0])
+            half * speed * taken("a polar's coefficient", x, Q)[..., None] for x in of_polar
         )
         return lift * w - drag * U, lift * U + drag * w, 2 * b * speed * moment
 
-    def _apparent(
-        self, point: LoadPoint, air: Tensor, b: Tensor, a: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def _apparent(self, motion: Tensor, b: Tensor, a: Tensor) -> tuple[Tensor, Tensor]:
         """w' - b a p' and b^2 p'/8: what the apparent mass pi rho b^2 pushes by, and turns by."""
-        R, still = point.R, torch.zeros_like(air[..., :1])
-        pitch, yaw = ((point.spin * R[..., :, k]).sum(-1, keepdim=True) for k in (0, 1))
-        rise, turn = (
-            still if x is None else (x * R[..., :, k]).sum(-1, keepdim=True)
-            for x, k in ((point.acceleration, 2), (point.angular_acceleration, 0))
-        )
+        along, ahead, _, pitch, yaw, rise, turn = motion.split(1, -1)
         turn = self._side * turn
-        w_rate = yaw * air[..., :1] - pitch * air[..., 1:2] - rise
-        return w_rate - b * a * turn, b**2 / 8 * turn
+        return yaw * along - pitch * ahead - rise - b * a * turn, b**2 / 8 * turn
+
+
+def _in_frame_a(wrench: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:
+    """Force and moment of what a section gives: force along y and z, moment about x."""
+    y, z, turning = wrench.split(1, -1)
+    return y * R[..., :, 1] + z * R[..., :, 2], turning * R[..., :, 0]
 
 
 def _axes_of(value: Any, axes: int) -> int | None:
