@@ -8,7 +8,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from studies.verification import wing
-from torchbeam.extend import LoadPoint
+from torchbeam.extend import LoadEffect, LoadPoint
 from torchbeam.extend import quaternions as quat
 
 LAGS = dict(wagner=((0.165, 0.0455), (0.335, 0.3)), kussner=((0.5, 0.13), (0.5, 1.0)))
@@ -88,6 +88,36 @@ def test_harmonic_motion(k):
         rate = load.rates(site, site.internal, still[0], {})[0]
         size = delayed.abs().amax().item() * omega
         assert_close(rate, at(1j * omega * delayed), rtol=0, atol=1e-6 * size)
+
+
+def shear(x, t):
+    return torch.sin(x) * 3 + torch.tensor([0.0, -5.0, 1.0])
+
+
+@pytest.mark.parametrize("wind", [None, (1.0, -8.0, 2.0), shear], ids=["still", "steady", "shear"])
+@pytest.mark.parametrize("lags", [None, "wagner"])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_tangent(lags, wind, side):
+    """As automatic differentiation has it, at three sites in four random motions; chord tapered."""
+    beam, draw = tb.Beam.straight(1.0, 2, SECTION), torch.Generator().manual_seed(0)
+    load = tb.StripAir(side * torch.tensor([0.5, 0.6, 0.7]), axis=0.35, lags=lags, wind=wind)
+    (load,) = tb.Scene(beam, [load]).effects
+
+    def random(*shape):
+        return torch.randn(4, 3, *shape, generator=draw)
+
+    vectors = "position velocity spin acceleration angular_acceleration".split()
+    site = LoadPoint(
+        quat.matrix(quat.normalize(random(4))), **{name: random(3) for name in vectors},
+        internal=random(2) if lags else None, s=torch.linspace(0, 1, 3), elements=2,
+        dt=torch.tensor(0.01),
+    )  # fmt: skip
+    t = torch.tensor(0.3)
+    wanted = LoadEffect.tangent(load, site, t, {})
+    found = load.tangent(site, t, {})
+    assert found.keys() == wanted.keys()
+    for name, value in wanted.items():
+        assert_close(found[name], value, rtol=0, atol=1e-12 * value.abs().max().item())
 
 
 @pytest.mark.parametrize("lags", LAGS)

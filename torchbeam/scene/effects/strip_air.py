@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -17,6 +17,7 @@ from ...core.declared import real_numbers
 from ...core.functions_of_time import taken
 from ...core.leaves import Tree, is_function, leaf, option, with_values
 from ...core.validation import Value, refusal, shown
+from ...math.quaternions import skew
 from ..beam import Beam
 from .drag import norm
 from .load_point import (
@@ -31,6 +32,7 @@ from .load_point import (
     LoadPoint,
     Wrench,
     derivatives,
+    jacobians,
 )
 from .values import Input, Inputs, load_value, to_sites, value_at
 from .wind import in_frame
@@ -249,11 +251,71 @@ class StripAir(LoadEffect):
         return self.at_sites(point.s, t, inputs, point.elements) or self
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        return self._placed(point, t, inputs)._wrench(point, t, inputs)
+        here = self._placed(point, t, inputs)
+        return _in_frame_a(here._section(here._motion(point, t, inputs), point), point.R)
 
-    def _wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
+    def tangent(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+        """That of the section's law by the motion x that it reads, in section axes, where a turn s
+        of R and a change dv of the velocity give
+
+        d(air) = air x s - dv,    d(e . u) = (e x u) . s + e . du
+        """
+        here, R = self._placed(point, t, inputs), point.R
+        x = here._motion(point, t, inputs)
+        (by,) = jacobians(lambda x: here._section(x, point), x)
+        none = torch.zeros_like(by[..., :1])
+        local = {
+            ROTATION: by @ self._turned(point, x),
+            VELOCITY: -by[..., :3],
+            SPIN: torch.cat((by[..., 3:5], none), -1),
+        }
+        if self.lags is not None:
+            local[ACCELERATION] = torch.cat((none, none, by[..., 5:6]), -1)
+            local[ANGULAR_ACCELERATION] = torch.cat((by[..., 6:], none, none), -1)
+        if self.by_field:
+
+            def wind(place: Tensor) -> Tensor:
+                return here._wind_at(replace(point, position=place), t, inputs) + 0 * place
+
+            (slope,) = jacobians(wind, point.position.expand(*x.shape[:-1], 3))
+            local[POSITION] = by[..., :3] @ (R.mT @ slope @ R)
+        tangents = {}
+        for name, M in local.items():
+            M = M @ R.mT
+            tangents[name] = torch.cat(
+                (R[..., :, 1:] @ M[..., :2, :], R[..., :, :1] @ M[..., 2:, :]), -2
+            )
+        both = _in_frame_a(here._section(x, point), R)
+        turn = torch.cat([skew(w) for w in both], -2)
+        return tangents | {ROTATION: tangents[ROTATION] - turn}
+
+    def _motion(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
+        """What the section's law reads, in section axes (..., sites, 5 or 7): velocity of the air
+        against the beam's axis, turning about x and y; with an apparent mass acceleration along z
+        and angular acceleration about x, absolute.
+        """
         air = self._air(point, t, inputs)
-        flow, a = self._flow(point, air), self._behind
+        numbers = [(u * point.R[..., :, k]).sum(-1, keepdim=True) for u, k in self._read(point)]
+        return torch.cat((air, *[x.expand(*air.shape[:-1], 1) for x in numbers]), -1)
+
+    def _turned(self, point: LoadPoint, motion: Tensor) -> Tensor:
+        """Derivative (..., sites, 5 or 7, 3) of the motion by a turn, section axes."""
+        rows = [skew(motion[..., :3])]
+        for u, k in self._read(point):
+            own = (point.R.mT @ u[..., None])[..., 0].expand(*motion.shape[:-1], 3)
+            rows.append(skew(own)[..., k : k + 1, :])
+        return torch.cat(rows, -2)
+
+    def _read(self, point: LoadPoint) -> list[tuple[Tensor, int]]:
+        """Vectors in frame a, and along which axis of the section they are read."""
+        pairs = [(point.spin, 0), (point.spin, 1)]
+        if self.lags is not None:
+            pairs += [(point.acceleration, 2), (point.angular_acceleration, 0)]
+        return [(torch.zeros_like(point.velocity) if u is None else u, k) for u, k in pairs]
+
+    def _section(self, motion: Tensor, point: LoadPoint) -> Tensor:
+        """(..., sites, 3) force along y and z and moment about x, per metre, by a motion."""
+        flow, a = self._flow(motion), self._behind
         U, _, p, b, _ = flow
         z = point.internal
         z = z if z is None or point.dt is None else self._advanced(z, flow, point.dt)
@@ -261,16 +323,15 @@ class StripAir(LoadEffect):
         apparent = math.pi * self.density[..., None, None] * b**2
         moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
         if self.lags is not None:
-            lift, turning = self._apparent(point, air, b, a)
+            lift, turning = self._apparent(motion, b, a)
             normal, moment = normal + apparent * lift, moment + apparent * (b * a * lift - turning)
-        x, y, z = (point.R[..., :, k] for k in range(3))
         side = self._side
-        return side * suction * y + normal * z, side * moment * x
+        return torch.cat(torch.broadcast_tensors(side * suction, normal, side * moment), -1)
 
     def rates(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs) -> Tensor:
         """z' (..., sites, internal)."""
         here = self._placed(point, t, inputs)
-        flow = here._flow(point, here._air(point, t, inputs))
+        flow = here._flow(here._motion(point, t, inputs))
         lags = z[..., : len(self.lags or ())]
         rates = here._rates(lags, flow) * (flow.upwash - lags)
         if not self._stalls:
@@ -287,7 +348,7 @@ class StripAir(LoadEffect):
     def advance(self, point: LoadPoint, z: Tensor, t: Tensor, inputs: Inputs, dt: Tensor) -> Tensor:
         """z at the middle of a step of dt (...) that starts with z; the motion as at its middle."""
         here = self._placed(point, t, inputs)
-        return here._advanced(z, here._flow(point, here._air(point, t, inputs)), dt)
+        return here._advanced(z, here._flow(here._motion(point, t, inputs)), dt)
 
     def _advanced(self, z: Tensor, flow: Flow, dt: Tensor) -> Tensor:
         """z + dt/2 z', z' at mid step."""
@@ -330,12 +391,12 @@ class StripAir(LoadEffect):
             return point.from_inertial(value_at(self.wind, t, inputs, point.R))[..., None, :]
         return in_frame(getattr(self.wind, "velocity", self.wind), point, t)
 
-    def _flow(self, point: LoadPoint, air: Tensor) -> Flow:
+    def _flow(self, motion: Tensor) -> Flow:
         """Without delay."""
-        p = self._side * (point.spin * point.R[..., :, 0]).sum(-1, keepdim=True)
+        p = self._side * motion[..., 3:4]
         b = self.chord.abs()[..., None] / 2
-        q = air[..., 2:] + b * (0.5 - self._behind) * p
-        return Flow(-self._side * air[..., 1:2], q, p, b, norm(air[..., 1:]))
+        q = motion[..., 2:3] + b * (0.5 - self._behind) * p
+        return Flow(-self._side * motion[..., 1:2], q, p, b, norm(motion[..., 1:3]))
 
     @property
     def _side(self) -> Tensor:
@@ -364,19 +425,17 @@ class StripAir(LoadEffect):
         )
         return lift * w - drag * U, lift * U + drag * w, 2 * b * speed * moment
 
-    def _apparent(
-        self, point: LoadPoint, air: Tensor, b: Tensor, a: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def _apparent(self, motion: Tensor, b: Tensor, a: Tensor) -> tuple[Tensor, Tensor]:
         """w' - b a p' and b^2 p'/8: what the apparent mass pi rho b^2 pushes by, and turns by."""
-        R, still = point.R, torch.zeros_like(air[..., :1])
-        pitch, yaw = ((point.spin * R[..., :, k]).sum(-1, keepdim=True) for k in (0, 1))
-        rise, turn = (
-            still if x is None else (x * R[..., :, k]).sum(-1, keepdim=True)
-            for x, k in ((point.acceleration, 2), (point.angular_acceleration, 0))
-        )
+        along, ahead, _, pitch, yaw, rise, turn = motion.split(1, -1)
         turn = self._side * turn
-        w_rate = yaw * air[..., :1] - pitch * air[..., 1:2] - rise
-        return w_rate - b * a * turn, b**2 / 8 * turn
+        return yaw * along - pitch * ahead - rise - b * a * turn, b**2 / 8 * turn
+
+
+def _in_frame_a(wrench: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:
+    """Force and moment of what a section gives: force along y and z, moment about x."""
+    y, z, turning = wrench.split(1, -1)
+    return y * R[..., :, 1] + z * R[..., :, 2], turning * R[..., :, 0]
 
 
 def _axes_of(value: Any, axes: int) -> int | None:
