@@ -100,6 +100,9 @@ class DynamicStall(Tree):
     def s(self) -> Tensor | None:
         return None if self.polar is None else self.polar.s
 
+    def __str__(self) -> str:
+        return f"DynamicStall of {self.polar}"
+
     def at_sites(self, s: Tensor) -> DynamicStall:
         """With a row for each of the sites with the arc lengths s (..., sites) m."""
         if self.s is None:

@@ -80,6 +80,10 @@ class Polar(Tree):
         """
         return looked_up(self.alpha, self._pieces, angle.to(self.alpha)).unbind(-1)
 
+    def __str__(self) -> str:
+        several = "" if self.s is None else f" at {len(self.s)} places"
+        return f"a Polar of {self.alpha.shape[-1]} angles{several}"
+
     def at_sites(self, s: Tensor) -> Polar:
         """With a row for each of the sites with the arc lengths s (..., sites) m."""
         if self.s is None:

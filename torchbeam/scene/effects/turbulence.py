@@ -207,6 +207,9 @@ class Turbulence(WindField):
         )
         return k[..., None] * n, cosine, sine
 
+    def __str__(self) -> str:
+        return f"Turbulence of {self.harmonics} harmonics"
+
     def velocity(self, position: Tensor, t: Tensor) -> Tensor:
         phase = position.to(self._waves) @ self._waves.mT - (self._rates * t)[..., None, :]
         return self.mean[..., None, :] + (phase.cos() @ self._cosine + phase.sin() @ self._sine)
@@ -284,6 +287,9 @@ class WindTable(WindField):
         return (
             with_values(self, _now=at_time(self._now, t, axes=4)) if callable(self._now) else self
         )
+
+    def __str__(self) -> str:
+        return f"a WindTable of {len(self.t)} instants"
 
     def velocity(self, position: Tensor, t: Tensor) -> Tensor:
         now = self._now(t) if callable(self._now) else self._now

@@ -104,6 +104,9 @@ class WindField(Tree):
         """
         return at_instant(self, t, inputs, like)
 
+    def __str__(self) -> str:
+        return self.called
+
     def __add__(self, other: Any) -> WindField:
         return WindSum(self, other) if isinstance(other, WindField) else NotImplemented
 
@@ -114,6 +117,9 @@ class WindSum(WindField):
 
     first: WindField = leaf(1)
     second: WindField = leaf(1)
+
+    def __str__(self) -> str:
+        return f"{self.first} + {self.second}"
 
     def velocity(self, position: Tensor, t: Tensor) -> Tensor:
         return self.first.velocity(position, t) + self.second.velocity(position, t)
