@@ -44,7 +44,7 @@ from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
 from .strip_air import StripAir
 from .tendon import Eyelet, Tendon
-from .turbulence import Turbulence, WindTable
+from .turbulence import Turbulence
 from .values import (
     Along,
     Input,
@@ -59,6 +59,7 @@ from .values import (
     value_at,
 )
 from .wind import Gust, Wind, WindField
+from .wind_table import WindTable
 
 # fmt: off
 __all__ = [
