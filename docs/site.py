@@ -103,7 +103,7 @@ SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
-    "Vibration": ("campbell", "flutter", "gust", "rotor"),
+    "Vibration": ("campbell", "flutter", "gust", "rotor", "wind_turbine"),
     "Motion": ("four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),

@@ -1,10 +1,10 @@
-"""A long flexible wing flies through a gust: how far it bends, with the lags of the wake and without.
+"""A long flexible wing flies through a gust: how far it bends, with lags of the wake and without.
 
 The wing of Patil, Hodges and Cesnik (2001): span 16 m, chord 1 m, at 20 km and 25 m/s, trimmed at 4
 degrees. A "1 - cosine" gust of 3 m/s and gradients of 4 to 64 chords (CS 25.341) travels toward it
 at the airspeed. Gradients are one batch. The root's bending moment over that of steady flight says
-what the gust asks for. Quasi-steady air asks for more in short gusts: it has the lift at once, which
-the wake lets grow over some chords. Run as a script, it also draws out/gust.png.
+what the gust asks for. Quasi-steady air asks for more in short gusts: it has the lift at once,
+which the wake lets grow over some chords. Run as a script, it also draws out/gust.png.
 """
 
 from pathlib import Path
@@ -39,7 +39,7 @@ moments, steady = bending("wagner")
 quasi, _ = bending(None)
 factor, quasi_factor = ((x / steady).amax(0) for x in (moments, quasi))
 CHECK = factor[2].item()
-EXPECTED, TOLERANCE = 1.347, 5e-3  # of the gust of 16 chords; 8 elements and half the step: the same
+EXPECTED, TOLERANCE = 1.347, 5e-3  # twice the elements and half the step give the same
 
 print(f"steady flight at {SPEED:.0f} m/s: root moment {steady:.0f} N m")
 print("gradient m   largest moment over steady, with lags   quasi-steady")

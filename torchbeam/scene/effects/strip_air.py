@@ -94,7 +94,7 @@ class StripAir(LoadEffect):
         lift_slope: c, 1/rad; likewise
         polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
             at angles of attack (..., sites) rad, the moment about the quarter chord; in place of
-            the lift slope
+            the lift slope. `Polar` is one, and `DynamicStall`, which has states of its own
         lags: "wagner": two states at each node, A = (0.165, 0.335), B = (0.0455, 0.3); "kussner":
             A = (0.5, 0.5), B = (0.13, 1), for gusts that meet wings which hardly move; pairs
             (A_i, B_i) in their place, () = none, apparent mass alone. None = quasi-steady: Q = q,
