@@ -1,5 +1,6 @@
 """Polars against SciPy's monotone cubics, Viterna's formulas, files, and NeuralFoil."""
 
+import copy
 import math
 
 import pytest
@@ -213,3 +214,33 @@ def test_gradients_by_a_table_that_a_wing_flies_on():
     (slope,) = torch.autograd.grad(rise(scale), scale)
     with torch.no_grad():
         assert_close(slope, (rise(scale + 1e-5) - rise(scale - 1e-5)) / 2e-5, rtol=1e-6, atol=0)
+
+
+def test_parts_of_a_structure_have_air_of_their_own():
+    """Two beams welded, the outer one tapered and of two aerofoils that stall, both in a gust: both
+    engines, and a copy of the scene.
+    """
+    few = slice(None, None, 4)
+    first, last = (tb.Polar(ALPHA[few], k * CL[few], CD[few], CM[few]) for k in (1.0, 1.3))
+    foils = tb.DynamicStall(tb.Polar.blended((0.0, 1.0), [first, last]))
+    wind = tb.Wind((0, -12.0, 1.0)) + tb.Gust((0, 0, 3.0), 0.5, speed=12.0)
+    air = [
+        tb.StripAir(tb.Table((0.0, 1.0), (0.25, 0.1)), polar=foils, wind=wind, on="outer"),
+        tb.StripAir(0.2, polar=first, wind=wind, on="inner"),
+    ]
+    parts = {
+        "inner": tb.Beam.straight(1.0, 1, STRIP),
+        "outer": tb.Beam.straight(1.0, 2, STRIP, root=(1.0, 0, 0)),
+    }
+    weld, held = tb.Weld(("inner", -1), ("outer", 0)), tb.Support(("inner", 0))
+    scene = tb.Scene(parts, air, joints=[weld], supports=[held])
+    eager, native, again = (
+        tb.simulate(made, T, step=0.02, engine=engine)["outer"].tip.position[-1]
+        for made, engine in (
+            (scene, "eager"),
+            (scene, "compiled"),
+            (copy.deepcopy(scene), "compiled"),
+        )
+    )
+    assert_close(eager, native, rtol=0, atol=1e-11)
+    assert_close(again, native, rtol=0, atol=0)

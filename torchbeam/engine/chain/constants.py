@@ -200,8 +200,7 @@ class Constants:
 
         def values() -> list[Tensor]:
             load = valued(self.model, act, t, inputs)
-            shared = [flattened(getattr(load, name)) for name in load.shared]
-            shared = {id(x) for part in shared for x, _ in part}
+            shared = {id(x) for x, _ in flattened([by_rows(load, True)[1]])}
             return [
                 x if id(x) in shared else self._of_all(k, x, axes) for x, axes in flattened(load)
             ]
