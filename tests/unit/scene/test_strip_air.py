@@ -417,3 +417,21 @@ def test_polar_of_a_flat_plate():
     assert_close(astern, 0.02 * pressure, rtol=2e-2, atol=0)
     turned = (held(moment=-0.05).tip.rotation - plain.tip.rotation)[2, 1]
     assert_close(turned, -0.05 * CHORD * pressure * 1.5 / 5e3, rtol=0.2, atol=0)
+
+
+def test_the_speed_of_flutter_differentiates():
+    """Goland's wing, 2 elements: by its chord, against central differences."""
+    beam = wing.goland(torch.tensor(100.0), 2).beam
+
+    def speed(chord):
+        load = tb.StripAir(chord, axis=wing.AXIS, wind=tb.Input("wind", 3))
+        return tb.critical_load(
+            tb.Scene(beam, [load]), 165.0, lowest=110.0, points=3, count=3, tolerance=1e-8,
+            inputs={"wind": (0, -1.0, 0)},
+        ).factor  # fmt: skip
+
+    chord = torch.tensor([wing.CHORD], requires_grad=True)
+    (slope,) = torch.autograd.grad(speed(chord), chord)
+    with torch.no_grad():
+        ends = [speed(chord + h) for h in (1e-3, -1e-3)]
+    assert_close(slope, ((ends[0] - ends[1]) / 2e-3)[None], rtol=2e-4, atol=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,12 +10,10 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from ...core.arguments import function as check_function
 from ...core.arguments import function_of
-from ...core.declared import real_numbers
 from ...core.functions_of_time import taken
 from ...core.leaves import Tree, is_function, leaf, option, with_values
-from ...core.validation import Value, refusal, shown
+from ...core.validation import Value
 from ...math.quaternions import skew
 from ..beam import Beam
 from .drag import norm
@@ -34,60 +31,9 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .values import Input, Inputs, load_value, to_sites, value_at
+from .strip_air_arguments import axes_of, chord_along, delays, numbers_along, of_place, wind_value
+from .values import Input, Inputs, to_sites, value_at
 from .wind import in_frame
-
-# shares and rates (per semichord travelled) of what is late of Wagner's function, by which lift
-# follows a section's motion (Jones 1940), and of Kuessner's, by which it follows a gust that the
-# section enters (Bisplinghoff, Ashley and Halfman 1955, section 5-7)
-LAGS = {"wagner": ((0.165, 0.0455), (0.335, 0.3)), "kussner": ((0.5, 0.13), (0.5, 1.0))}
-
-
-def _lags(name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
-    if value is None or (isinstance(value, str) and value in LAGS):
-        return LAGS.get(value)
-    wanted = 'None, "wagner", "kussner" or pairs (share, rate) of positive numbers'
-    try:
-        pairs = tuple((float(share), float(rate)) for share, rate in value)
-    except (TypeError, ValueError):
-        raise refusal(f"{name} = {shown(value)}", wanted) from None
-    if not all(share > 0 and 0 < rate < math.inf for share, rate in pairs) or (
-        sum(share for share, _ in pairs) > 1
-    ):
-        raise refusal(f"{name} = {shown(value)}", f"{wanted}, shares of 1 in all at most,")
-    return pairs
-
-
-def _along(name: str, value: Any) -> Any:
-    """Numbers for all (..., 1), for each element or for each node; or a function of s."""
-    if callable(value):
-        return check_function(name, value, "s")
-    value = real_numbers(name, value)
-    return value if value.ndim else value[None]
-
-
-def _chord(name: str, value: Any) -> Any:
-    value = _along(name, value)
-    if not callable(value) and not torch.as_tensor(value).all():
-        raise refusal(f"{name} of 0", "a chord other than 0")
-    return value
-
-
-def _wind(name: str, value: Any) -> Any:
-    if isinstance(value, Tree) and hasattr(value, "velocity"):
-        return value
-    if callable(value) and _of_place(value):
-        return check_function(name, value, "position", "t")
-    return load_value(name, value)
-
-
-def _of_place(function: Callable[..., Any]) -> bool:
-    """Whether a function takes two arguments, place and time."""
-    try:
-        inspect.signature(function).bind(None, None)
-    except (TypeError, ValueError):
-        return False
-    return True
 
 
 class Flow(NamedTuple):
@@ -171,19 +117,23 @@ class StripAir(LoadEffect):
         tensor(True)
     """
 
-    chord: Value | Callable[[Tensor], Tensor] = leaf(1, check=_chord)
-    axis: Value | Callable[[Tensor], Tensor] = leaf(1, default=0.25, kw_only=True, check=_along)
+    chord: Value | Callable[[Tensor], Tensor] = leaf(1, check=chord_along)
+    axis: Value | Callable[[Tensor], Tensor] = leaf(
+        1, default=0.25, kw_only=True, check=numbers_along
+    )
     lift_slope: Value | Callable[[Tensor], Tensor] = leaf(
-        1, default=2 * math.pi, kw_only=True, check=_along
+        1, default=2 * math.pi, kw_only=True, check=numbers_along
     )
     polar: Callable[[Tensor], Sequence[Tensor]] | None = leaf(
-        lambda air: _axes_of(air.polar, 0), default=None, kw_only=True, check=function_of("angle")
+        lambda air: axes_of(air.polar, 0), default=None, kw_only=True, check=function_of("angle")
     )
-    lags: str | Sequence[tuple[float, float]] | None = option(_lags, default="wagner", kw_only=True)
+    lags: str | Sequence[tuple[float, float]] | None = option(
+        delays, default="wagner", kw_only=True
+    )
     density: Value = leaf(0, default=1.225, kw_only=True, nonnegative=True)
     wind: Value | Input | Callable[..., Tensor] | None = leaf(
-        lambda air: 1 if air.wind is None or not air.by_field else _axes_of(air.wind, 0),
-        default=None, kw_only=True, check=_wind,
+        lambda air: 1 if air.wind is None or not air.by_field else axes_of(air.wind, 0),
+        default=None, kw_only=True, check=wind_value,
     )  # fmt: skip
     on: str | None = field(default=None, kw_only=True)
 
@@ -203,7 +153,7 @@ class StripAir(LoadEffect):
         """Whether the wind differs from place to place."""
         if isinstance(self.wind, Tree):
             return hasattr(self.wind, "velocity")
-        return is_function(self.wind) and _of_place(self.wind)
+        return is_function(self.wind) and of_place(self.wind)
 
     @property
     def depends(self) -> frozenset[str]:
@@ -436,8 +386,3 @@ def _in_frame_a(wrench: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:
     """Force and moment of what a section gives: force along y and z, moment about x."""
     y, z, turning = wrench.split(1, -1)
     return y * R[..., :, 1] + z * R[..., :, 2], turning * R[..., :, 0]
-
-
-def _axes_of(value: Any, axes: int) -> int | None:
-    """Own axes of a leaf that may be a function of the motion, which has none that are known."""
-    return None if callable(value) and not isinstance(value, Tree) else axes
