@@ -25,8 +25,11 @@ REFERENCE = {
         "Cylindrical", "Distance", "ElastoPlastic", "BoucWen", "Drive")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
+        "StripAir", "Polar", "DynamicStall", "blade_element_momentum", "Induction",
         "Damping", "Viscoelastic", "MassDamping", "rayleigh", "PointMass", "Spring",
         "RootSpring", "Contact", "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
+    "wind": ("Wind", "What blows: the `wind` of StripAir and the `flow` of Drag.", (
+        "Wind", "Gust", "Turbulence", "WindTable")),
     "values": ("Values", "What may stand in place of a number.", (
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram",
         "SmoothHistory", "SmoothRotation")),
@@ -112,6 +115,7 @@ GALLERY = {
                               "plastic_frame"),
     "Sections": ("composite_box",),
     "Vibration": ("campbell", "rotor", "ground_resonance", "read_blade"),
+    "Air": ("flutter", "gust", "wind_turbine"),
     "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),

@@ -156,6 +156,7 @@ EFFECTS: dict[type, tuple[tuple[str, ...], Callable[[Any, Parts], Any] | None]] 
     tb.Viscoelastic: ((), None),
     tb.MassDamping: (("alpha",), _user_mass_damping),
     tb.Drag: (("density",), _user_drag),
+    tb.StripAir: (("density",), None),
     tb.PointMass: (("mass", "inertia"), None),
     tb.Actuation: (("curvature", "strain"), None),
     tb.Spring: (("stiffness", "damping"), _user_spring),

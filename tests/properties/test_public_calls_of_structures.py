@@ -447,16 +447,18 @@ def test_what_a_structure_has_not(call):
 # public names that see no scene, or make parts of one
 OTHERS = """Accelerogram Actuation Advice Along Ball Beam BlockRate Body BoucWen Box Campbell
 Capsule Comparison Contact Convergence Critical CrossSection Cylinder Cylindrical Damping
-Description Design Distance Drag Drive ElastoPlastic Energy Estimate FieldFit Fit Frame Gravity
-Hinge History Input LineLoad Load MassDamping Material Measurement MixedState Modes
-MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane PointLoad PointMass Pose
-RareEvent RootMotion RootSpring Samples Scene Section SelfContact SensorFrame Slider SlowBaseline
-SlowPathWarning SmoothHistory SmoothRotation Smoothness SobolIndices Sphere Spring Stations Stats
-Stream Support Table Tendon TipLoad Tornado Universal View Viscoelastic Weld laws modal_assurance
-plot pose_from_points rayleigh sensors"""
+Description Design Distance Drag Drive DynamicStall ElastoPlastic Energy Estimate FieldFit Fit
+Frame Gravity Gust Hinge History Induction Input LineLoad Load MassDamping Material Measurement
+MixedState Modes MomentDerivatives PairedModes Parameter Path PerElement PerInterval Plane
+PointLoad PointMass Polar Pose RareEvent RootMotion RootSpring Samples Scene Section SelfContact
+SensorFrame Slider SlowBaseline SlowPathWarning SmoothHistory SmoothRotation Smoothness
+SobolIndices Sphere Spring Stations Stats Stream StripAir Support Table Tendon TipLoad Tornado
+Turbulence Universal View Viscoelastic Weld Wind WindTable laws modal_assurance plot
+pose_from_points rayleigh sensors"""
 # of functions of the user's own, as identify and monte_carlo; of other scenes, made by remesh
 FUNCTIONS = "identify_fields moment_derivatives monte_carlo_stream rare_event sobol_indices tornado"
-FUNCTIONS += " campbell compare converge design Filtered KalmanFilter MovingHorizon read"
+FUNCTIONS += " blade_element_momentum campbell compare converge design Filtered KalmanFilter"
+FUNCTIONS += " MovingHorizon read"
 # of answers, whatever gave them; of joints, which one beam has not; a base
 READ = "plot.axes plot.bands plot.campbell plot.convergence plot.correlation plot.cross_section"
 READ += (

@@ -23,7 +23,17 @@ from ..nodal.coordinates.selection import only_numbers
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import POSITION, Along, Effect, Input, Obstacle, PerElement
+from ..scene.effects import (
+    POSITION,
+    Along,
+    DynamicStall,
+    Effect,
+    Input,
+    Obstacle,
+    PerElement,
+    Polar,
+    WindField,
+)
 from ..scene.scene import Scene
 from ..scene.section import notes
 from ..scene.stations import Table
@@ -220,6 +230,8 @@ def _value(value: Any) -> str:
         return f"a Table of {value.s.shape[-1]} places"
     if isinstance(value, Obstacle):
         return f"{value.called}{', which moves' if functions(value) else ''}"
+    if isinstance(value, (WindField, Polar, DynamicStall)):
+        return str(value)
     if callable(value):
         return "a function"
     if hasattr(value, "shape"):

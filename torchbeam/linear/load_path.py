@@ -222,6 +222,13 @@ class LoadPath:
         """
         width = high - low
         below, above, beyond = (self.spectrum(x) for x in (low, high, high + width))
+        if self.damped:  # the motion that grows, where others may be nearer to growth
+            near = (below.eigenvalue - above.leading[..., None]).abs().argmin(-1, keepdim=True)
+            same = below.eigenvalue.gather(-1, near)[..., 0]
+            below = below._replace(
+                flutter=torch.where(kind == FLUTTER, same.real, below.flutter),
+                leading=torch.where(kind == FLUTTER, same, below.leading),
+            )
         a, b = (below, above) if self.damped else (above, beyond)
         start = low if self.damped else high
         share = torch.where(

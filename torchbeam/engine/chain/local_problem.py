@@ -34,6 +34,7 @@ from .chain_constants import (
     Trees,
     filled,
     flattened,
+    of_row,
 )
 from .own_batch import of_one_sample
 from .row_kinds import BetweenKind, ElementKind, EndKind, NodeKind, SupportKind
@@ -96,7 +97,7 @@ class LocalProblems:
     def internal(self) -> tuple[int, ...]:
         """How many internal states each of the loads has at a node."""
         return tuple(
-            (row or load).internal
+            of_row(row, load).internal
             for row, load in zip(
                 self.trees.node.now.loads, self.trees.common.now.loads, strict=True
             )
@@ -341,7 +342,7 @@ def far_fields(far: Tensor) -> Fields:
 
 def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) -> tuple[Any, ...]:
     """Loads of a node; see `Common`."""
-    return tuple(rows[k] or loads[k] for k in kind.acting)
+    return tuple(of_row(rows[k], loads[k]) for k in kind.acting)
 
 
 def _ends(fields: Fields, kind: BetweenKind, name: str) -> Tensor:
