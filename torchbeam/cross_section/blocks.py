@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..math.shapes import stacked
 from .mesh import grid, with_middles
 
 ALONG, REST, ACROSS = 4, 2, 2  # elements near an end of a wall, from there to its middle, and
@@ -32,8 +33,7 @@ def blocks(
         steps = [_steps(kind, length, thickness, fineness) for kind, length in parts]
         counts = torch.tensor([step.shape[-1] for step in steps])
         there = there.repeat_interleave(counts, axis)
-        lead = torch.broadcast_shapes(*(step.shape[:-1] for step in steps))
-        step = torch.cat([step.expand(*lead, -1) for step in steps], -1)
+        step = stacked(*steps, axis=-1)
         lines.append(with_middles(torch.nn.functional.pad(step.cumsum(-1), (1, 0))))
     cells, i, j = grid(there)
     y, z = (x[..., k.to(x.device)] for x, k in zip(lines, (i, j), strict=True))
@@ -57,8 +57,7 @@ def along(length: Tensor, thickness: Tensor, fineness: int) -> Tensor:
     reach = half * -torch.expm1(-REACH * thickness / half)
     rest = ((half - reach) / count)[..., None]
     near = _graded(reach, ALONG * fineness)
-    lead = torch.broadcast_shapes(near.shape[:-1], rest.shape[:-1])
-    steps = torch.cat((near.expand(*lead, -1), rest.expand(*lead, count)), -1)
+    steps = stacked(near, rest.expand(*rest.shape[:-1], count), axis=-1)
     return torch.cat((steps, steps.flip(-1)), -1)
 
 

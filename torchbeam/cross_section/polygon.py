@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import broadcast, refusal
+from ..math.shapes import stacked
 from .elements import plain
 from .material import Material
 from .mesh import Mesh, of_one_material
@@ -22,8 +23,8 @@ def polygon(corners: list[Tensor], material: Material, fineness: int) -> Mesh:
     The nodes of an edge keep their shares of it, and those within move as the harmonic map of the
     boundary does: a shape that is stretched or moved takes its mesh along.
     """
-    lead = broadcast("polygons", *(x.shape[:-2] for x in corners))
-    whole = torch.cat([x.expand(*lead, *x.shape[-2:]) for x in corners], -2)
+    broadcast("polygons", *(x.shape[:-2] for x in corners))
+    whole = stacked(*corners)
     joined = plain(whole).reshape(-1, *whole.shape[-2:])[0]
     parts = np.split(joined, np.cumsum([x.shape[-2] for x in corners])[:-1])
     area = abs(_area(parts[0])) - sum(abs(_area(x)) for x in parts[1:])

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from ..core.arguments import choice, instance, some
 from ..core.validation import as_tensor, axis_last, common_dtype, finite, positive, refusal, shown
+from ..math.shapes import stacked
 from .blocks import along
 from .elements import plain
 from .material import Material, turned
@@ -80,7 +81,8 @@ def thin_walled(walls: Sequence[Any], line: str, fineness: int) -> Mesh:
     for nodes, *_ in strips:
         counts.append(counts[-1] + nodes.shape[-2])
     nodes, stiffness, density, axes = (
-        _joined([strip[k] for strip in strips], own) for k, own in ((0, 2), (2, 3), (3, 1), (4, 3))
+        stacked(*(strip[k] for strip in strips), axis=axis)
+        for k, axis in ((0, -2), (2, -3), (3, -1), (4, -3))
     )
     cells = torch.cat([strip[1] + n for strip, n in zip(strips, counts, strict=False)])
     nodes, cells = _merged(nodes, cells)
@@ -246,7 +248,7 @@ def _strip(wall: Wall, fineness: int) -> tuple[Tensor, Tensor, Tensor, Tensor, T
         start = (step.cumsum(-1) - step)[..., None, None]
         lines.append(a[..., None, :, :] + start * (b - a)[..., None, :, :])
         numbers.append(step.shape[-1])
-    lattice = _joined([*lines, rows[-1][..., None, :, :]], 3)
+    lattice = stacked(*lines, rows[-1][..., None, :, :], axis=-3)
     across = _across(len(wall.thickness)) * fineness
     share = torch.linspace(0, 1, across + 1, dtype=lattice.dtype, device=lattice.device)[:-1, None]
     low, high = lattice[..., :-1, None, :], lattice[..., 1:, None, :]
@@ -256,7 +258,7 @@ def _strip(wall: Wall, fineness: int) -> tuple[Tensor, Tensor, Tensor, Tensor, T
     lattice = lattice[..., :-1, :, :] if wall.closed else lattice
     plies = len(wall.thickness)
     cells, *_ = grid(torch.ones(sum(numbers), plies * across, dtype=torch.bool), wall.closed)
-    tangent = _joined([t[..., None, :] for t in tangents], 2)
+    tangent = stacked(*(t[..., None, :] for t in tangents))
     i = torch.arange(len(numbers)).repeat_interleave(torch.tensor(numbers))
     i, j = torch.meshgrid(i, torch.arange(plies).repeat_interleave(across), indexing="ij")
     i, j = i.reshape(-1).to(lattice.device), j.reshape(-1).to(lattice.device)
@@ -282,12 +284,6 @@ def _steps(length: Tensor, thickness: Tensor, segments: int, fineness: int) -> T
         return along(length, thickness, fineness) / length[..., None]
     n = max(1, -(-ELEMENTS // segments)) * fineness
     return torch.full((n,), 1 / n, dtype=length.dtype, device=length.device)
-
-
-def _joined(parts: list[Tensor], own: int) -> Tensor:
-    """Tensors with `own` axes behind the batch's, one behind the other in the first of these."""
-    lead = torch.broadcast_shapes(*(x.shape[: x.ndim - own] for x in parts))
-    return torch.cat([x.expand(*lead, *x.shape[x.ndim - own :]) for x in parts], -own)
 
 
 def _merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:

@@ -28,6 +28,7 @@ from torch import Tensor
 
 from ..core.validation import refusal
 from ..math.quaternions import skew
+from ..math.shapes import broadcast_shapes
 from .elements import plain, rule
 from .mesh import Mesh
 from .sparse import Factors, solve
@@ -52,7 +53,7 @@ class Warping(NamedTuple):
 
 def solution(mesh: Mesh) -> Warping:
     """Compliance, mass and states of a mesh."""
-    lead = torch.broadcast_shapes(mesh.nodes.shape[:-2], mesh.stiffness.shape[:-3])
+    lead = broadcast_shapes(mesh.nodes.shape[:-2], mesh.stiffness.shape[:-3])
     if 0 in lead:
         raise refusal("a batch without a sample", "one or more", are=True)
     nodes, cells = mesh.nodes.expand(*lead, *mesh.nodes.shape[-2:]), mesh.cells

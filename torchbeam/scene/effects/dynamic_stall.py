@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ...core.leaves import Tree, branch, leaf, with_values
 from ...core.validation import Value, refusal, shown
+from ...math.shapes import broadcast_shapes
 from .polar import Polar, at_sites, looked_up, pieces_through
 from .wind import hats, positive
 
@@ -17,7 +18,6 @@ NEAR = math.radians(1.0)  # of the angle without lift: there the slope of lift i
 ATTACHED = math.radians(3.0)  # from it: there the arm of the lift is not asked for
 ARMS = 16  # parts of the degree of attachment in the table of arms
 LEAST = 1e-4  # of a degree of attachment, below which its root is replaced by a parabola
-CURVES = 5  # cl, cd, cm, degree of attachment, lift of the separated flow
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +194,7 @@ def _arms(a: Tensor, f: Tensor, arm: Tensor, a0: Tensor) -> Tensor:
     to the first at which f is 0.
     """
     rows = []
-    shape = torch.broadcast_shapes(f.shape, arm.shape)
+    shape = broadcast_shapes(f.shape, arm.shape)
     both = zip(f.expand(shape).reshape(-1, len(a)), arm.expand(shape).reshape(-1, len(a)),
                a0.expand(*shape[:-1], 1).reshape(-1), strict=True)  # fmt: skip
     parts = torch.linspace(0, 1, ARMS + 1, dtype=f.dtype, device=f.device)
