@@ -71,8 +71,8 @@ class Triangulation:
         middle = shares.mean(1)
         for k, at_corner in enumerate((shares[:, 0] == 0, shares[:, 1] == 1)):
             use = at_corner & ~((shares[:, 0] == 0) & (shares[:, 1] == 1))
-            own = (shares[:, 1] - shares[:, 0]) * length
-            shell = self.size * 2.0 ** np.round(np.log2(own / 2 / self.size))
+            piece = (shares[:, 1] - shares[:, 0]) * length
+            shell = self.size * 2.0 ** np.round(np.log2(piece / 2 / self.size))
             at = shares[:, 0] + shell / length if k == 0 else shares[:, 1] - shell / length
             middle = np.where(use, at, middle)
         return middle

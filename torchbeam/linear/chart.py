@@ -131,8 +131,8 @@ class Chart:
         """
         q, by_moves = self.place(state) if place is None else place
         rate = (by_moves @ self.velocity(state).flatten(-2)[..., None])[..., 0]
-        own = remembered(self.own)
-        lags = () if own is None else (remembered(state) - own,)
+        of_reference = remembered(self.own)
+        lags = () if of_reference is None else (remembered(state) - of_reference,)
         return stacked(q, rate, *lags, axis=-1)
 
     def moved(self, near: State, by: Tensor, place: Place | None = None) -> State:

@@ -142,13 +142,13 @@ def spinning_model(
     Z, moves = torch.cat((Z_y, Z_b), -1), torch.cat((Z_s + Z_y @ Y, Z_b), -1)
     eye = torch.eye(Z_b.shape[-1], dtype=M.dtype, device=M.device)
     B = block_diagonal(Y, eye.expand(*lead, *eye.shape))
-    own = torch.eye(B.shape[-1], dtype=B.dtype, device=B.device)
+    free_moves = torch.eye(B.shape[-1], dtype=B.dtype, device=B.device)
     if bearing.others:
-        own = _null_space(G_other @ moves)
-        B, moves = B @ own, moves @ own
+        free_moves = _null_space(G_other @ moves)
+        B, moves = B @ free_moves, moves @ free_moves
     M_g, D_g, K_g = (moves.mT @ A @ moves for A in (M, D, K))
     if bearing.damping is not None:
-        row = own[..., Y.shape[-1] - 1, None, :]
+        row = free_moves[..., Y.shape[-1] - 1, None, :]
         damper = bearing.damper(speed, problem.t)[..., None, None]
         D_g = D_g + damper * row.mT @ row
     return SpinningModel(
@@ -178,9 +178,9 @@ def _constraints(bearing: Bearing, G: Tensor) -> tuple[Tensor, Tensor]:
     """
     joint = bearing.model.joints.held.nonzero()[:, 0].tolist()
     joint += [-1] * (G.shape[-2] - len(joint))
-    own = [k for k, at in enumerate(joint) if at not in (bearing.joint, *bearing.others)]
+    within = [k for k, at in enumerate(joint) if at not in (bearing.joint, *bearing.others)]
     others = [k for k, at in enumerate(joint) if at in bearing.others]
-    return G[..., own, :], G[..., others, :]
+    return G[..., within, :], G[..., others, :]
 
 
 def _rigid(space: Spatial, lever: Tensor) -> Tensor:
@@ -266,10 +266,10 @@ def _generator(P: Tensor | None, Z: Tensor, size: Tensor, order: int) -> Tensor 
     """
     if P is None:
         return None
-    own = Z / size[..., None]
-    turned = P @ own
-    P, S, power = own.mT @ turned, torch.zeros_like(own.mT @ own), own.mT @ own
-    if bool(concrete((turned - own @ P).abs() > MET).any()):
+    Q = Z / size[..., None]
+    turned = P @ Q
+    P, S, power = Q.mT @ turned, torch.zeros_like(Q.mT @ Q), Q.mT @ Q
+    if bool(concrete((turned - Q @ P).abs() > MET).any()):
         return None
     for j in range(1, order):
         power = power @ P

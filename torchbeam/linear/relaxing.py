@@ -40,8 +40,8 @@ def with_arms(model: Model, B: Tensor, lags: Lags | None) -> Lags | None:
     L, H = (x.expand(*lead, *shape, x.shape[-1]).flatten(-4, -2) for x in (L, H))
     G = torch.diag_embed((-1 / tau[..., 0]).expand(*lead, *shape).flatten(-3))
     none = torch.zeros_like(H)
-    own = Lags(L.mT, G, H, none, none)
-    return own if lags is None else _both(lags, own)
+    of_arms = Lags(L.mT, G, H, none, none)
+    return of_arms if lags is None else _both(lags, of_arms)
 
 
 def _both(first: Lags, second: Lags) -> Lags:

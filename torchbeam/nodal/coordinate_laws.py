@@ -64,9 +64,9 @@ class CoordinateLaws(Tree):
 def coordinate_laws_of(joints: tuple[Any, ...], like: Tensor) -> CoordinateLaws | None:
     """Of the joints of a scene; None where none has one."""
     laws, there = [], []
-    own = [joint.hysteresis for joint in joints]
-    for kind in dict.fromkeys(type(law) for law in own if law is not None):
-        of_kind = [law if type(law) is kind else None for law in own]
+    hysteretic = [joint.hysteresis for joint in joints]
+    for kind in dict.fromkeys(type(law) for law in hysteretic if law is not None):
+        of_kind = [law if type(law) is kind else None for law in hysteretic]
         some = next(law for law in of_kind if law is not None)
         laws.append(_of_all(some, [some if law is None else law for law in of_kind]))
         there.append([float(law is not None) for law in of_kind])

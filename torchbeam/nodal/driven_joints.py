@@ -253,9 +253,9 @@ class DrivenJoints(Joints):
         step = self.driven(placed).step
         damper = self.laws.damper if self.laws.dissipative else None
         if self.own_laws is not None:
-            own = self.own_laws.damper(self._travel(step, motion))
-            own = None if own is None else self._coordinates * own[..., None]
-            damper = own if damper is None else damper if own is None else damper + own
+            more = self.own_laws.damper(self._travel(step, motion))
+            more = None if more is None else self._coordinates * more[..., None]
+            damper = more if damper is None else damper if more is None else damper + more
         if damper is not None:
             by = self.coordinate_by(placed.end, step.after) @ ends
             blocks = by.mT @ (damper[..., None] * by)  # (..., J, 2 w, 2 w)

@@ -126,9 +126,9 @@ class MaxwellArms(Tree):
         return torch.cat([strain] * self.count, -1)
 
 
-def arms_of(scene: Any, space: Any, own: Tensor | None) -> MaxwellArms | None:
-    """Of the elements of a scene; own (..., N or 1, 6): of their flexibilities, the section's own
-    part, the rest being that of bending across (linked interpolation), None = all.
+def arms_of(scene: Any, space: Any, section_share: Tensor | None) -> MaxwellArms | None:
+    """Of the elements of a scene; section_share (..., N or 1, 6): which part of their flexibilities
+    is the section's, the rest being that of bending across (linked interpolation), None = all.
 
     Raises ValueError for six rows on a coupled section, or on elements that taper.
     """
@@ -140,7 +140,7 @@ def arms_of(scene: Any, space: Any, own: Tensor | None) -> MaxwellArms | None:
             "Viscoelastic with a row for each strain was given for a section whose strains are "
             "coupled, or that tapers; one row of shares and times is wanted there"
         )
-    rows = [_rows(effect, own, scene.arms) for effect in effects]
+    rows = [_rows(effect, section_share, scene.arms) for effect in effects]
     if effects[0].on is None:
         shares, times = rows[0]
     else:
@@ -156,7 +156,7 @@ def arms_of(scene: Any, space: Any, own: Tensor | None) -> MaxwellArms | None:
     return MaxwellArms(shares, times)
 
 
-def _rows(effect: Any, own: Tensor | None, count: int) -> tuple[Tensor, Tensor]:
+def _rows(effect: Any, section_share: Tensor | None, count: int) -> tuple[Tensor, Tensor]:
     """Shares and times (..., N or 1, 6 or 1, m) of an effect, for so many arms: of those that it
     lacks the shares are zero.
     """
@@ -165,8 +165,8 @@ def _rows(effect: Any, own: Tensor | None, count: int) -> tuple[Tensor, Tensor]:
         if x.shape[-1] < count:
             x = pad(x, (0, count - x.shape[-1]), value=none)
         x = x[..., None, :, :] if effect.six else x[..., None, None, :]
-        if effect.six and own is not None:
+        if effect.six and section_share is not None:
             across = x[..., [0, 5, 4, 3, 4, 5], :]  # y and z of shear: bent about z and y
-            x = own[..., None] * x + (1 - own)[..., None] * across
+            x = section_share[..., None] * x + (1 - section_share)[..., None] * across
         values.append(x)
     return values[0], values[1]

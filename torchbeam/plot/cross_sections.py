@@ -69,9 +69,9 @@ def cross_section(
     return ax
 
 
-def _first(x: Tensor, own: int) -> Tensor:
+def _first(x: Tensor, axes: int) -> Tensor:
     """Numbers of the first sample."""
-    return x.detach().cpu().reshape(-1, *x.shape[x.ndim - own :])[0]
+    return x.detach().cpu().reshape(-1, *x.shape[x.ndim - axes :])[0]
 
 
 def _values(cross: Any, show: str, F: Value, M: Value, axes: str) -> Tensor:

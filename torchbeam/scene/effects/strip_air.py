@@ -252,8 +252,8 @@ class StripAir(LoadEffect):
         """Derivative (..., sites, 5 or 7, 3) of the motion by a turn, section axes."""
         rows = [skew(motion[..., :3])]
         for u, k in self._read(point):
-            own = (point.R.mT @ u[..., None])[..., 0].expand(*motion.shape[:-1], 3)
-            rows.append(skew(own)[..., k : k + 1, :])
+            local = (point.R.mT @ u[..., None])[..., 0].expand(*motion.shape[:-1], 3)
+            rows.append(skew(local)[..., k : k + 1, :])
         return torch.cat(rows, -2)
 
     def _read(self, point: LoadPoint) -> list[tuple[Tensor, int]]:
