@@ -264,11 +264,9 @@ class SteadyProblem(BalanceProblem):
         if not self.conditions.moving:
             return inertia
         tangent = external.tangent(model, self.nodes(x), self.conditions, self.motion_by(None))
-        return (
-            inertia
-            if isinstance(tangent, float)
-            else total(model.topology.diagonal(-raised * tangent), inertia)
-        )
+        if isinstance(tangent, float):
+            return inertia
+        return total(model.topology.diagonal(-raised * tangent), inertia)
 
     def node_balance(self, x: Configuration) -> tuple[Configuration, None, Tensor | float]:
         """The loads are less the inertia."""

@@ -26,13 +26,19 @@ from ..core.validation import concrete
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
-from ..scene.taper import residual_bending
 from .coordinates.spatial import Spatial
+from .element_compliance import (
+    REGULARISATION,
+    coupled,
+    element_compliance,
+    impossible,
+    regular_inverse,
+    section_share,
+    with_residual_bending,
+)
 from .maxwell_arms import MaxwellArms, arms_of
 
 STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
-# of the flexibility around it: a strain's least, in a tangent
-REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}
 
 
 @dataclass(frozen=True)
@@ -228,14 +234,14 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     section with an impossible strain.
     """
     beam, rigid = scene.beam, any(impossible(scene.beam))
-    compliance = _element_compliance(beam)
+    compliance = element_compliance(beam)
     S = _slim(compliance, beam, space)
-    if rigid or _coupled(beam):
+    if rigid or coupled(beam):
         resistance = _resistance(scene) if rigid else None
-        C = _slim(_regular_inverse(beam, compliance, resistance), beam, space)
+        C = _slim(regular_inverse(beam, compliance, resistance), beam, space)
     else:
         C = S.reciprocal()
-    arms = arms_of(scene, space, _own_flexibility(beam, compliance)) if scene.arms else None
+    arms = arms_of(scene, space, section_share(beam, compliance)) if scene.arms else None
     if scene.damping is None:
         return ElasticLaw(S, C, rigid, arms=arms)
     retardations = [_retardation(damping, beam, space) for damping in scene.dampings]
@@ -255,61 +261,8 @@ def times(matrix: Tensor, x: Tensor) -> Tensor:
     return matrix * x if matrix.shape[-1] == 1 else matrix @ x
 
 
-def impossible(beam: Beam) -> tuple[bool, ...]:
-    """Which of an element's strains are impossible. With linked interpolation, or a taper, an
-    element shears as well by bending.
-    """
-    extension, shear_y, shear_z, twist, bending_y, bending_z = beam.rigid
-    if beam.linked_interpolation or beam.taper is not None:
-        shear_y, shear_z = shear_y and bending_z, shear_z and bending_y
-    return extension, shear_y, shear_z, twist, bending_y, bending_z
-
-
-def _coupled(beam: Beam) -> bool:
-    """Whether an element's compliance has more than its diagonal."""
-    return beam.coupled or beam.taper is not None
-
-
-def _element_compliance(beam: Beam) -> Tensor:
-    """S (..., N or 1, 6, 6) that the ends of elements show."""
-    if beam.taper is None:
-        return _with_residual_bending(beam, beam.compliance)
-    return beam.compliance + beam.taper[..., int(beam.linked_interpolation), :, :]
-
-
-def _with_residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
-    """A flexibility (..., N or 1, 6, 6) of sections as that of elements: with linked interpolation
-    a force F also bends an element by M' = -e1 x F, which its ends show as shear (MacNeal 1978:
-    residual bending flexibility):
-
-        S_FF + h^2/12 ~e1^T S_MM ~e1
-    """
-    return (
-        flexibility + residual_bending(flexibility, beam.length)
-        if beam.linked_interpolation
-        else flexibility
-    )
-
-
-def _own_flexibility(beam: Beam, flexibility: Tensor) -> Tensor | None:
-    """(..., N or 1, 6): which part of an element's flexibilities is its section's; None = all."""
-    if not beam.linked_interpolation:
-        return None
-    own, whole = (x.diagonal(dim1=-2, dim2=-1) for x in (beam.compliance, flexibility))
-    return torch.where(whole > 0, own / torch.where(whole > 0, whole, 1.0), 1.0)
-
-
-def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice(None)) -> Tensor:
-    """The strain (..., n, 6) of sections in elements' middles with this one, less eigenstrain."""
-    if not beam.linked_interpolation and beam.taper is None:
-        return strain
-    S = _element_compliance(beam)
-    part = ((S - beam.compliance) @ _regular_inverse(beam, S))[..., elements, :, :]
-    return strain - (part @ strain[..., None])[..., 0]
-
-
 def _slim(matrix: Tensor, beam: Beam, space: Spatial) -> Tensor:
-    if _coupled(beam):
+    if coupled(beam):
         return space.project_section(matrix)
     return space.project_diagonal(matrix.diagonal(dim1=-2, dim2=-1))[..., None]
 
@@ -329,30 +282,6 @@ def _resistance(scene: Scene) -> Tensor | None:
     most = torch.stack(torch.broadcast_tensors(*found))
     most = torch.where(most.isfinite(), most, 0.0).amax(0)
     return torch.where(most > 0, most, 1.0)
-
-
-def _regular_inverse(beam: Beam, S: Tensor, resistance: Tensor | None = None) -> Tensor:
-    """S^-1; a strain that S makes impossible gets a flexibility that is small beside the others,
-    for the tangent only; where all are impossible, beside that of a `_resistance` to turns.
-    """
-    if not any(impossible(beam)):
-        return torch.linalg.inv(S)
-    rigid = torch.tensor(impossible(beam), device=S.device)
-    L = beam.length.sum(-1)[..., None, None]
-    # (..., 1, 6)
-    scale = torch.cat((L.expand(*L.shape[:-1], 3), torch.ones_like(L).expand(*L.shape[:-1], 3)), -1)
-    diagonal = S.diagonal(dim1=-2, dim2=-1)
-    # flexibility of a bending or twist, 1/(N m^2)
-    largest = (diagonal / scale**2).amax(-1, keepdim=True).detach()
-    if resistance is None:
-        alone = torch.ones_like(L)
-    else:
-        alone = (resistance[..., None, None] * L).reciprocal()
-    largest = torch.where(largest > 0, largest, alone.detach())
-    small = REGULARISATION[S.dtype] * largest * scale.detach() ** 2
-    return torch.linalg.inv(
-        S + torch.diag_embed(torch.where(rigid & (diagonal == 0), small, torch.zeros_like(small)))
-    )
 
 
 def _by_part(scene: Scene, retardations: list[Tensor], like: Tensor) -> Tensor:
@@ -392,13 +321,13 @@ def _retardation(damping: Damping, beam: Beam, space: Spatial) -> Tensor:
             "six-valued tau was given for a section with an impossible strain; one value is "
             "wanted there"
         )
-    if not (_coupled(beam) or beam.linked_interpolation):
+    if not (coupled(beam) or beam.linked_interpolation):
         return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[
             ..., None, :, None
         ]
-    S = beam.compliance if beam.taper is None else _element_compliance(beam)
+    S = beam.compliance if beam.taper is None else element_compliance(beam)
     retardation = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
     if not beam.linked_interpolation or beam.taper is not None:
         return space.project_section(retardation)
-    R = _with_residual_bending(beam, retardation @ S)
-    return _slim(R @ torch.linalg.inv(_with_residual_bending(beam, S)), beam, space)
+    R = with_residual_bending(beam, retardation @ S)
+    return _slim(R @ torch.linalg.inv(with_residual_bending(beam, S)), beam, space)

@@ -12,9 +12,9 @@ from ..core.arguments import is_integer
 from ..core.validation import Value, as_tensor, concrete, finite, refusal, shown
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
-from ..nodal.constitutive_law import without_residual_bending
 from ..nodal.coordinates.selection import coordinates
 from ..nodal.coordinates.spatial import Spatial
+from ..nodal.element_compliance import without_residual_bending
 from ..scene.beam import Beam
 from ..scene.scene import Scene
 from ..scene.stations import STATIONS
