@@ -10,9 +10,10 @@ from torch import Tensor
 
 from ...core.leaves import Tree, branch, leaf, with_values
 from ...core.validation import Value, refusal, shown
+from ...math.hat_functions import hats
 from ...math.shapes import broadcast_shapes
 from .polar import Polar, at_sites, looked_up, pieces_through
-from .wind import hats, positive
+from .wind import positive
 
 NEAR = math.radians(1.0)  # of the angle without lift: there the slope of lift is not asked for
 ATTACHED = math.radians(3.0)  # from it: there the arm of the lift is not asked for

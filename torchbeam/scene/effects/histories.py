@@ -43,10 +43,7 @@ class History(FunctionOfTime):
 
     def __call__(self, t: Tensor) -> Tensor:
         """(..., 3) at the instant t (0-dim)."""
-        k = _interval(self.t, t)
-        a, b = self.t.index_select(0, k)[0], self.t.index_select(0, k + 1)[0]
-        before, after = (self.values.index_select(-2, i)[..., 0, :] for i in (k, k + 1))
-        return before + ((t.to(self.t) - a) / (b - a)).clamp(0, 1) * (after - before)
+        return between_samples(self.t, self.values, t)
 
 
 @dataclass(frozen=True)
@@ -113,6 +110,16 @@ def _sampled(whose: str, t: Value, values: Value) -> tuple[Tensor, Tensor]:
             "wanted"
         )
     return t, finite(f"{whose} values", values)
+
+
+def between_samples(samples: Tensor, values: Tensor, t: Tensor, axis: int = -2) -> Tensor:
+    """Values at t (0-dim) of those at samples (n,), along `axis`: straight lines between them,
+    constant beyond.
+    """
+    k = _interval(samples, t)
+    a, b = samples.index_select(0, k)[0], samples.index_select(0, k + 1)[0]
+    before, after = (values.index_select(axis, i).select(axis, 0) for i in (k, k + 1))
+    return before + ((t.to(samples) - a) / (b - a)).clamp(0, 1) * (after - before)
 
 
 def _interval(samples: Tensor, t: Tensor) -> Tensor:

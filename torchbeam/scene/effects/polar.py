@@ -13,9 +13,9 @@ from torch import Tensor
 
 from ...core.leaves import Tree, leaf, with_values
 from ...core.validation import Value, as_tensor, common_dtype, finite, increasing, refusal
+from ...math.hat_functions import hats
 from ...math.shapes import broadcast_shapes
 from .polar_sources import from_network, read, up_to_half_a_turn
-from .wind import hats
 
 
 @dataclass(frozen=True, eq=False)

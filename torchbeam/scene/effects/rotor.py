@@ -22,10 +22,11 @@ from ...core.validation import (
     positive,
     refusal,
 )
+from ...math.hat_functions import hats
 from ...math.quaternions import cross
 from .drag import norm
 from .polar import Polar
-from .wind import WindField, along, direction, hats
+from .wind import WindField, along, direction
 
 HALVINGS = 60  # of the interval that an inflow angle lies in
 LEAST = 1e-6  # rad, of an inflow angle

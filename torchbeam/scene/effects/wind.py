@@ -58,13 +58,6 @@ def along(axis: Tensor, position: Tensor) -> Tensor:
     return (position * axis[..., None, :]).sum(-1)
 
 
-def hats(x: Tensor, places: Tensor) -> Tensor:
-    """Weights (..., n) of places (n,) at x (...), of which two beside each other are not 0."""
-    share = ((x[..., None] - places[:-1]) / places.diff()).clamp(0, 1)
-    one, none = torch.ones_like(share[..., :1]), torch.zeros_like(share[..., :1])
-    return torch.cat((one, share), -1) - torch.cat((share, none), -1)
-
-
 def in_frame(velocity: Callable[[Tensor, Tensor], Tensor], point: LoadPoint, t: Tensor) -> Tensor:
     """A wind's velocity (..., sites, 3) m/s, frame a, at a point; the function in inertial axes."""
     axes, place = point.axes, point.position

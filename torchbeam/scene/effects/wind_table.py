@@ -11,10 +11,11 @@ from torch import Tensor
 from ...core.functions_of_time import at_time
 from ...core.leaves import FunctionOfTime, leaf, with_values
 from ...core.validation import as_tensor, common_dtype, finite, increasing, refusal
+from ...math.hat_functions import hats
 from ...math.shapes import broadcast_shapes
-from .histories import _interval
+from .histories import between_samples
 from .values import Inputs
-from .wind import WindField, hats
+from .wind import WindField
 
 LOOKED_AT = 256  # places of a table up to which all are summed, so that native code can be made
 
@@ -29,10 +30,7 @@ class _Planes(FunctionOfTime):
     values: Tensor = leaf(5)
 
     def __call__(self, t: Tensor) -> Tensor:
-        k = _interval(self.t, t)
-        a, b = self.t.index_select(0, k)[0], self.t.index_select(0, k + 1)[0]
-        before, after = (self.values.index_select(-5, i)[..., 0, :, :, :, :] for i in (k, k + 1))
-        return before + ((t.to(self.t) - a) / (b - a)).clamp(0, 1) * (after - before)
+        return between_samples(self.t, self.values, t, axis=-5)
 
 
 @dataclass(frozen=True, eq=False)
