@@ -12,17 +12,16 @@ from torch.nn.functional import pad
 from ..core.arguments import function as check_function
 from ..core.validation import broadcast, concrete, refusal
 from ..core.warning import warn
+from ..math.element_shapes import gauss_points
 from ..math.shapes import broadcast_shapes
 from .section import Section
 from .stations import STATIONS, Middle, Stations, stacked
 from .taper import additions, inverse
 
-# Gauss-Legendre points and weights on [0, 1], exact to the seventh power
-POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
+POINTS = 4  # of Gauss, between corners: exact to the seventh power
 SHARP = 20.0  # times that a stiffness changes within an element: a height by 2.7
 # of the tip's flexibility: less in an element is of no account, as at the tip of a wind blade
 LEAST_SHARE = 0.03
-WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.17392742256872692)
 
 
 class ElementSections(NamedTuple):
@@ -110,14 +109,14 @@ def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor,
         shape = broadcast("stations and elements", inside.shape[:-1], ends.shape[:-1])
         ends = torch.cat([x.expand(*shape, x.shape[-1]) for x in (ends, inside)], -1)
         ends = ends.sort(-1).values
-    size, (points, weights) = ends.diff(dim=-1), (length.new_tensor(x) for x in (POINTS, WEIGHTS))
-    places = ends[..., :-1, None] + size[..., None] * points
+    size, (x, weights) = ends.diff(dim=-1), (part.to(length) for part in gauss_points(POINTS))
+    places = ends[..., :-1, None] + size[..., None] * (1 + x) / 2
     inner = length.cumsum(-1)[..., :-1].detach().expand(*size.shape[:-1], -1).contiguous()
     middle = (ends[..., :-1] + size / 2).detach().contiguous()
     element = torch.searchsorted(inner, middle, right=True)
     share = size / length.expand(*size.shape[:-1], -1).gather(-1, element)
-    shares = (share[..., None] * weights).flatten(-2)
-    return places.flatten(-2), shares, element.repeat_interleave(len(POINTS), -1)
+    shares = (share[..., None] * weights / 2).flatten(-2)
+    return places.flatten(-2), shares, element.repeat_interleave(POINTS, -1)
 
 
 def _warn_of_sharp_tapers(

@@ -54,7 +54,8 @@ def test_six_equal_rows_are_one():
         ends = []
         for shares in ((0.1, 0.2), SIX):
             scene = tb.Scene(BEAM, [tb.Viscoelastic(shares, (0.1, 1.0)), push], plane=plane)
-            ends.append(tb.simulate(scene, (0.0, 0.1, 0.2)).state[-1])
+            run = tb.simulate(scene, (0.0, 0.1, 0.2), step=0.05, engine="eager")
+            ends.append(run.state[-1])
         assert (ends[0].position - ends[1].position).abs().max() < 1e-13
         assert ends[0].inelastic.shape == (2, 12)
         assert (ends[0].inelastic - ends[1].inelastic).abs().max() < 1e-13

@@ -13,18 +13,13 @@ from torch import Tensor
 from ...core.arguments import boolean, choice, count, is_integer, listed, number, whole
 from ...core.leaves import leaf, option
 from ...core.validation import Value, broadcast, refusal, shown
+from ...math.element_shapes import gauss_points
 from ...math.quaternions import cross
 from .wind import WindField, direction, positive, vector
 
 VON_KARMAN, KAIMAL = SPECTRA = ("von-karman", "kaimal")
 A = 1.339  # von Karman's, of the scale
-# places and weights on [-1, 1]
-GAUSS = (
-    (-0.8611363115940526, 0.3478548451374538),
-    (-0.3399810435848563, 0.6521451548625461),
-    (0.3399810435848563, 0.6521451548625461),
-    (0.8611363115940526, 0.3478548451374538),
-)
+POINTS = 4  # of Gauss, in each band
 
 
 def spectrum(name: str, k: Tensor, sigma: Tensor, length: Tensor) -> Tensor:
@@ -142,8 +137,7 @@ class Turbulence(WindField):
         if (size < 1e-6).any():
             raise refusal("Turbulence with a mean wind along up", "one across it")
         axes = torch.stack(torch.broadcast_tensors(e, side / size, cross(e, side / size)), -2)
-        make = self._isotropic if self.isotropic else self._along
-        waves, cosine, sine = make(axes)
+        waves, cosine, sine = self._isotropic() if self.isotropic else self._along(axes)
         rates = (waves * self.mean[..., None, :]).sum(-1)
         vars(self).update(_waves=waves, _rates=rates, _cosine=cosine, _sine=sine)
 
@@ -153,7 +147,7 @@ class Turbulence(WindField):
         ends = torch.linspace(*map(math.log, self.band), self.harmonics + 1, dtype=L.dtype)
         middle, half = (ends[1:] + ends[:-1]) / 2, (ends[1:] - ends[:-1]) / 2
         total = 0.0
-        for place, weight in GAUSS:
+        for place, weight in zip(*(x.tolist() for x in gauss_points(POINTS)), strict=True):
             k = torch.exp(middle + place * half) / L
             total = total + weight * (half * k)[..., None] * energies(k[..., None])
         return torch.exp(middle) / L, total
@@ -179,7 +173,7 @@ class Turbulence(WindField):
         waves = k[..., None] * axes[..., None, 0, :]
         return waves, size * phases.cos() @ axes, size * phases.sin() @ axes
 
-    def _isotropic(self, axes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _isotropic(self) -> tuple[Tensor, Tensor, Tensor]:
         """Waves in all directions, velocities across them."""
         sigma, L = self.sigma[..., None, :1], self.length[..., None, :1]
         k, squares = self._bands(lambda k: energy(k, sigma, L))
