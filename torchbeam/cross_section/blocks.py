@@ -11,6 +11,7 @@ from .mesh import grid, with_middles
 ALONG, REST, ACROSS = 4, 2, 2  # elements near an end of a wall, from there to its middle, and
 # from a face of a wall to its middle
 REACH = 2.0  # thicknesses: how far from its ends stresses of torsion vary along a wall
+MOST = 0.95  # of half a wall: something is left in its middle, however thick it is
 POWER = 2.0  # places grow from a corner as xi^POWER, because stresses do like r^(-1/3)
 
 
@@ -54,7 +55,7 @@ def _steps(kind: str, length: Tensor, thickness: Tensor, fineness: int) -> Tenso
 def along(length: Tensor, thickness: Tensor, fineness: int) -> Tensor:
     """(..., n) m, sizes of elements along a wall of a `length` (...) m, finer at its ends."""
     half, count = length / 2, REST * fineness
-    reach = half * -torch.expm1(-REACH * thickness / half)
+    reach = half * (-torch.expm1(-REACH * thickness / half)).clamp(max=MOST)
     rest = ((half - reach) / count)[..., None]
     near = _graded(reach, ALONG * fineness)
     steps = stacked(near, rest.expand(*rest.shape[:-1], count), axis=-1)

@@ -194,7 +194,8 @@ class CrossSection:
     ) -> CrossSection:  # fmt: skip
         """Polygon of corners (..., n, 2) m, y and z, with holes of the same kind.
 
-        The mesh is each sample's own; within it nodes follow the corners, which gives derivatives.
+        The mesh is that of the first sample, which takes it along with its corners: that gives
+        derivatives. So a sample alone differs from the same one in a batch by an error of the mesh.
 
         Raises:
             ValueError: for fewer than three corners, edges that cross, or a hole outside.

@@ -32,14 +32,12 @@ def polygon(corners: list[Tensor], material: Material, fineness: int) -> Mesh:
         [np.stack((np.arange(len(x)), np.roll(np.arange(len(x)), -1)), 1) + n
          for x, n in zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)]
     )  # fmt: skip
-    holes = np.concatenate(parts[1:]) if len(parts) > 1 else joined[:0]
-    if (
-        area <= 0
-        or crossing(joined, edges)
-        or not within(holes, joined, edges[: len(parts[0])]).all()
-    ):
+    part = np.repeat(np.arange(len(parts)), [len(x) for x in parts])  # of each corner
+    of_parts = [within(joined, joined, edges[part == k]) for k in range(len(parts))]
+    around = sum(x & (part != k) for k, x in enumerate(of_parts))  # how many parts around a corner
+    if area <= 0 or crossing(joined, edges) or (around[part > 0] != 1).any():
         raise refusal(
-            "a polygon whose edges cross or touch, or a hole outside of it",
+            "a polygon whose edges cross or touch, or a hole outside of it or in another",
             "edges that meet at corners alone",
             are=True,
         )

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -161,11 +162,12 @@ def _along(like: Tensor) -> Tensor:
 
 def _unknowns(nodes: Tensor, cells: Tensor) -> tuple[Tensor, int, list[int]]:
     """Numbers (e, 3 k) of the elements' unknowns, how many there are, and four that are held: three
-    of a node and the one across of a far node that no rigid motion of the section then leaves.
+    of a node and the one across of a far node, that no sample's rigid motion then leaves.
     """
-    known = plain(nodes).reshape(-1, *nodes.shape[-2:])[0]
-    arm = known - known[0]
-    far = int((arm**2).sum(-1).argmax())
-    across = 2 if abs(arm[far, 0]) > abs(arm[far, 1]) else 1
+    known = plain(nodes).reshape(-1, *nodes.shape[-2:])
+    arm = np.abs(known - known[:, :1])  # (samples, n, 2)
+    lever = (arm / arm.max((1, 2), keepdims=True)).min(0)  # of the sample that turns most freely
+    far, along = divmod(int(lever.argmax()), 2)
+    across = 2 - along
     dofs = (3 * cells[..., None] + torch.arange(3, device=cells.device)).flatten(-2)
     return dofs, 3 * nodes.shape[-2], [0, 1, 2, 3 * far + across]

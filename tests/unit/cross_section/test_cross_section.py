@@ -13,6 +13,7 @@ import torchbeam as tb
 
 PLAIN = dict(E=2.6, nu=0.3, rho=1.0)
 CORNERS = torch.tensor([[0.0, 0], [0.1, 0], [0.1, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]])
+SQUARE = torch.tensor([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
 
 KITE = torch.tensor([[0.0, 0], [0.1, 0], [0.12, 0.08], [0, 0.1]])
 
@@ -168,6 +169,27 @@ def test_ellipse():
     assert_close(J, torch.tensor(wanted), rtol=1e-4, atol=0)
 
 
+def test_samples_that_are_turned_against_each_other():
+    """A batch of one shape and of itself a quarter turn on: what holds the mesh against rigid
+    motions holds both. Here the far corner lies on an axis in each.
+    """
+    shape = torch.tensor([(0.0, 0), (1, 0), (0.3, 0.2)])
+    quarter = torch.tensor([(0.0, -1), (1, 0)])
+    turned = tb.Section.polygon(torch.stack((shape, shape @ quarter.T)), **PLAIN).compliance[1]
+    wanted = tb.Section.polygon(shape, **PLAIN).rotated(math.pi / 2).compliance
+    size = wanted.diagonal().sqrt()
+    assert ((turned - wanted) / size / size[:, None]).abs().max() < 1e-9
+
+
+def test_walls_so_thick_that_hardly_a_hole_is_left():
+    """A square tube tends to the square: J = 0.1406 a^4 (Saint-Venant), A = a^2, I = a^4/12. The
+    elements take 2e-3 of J.
+    """
+    stiffness = 1 / tb.Section.box(1.0, 1.0, 0.4999, 2.6, 0.3, 1.0).compliance.diagonal()
+    wanted = torch.tensor([2.6, 0.140577, 2.6 / 12, 2.6 / 12])  # G = 1
+    assert_close(stiffness[[0, 3, 4, 5]], wanted, rtol=2e-3, atol=0)
+
+
 def test_what_symmetry_excludes_is_absent():
     """A tube, a box and an I are uncoupled; channel and angle are about their centroid."""
     tube = tb.Section.tube(0.1, 0.08, **PLAIN)
@@ -208,6 +230,10 @@ def test_polygons():
         (lambda: tb.Section.tube(0.1, 0.05, **PLAIN, fineness=9), "up to 8"),
         (lambda: tb.Section.polygon([(0, 0), (1, 1), (1, 0), (0, 1)], **PLAIN), "cross"),
         (lambda: tb.Section.polygon(CORNERS, **PLAIN, holes=[CORNERS + 1]), "outside"),
+        (
+            lambda: tb.Section.polygon(SQUARE, **PLAIN, holes=[0.8 * SQUARE, 0.5 * SQUARE]),
+            "another",
+        ),
         (lambda: tb.Section.polygon([(0, 0), (1, 1)], **PLAIN), "three or more"),
         (lambda: tb.Section.laminate([(0.1, 0.0)], 1.0), "(thickness, angle, material)"),
         (lambda: tb.Section.laminate([(0.1, 0.0, 3)], 1.0), "Material"),
