@@ -19,6 +19,7 @@ from ..core.validation import (
     positive,
     refusal,
 )
+from ..math.block_matrices import block_diagonal
 
 ISOTROPIC = ("E", "nu")
 ORTHOTROPIC = ("E1", "E2", "E3", "G12", "G13", "G23", "nu12", "nu13", "nu23")
@@ -99,11 +100,9 @@ class Material(Tree):
             values = torch.broadcast_tensors(*(getattr(self, name) for name in ORTHOTROPIC))
             moduli, shear, ratios = values[:3], values[5:2:-1], values[6:]
         a, b, c = (-nu / E for nu, E in zip(ratios, (moduli[0], moduli[0], moduli[1]), strict=True))
-        d, o = [1 / x for x in moduli], torch.zeros_like(a)
+        d = [1 / x for x in moduli]
         normal = torch.stack((d[0], a, b, a, d[1], c, b, c, d[2]), -1).unflatten(-1, (3, 3))
-        zero = o[..., None, None].expand(normal.shape)
-        slide = torch.diag_embed(torch.stack([1 / x for x in shear], -1))
-        return torch.cat((torch.cat((normal, zero), -1), torch.cat((zero, slide), -1)), -2)
+        return block_diagonal(normal, torch.diag_embed(torch.stack([1 / x for x in shear], -1)))
 
     @property
     def stiffness(self) -> Tensor:

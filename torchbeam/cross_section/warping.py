@@ -28,6 +28,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import refusal
+from ..math.block_matrices import of_blocks
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from .elements import plain, rule
@@ -141,8 +142,7 @@ def mass_of(points: Tensor, mass: Tensor) -> Tensor:
     m = mass[..., None, None]
     eye = torch.eye(3, dtype=m.dtype, device=m.device)
     corner, inertia = (m * r).sum((-4, -3)), (m * (r @ r.mT)).sum((-4, -3))
-    top = torch.cat(((m * eye).sum((-4, -3)), -corner), -1)
-    return torch.cat((top, torch.cat((corner, inertia), -1)), -2)
+    return of_blocks((m * eye).sum((-4, -3)), -corner, corner, inertia)
 
 
 def _across(like: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..math.block_matrices import of_blocks
 from ..math.dense import inverse_unchecked
 from ..math.shapes import broadcast_shapes, stacked
 from ..nodal.coordinates.spatial import Spatial
@@ -116,7 +117,7 @@ def _of_each(blocks: Tensor) -> Tensor:
 
 def _triangular(A: Tensor, below: Tensor, states: int) -> Tensor:
     """[[A, 0, 0], [below, A, 0], [0, 0, I]], with so many rows of I."""
-    X = torch.cat((torch.cat((A, torch.zeros_like(A)), -1), torch.cat((below, A), -1)), -2)
+    X = of_blocks(A, torch.zeros_like(A), below, A)
     if not states:
         return X
     eye = torch.eye(states, dtype=A.dtype, device=A.device)

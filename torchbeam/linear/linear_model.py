@@ -15,6 +15,7 @@ from ..core.arguments import boolean, instance, step_size
 from ..core.arguments import count as check_count
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
+from ..math.block_matrices import of_blocks
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.quadratic_eigen import covering, lowest
 from ..nodal.coordinates.spatial import Spatial
@@ -333,7 +334,7 @@ class Linear:
 def _twice(X: Tensor) -> Tensor:
     """Block diagonal matrix diag(X, X)."""
     zero = torch.zeros_like(X)
-    return torch.cat((torch.cat((X, zero), -1), torch.cat((zero, X), -1)), -2)
+    return of_blocks(X, zero, zero, X)
 
 
 def _balance(A: Tensor) -> Tensor:

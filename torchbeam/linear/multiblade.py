@@ -35,6 +35,7 @@ from ..core.leaves import Tree, leaf, map_leaves
 from ..core.validation import concrete
 from ..equations.steady import Configuration
 from ..math import quaternions as quat
+from ..math.block_matrices import block_diagonal
 from ..math.shapes import broadcast_shapes
 from ..nodal.coordinates.spatial import Spatial
 from ..scene.parts import Part
@@ -164,12 +165,6 @@ def spinning_model(
         bladed,
         2 * max(1, (order - 1) // 2),
     )
-
-
-def block_diagonal(A: Tensor, B: Tensor) -> Tensor:
-    """[A, 0; 0, B] of (..., m, n) and (..., k, l)."""
-    (m, n), (k, l) = A.shape[-2:], B.shape[-2:]
-    return pad(A, (0, l, 0, k)) + pad(B, (n, 0, m, 0))
 
 
 def _constraints(bearing: Bearing, G: Tensor) -> tuple[Tensor, Tensor]:

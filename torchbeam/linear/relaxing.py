@@ -13,6 +13,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..math.block_matrices import block_diagonal
 from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import times
 from ..nodal.loads import Lags
@@ -51,7 +52,5 @@ def _both(first: Lags, second: Lags) -> Lags:
         Lags(*(x.expand(*lead, *x.shape[-2:]) for x in part)) for part in (first, second)
     )
     rates = (torch.cat(pair, -2) for pair in zip(first[2:], second[2:], strict=True))
-    a, b = first.G, second.G
-    upper = torch.cat((a, a.new_zeros(*lead, a.shape[-1], b.shape[-1])), -1)
-    lower = torch.cat((b.new_zeros(*lead, b.shape[-1], a.shape[-1]), b), -1)
-    return Lags(torch.cat((first.L, second.L), -1), torch.cat((upper, lower), -2), *rates)
+    G = block_diagonal(first.G, second.G)
+    return Lags(torch.cat((first.L, second.L), -1), G, *rates)

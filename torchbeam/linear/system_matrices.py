@@ -24,6 +24,7 @@ from torch import Tensor
 
 from ..core.leaves import wants_gradient
 from ..equations.steady import Configuration, Past, SteadyProblem
+from ..math.block_matrices import of_blocks
 from ..math.block_tridiagonal import BlockChain
 from ..math.quadratic_eigen import DENSE
 from ..math.shapes import broadcast_shapes
@@ -105,8 +106,7 @@ def augmented(
     shape = broadcast_shapes(*(x.shape[:-2] for x in (M, D, L)))
 
     def whole(*parts: Tensor) -> Tensor:
-        a, b, c, d = (x.expand(*shape, *x.shape[-2:]) for x in parts)
-        return torch.cat((torch.cat((a, b), -1), torch.cat((c, d), -1)), -2)
+        return of_blocks(*(x.expand(*shape, *x.shape[-2:]) for x in parts))
 
     none, eye = torch.zeros_like(L), torch.eye(L.shape[-1], dtype=L.dtype, device=L.device)
     return (

@@ -32,6 +32,7 @@ from ..core.leaves import Tree
 from ..core.validation import concrete, refusal
 from ..core.warning import warn
 from ..math import quaternions as quat
+from ..math.block_matrices import of_blocks
 from ..math.quaternions import skew
 from ..scene.beam import Beam
 from ..scene.effects import PointMass
@@ -344,5 +345,5 @@ def _turned(mass: Tensor, q: Tensor) -> Tensor:
     """6x6 mass in the axes that q maps into: diag(R, R) mass diag(R, R)^T."""
     R = quat.matrix(q)
     zero = torch.zeros_like(R)
-    both = torch.cat((torch.cat((R, zero), -1), torch.cat((zero, R), -1)), -2)
+    both = of_blocks(R, zero, zero, R)
     return both @ mass @ both.mT

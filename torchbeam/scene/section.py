@@ -26,6 +26,7 @@ from ..core.validation import (
     refusal,
     shown,
 )
+from ..math.block_matrices import of_blocks
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from .solved_shapes import SolvedShapes
@@ -142,7 +143,7 @@ class Section(SolvedShapes):
         zero, one, c = torch.zeros_like(angle), torch.ones_like(angle), torch.cos(angle)
         s = torch.sin(angle)
         R = torch.stack((one, zero, zero, zero, c, -s, zero, s, c), -1).unflatten(-1, (3, 3))
-        both = _blocks(R, torch.zeros_like(R), torch.zeros_like(R), R)
+        both = of_blocks(R, torch.zeros_like(R), torch.zeros_like(R), R)
         return Section(both @ self.compliance @ both.mT, both @ self.mass @ both.mT).declared(
             self.coupled or turned, self.offset, self.rotary
         )
@@ -175,7 +176,7 @@ class Section(SolvedShapes):
         r = skew(torch.stack(torch.broadcast_tensors(torch.zeros_like(y), y, z), -1))
         eye, zero = torch.eye(3, dtype=r.dtype, device=r.device).expand_as(r), torch.zeros_like(r)
         # about the old axis by about the new
-        stress, velocity = _blocks(eye, zero, r, eye), _blocks(eye, r, zero, eye)
+        stress, velocity = of_blocks(eye, zero, r, eye), of_blocks(eye, r, zero, eye)
         return Section(
             stress.mT @ self.compliance @ stress, velocity.mT @ self.mass @ velocity
         ).declared(self.coupled or moved, self.offset or moved, self.rotary or moved)
@@ -291,7 +292,7 @@ class Section(SolvedShapes):
             S, mass = (torch.diag_embed(x.diagonal(dim1=-2, dim2=-1)) for x in (S, mass))
         elif not offset:
             top, low = mass[..., :3, :3], mass[..., 3:, 3:]
-            mass = _blocks(top, torch.zeros_like(top), torch.zeros_like(top), low)
+            mass = of_blocks(top, torch.zeros_like(top), torch.zeros_like(top), low)
         return cls(S, mass).declared(coupled, offset, True)
 
     @classmethod
@@ -337,11 +338,6 @@ def _row(entries: list[Tensor]) -> Tensor:
 def _zeros(row: Tensor) -> tuple[bool, ...]:
     """Which entries of a row (..., n) are 0 in any sample."""
     return tuple((concrete(row) == 0).reshape(-1, row.shape[-1]).any(0).tolist())
-
-
-def _blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
-    """[[a, b], [c, d]]"""
-    return torch.cat((torch.cat((a, b), -1), torch.cat((c, d), -1)), -2)
 
 
 def _about_centre(mass: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ from torch import Tensor
 from ...core.arguments import boolean
 from ...core.leaves import leaf, option
 from ...core.validation import Value, as_tensor, common_dtype, finite, refusal
+from ...math.block_matrices import of_blocks
 from ...math.quaternions import skew
 from .effect import Effect
 from .load_point import ROTATION, SPIN, VELOCITY, LoadEffect, LoadPoint, Wrench
@@ -103,7 +104,7 @@ class MassDamping(LoadEffect):
     def _mass(self, point: LoadPoint) -> Tensor:
         """-alpha times the mass per length in frame a, (..., sites, 6, 6)."""
         zero = torch.zeros_like(point.R)
-        both = torch.cat((torch.cat((point.R, zero), -1), torch.cat((zero, point.R), -1)), -2)
+        both = of_blocks(point.R, zero, zero, point.R)
         return -self.alpha[..., None, None, None] * (both @ point.mass @ both.mT)
 
 

@@ -21,6 +21,7 @@ from ...core.validation import (
     refusal,
 )
 from ...core.validation import inertia as check_inertia
+from ...math.block_matrices import of_blocks
 from ...math.quaternions import skew
 from ..parts import Place
 from .effect import Effect
@@ -100,7 +101,7 @@ class PointMass(Effect):
         c = torch.zeros_like(eye) if self.offset is None else skew(self.offset)
         J = torch.zeros_like(eye) if self.inertia is None else self.inertia
         mI, mc, J = torch.broadcast_tensors(m * eye, m * c, J - m * (c @ c))
-        return torch.cat((torch.cat((mI, -mc), -1), torch.cat((mc, J), -1)), -2)
+        return of_blocks(mI, -mc, mc, J)
 
 
 def _check_inertia(J: Tensor, moved: Tensor) -> None:
