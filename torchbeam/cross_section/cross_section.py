@@ -24,7 +24,7 @@ from ..core.validation import (
 )
 from . import blocks
 from .material import Material, bond
-from .mesh import Mesh, of_one_material
+from .mesh import Mesh, of_one_material, points_of
 from .polygon import polygon
 from .tube import tube
 from .walls import laminate, thin_walled
@@ -160,9 +160,7 @@ class CrossSection:
         rho: Value, fineness: int = 1,
     ) -> CrossSection:  # fmt: skip
         """I of flanges along y and a web along z, of these thicknesses, about its centre."""
-        sizes = _lengths(width=width, height=height, flange=flange, web=web)
-        _more("web", sizes[3], "width", sizes[0])
-        _more("2 flange", 2 * sizes[2], "height", sizes[1])
+        sizes = _flanged(width, height, flange, web)
         return cls._plain(blocks.i_beam, sizes, E, nu, rho, fineness, coupled=False)
 
     @classmethod
@@ -171,9 +169,7 @@ class CrossSection:
         rho: Value, fineness: int = 1,
     ) -> CrossSection:  # fmt: skip
         """Channel: a web along z and two flanges from it along +y, about its centroid."""
-        sizes = _lengths(width=width, height=height, flange=flange, web=web)
-        _more("web", sizes[3], "width", sizes[0])
-        _more("2 flange", 2 * sizes[2], "height", sizes[1])
+        sizes = _flanged(width, height, flange, web)
         return cls._plain(blocks.channel, sizes, E, nu, rho, fineness)
 
     @classmethod
@@ -204,7 +200,8 @@ class CrossSection:
         material = Material(E=E, nu=nu, rho=rho)
         if not isinstance(holes, (list, tuple)):
             raise refusal(f"holes = {shown(holes)}", "a list of polygons")
-        corners = [_points("points", points), *(_points("a hole", hole) for hole in holes)]
+        corners = [points_of("points", points, least=3)]
+        corners += [points_of("a hole", hole, least=3) for hole in holes]
         return cls.of(polygon(corners, material, fineness))
 
     @classmethod
@@ -262,18 +259,16 @@ def _lengths(**values: Value) -> tuple[Tensor, ...]:
     return torch.broadcast_tensors(*(positive(name, some(name, x)) for name, x in tensors.items()))
 
 
+def _flanged(width: Value, height: Value, flange: Value, web: Value) -> tuple[Tensor, ...]:
+    """Sizes of a shape with two flanges and a web."""
+    sizes = _lengths(width=width, height=height, flange=flange, web=web)
+    _more("web", sizes[3], "width", sizes[0])
+    _more("2 flange", 2 * sizes[2], "height", sizes[1])
+    return sizes
+
+
 def _more(small: str, a: Tensor, large: str, b: Tensor) -> None:
     if not concrete(a < b).all():
         lengths = f"{small} of {concrete(a).max().item():g} m and {large} of "
         lengths += f"{concrete(b).min().item():g} m"
         raise refusal(lengths, f"{small} below {large}", were=True)
-
-
-def _points(name: str, value: Value) -> Tensor:
-    points = some(name, as_tensor(value, *common_dtype(value)))
-    points = axis_last(name, finite(name, points), 2)
-    if points.ndim < 2 or points.shape[-2] < 3:
-        raise refusal(
-            f"{name} of shape {tuple(points.shape)}", "(..., n, 2) of three or more corners"
-        )
-    return points

@@ -8,6 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.arguments import some
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, refusal
 from .material import Material
 
 
@@ -32,6 +34,15 @@ class Mesh:
     axes: Tensor
     coupled: bool = True
     offset: bool = True
+
+
+def points_of(name: str, value: Value, least: int) -> Tensor:
+    """(..., n, 2) m, y and z of `least` points or more, checked."""
+    points = some(name, as_tensor(value, *common_dtype(value)))
+    points = axis_last(name, finite(name, points), 2)
+    if points.ndim < 2 or points.shape[-2] < least:
+        raise refusal(f"{name} of shape {tuple(points.shape)}", f"(..., n, 2) of {least} or more")
+    return points
 
 
 def of_one_material(nodes: Tensor, cells: Tensor, material: Material, **symmetry: Any) -> Mesh:

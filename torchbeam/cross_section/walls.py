@@ -15,13 +15,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..core.arguments import choice, instance, some
-from ..core.validation import as_tensor, axis_last, common_dtype, finite, positive, refusal, shown
+from ..core.arguments import choice, instance
+from ..core.validation import as_tensor, common_dtype, finite, positive, refusal, shown
 from ..math.shapes import stacked
 from .blocks import along
 from .elements import plain
 from .material import Material, turned
-from .mesh import Mesh, grid, ply_axes, with_middles
+from .mesh import Mesh, grid, ply_axes, points_of, with_middles
 
 LINES = "middle", "first"
 LEAST_ACROSS = 4  # elements across a wall
@@ -102,10 +102,7 @@ def _wall(wall: Any, first: float) -> Wall:
     points, plies = wall
     if not (isinstance(plies, (list, tuple)) and plies):
         raise refusal(f"plies = {shown(plies)}", "a list of one or more")
-    points = some("points", as_tensor(points, *common_dtype(points)))
-    points = axis_last("points", finite("points", points), 2)
-    if points.ndim < 2 or points.shape[-2] < 2:
-        raise refusal(f"points of shape {tuple(points.shape)}", "(..., n, 2) of two or more")
+    points = points_of("points", points, least=2)
     if not all(isinstance(ply, (tuple, list)) and len(ply) == 3 for ply in plies):
         raise refusal(f"plies = {shown(plies)}", "(thickness, angle, material) of each")
     values = [[as_tensor(x, *common_dtype(x)) for x in ply[:2]] for ply in plies]

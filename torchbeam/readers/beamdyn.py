@@ -34,8 +34,7 @@ def read(text: Text, part: str, length: float | None) -> Blade | Damping:
     """
     if text.find("kp_total") is None:
         return damping(text) if part == "damping" else _straight(text, length)
-    if length is not None:
-        raise refusal(f"length = {length:g} with {text.path.name}, which says it,", "no length")
+    text.refuse_length(length)
     properties = Text(text.beside(text.value("BldFile")[0]))
     if part == "damping":
         return damping(properties)

@@ -38,8 +38,7 @@ def parts(text: Text) -> tuple[str, ...]:
 def read(text: Text, part: str, length: float | None) -> Blade:
     """The blade or the tower of a file with its `length` m, or of a primary file, which says it."""
     if text.find("TipRad") is not None:
-        if length is not None:
-            raise refusal(f"length = {length:g} with {text.path.name}, which says it,", "no length")
+        text.refuse_length(length)
         if part == "blade":
             name = text.value("BldFile(1)", "BldFile1")[0]
             length = text.number("TipRad") - text.number("HubRad")

@@ -39,6 +39,11 @@ class Text:
         line = min(line, max(len(self.lines) - 1, 0))
         return refusal(f"{given} in {self.path.name}, line {line + 1},", wanted, are=are)
 
+    def refuse_length(self, length: float | None, why: str = "which says it") -> None:
+        """Raises ValueError for a `length` m beside a file that needs none."""
+        if length is not None:
+            raise refusal(f"length = {length:g} with {self.path.name}, {why},", "no length")
+
     def find(self, *words: str, start: int = 0) -> int | None:
         """The number of the first line from `start` on that contains all words, None = none."""
         for k in range(start, len(self.lines)):

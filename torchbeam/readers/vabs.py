@@ -29,8 +29,7 @@ def parts(text: Text) -> tuple[str, ...]:
 
 def read(text: Text, part: str, length: float | None) -> Section:
     """The section, about the origin of the file's axes."""
-    if length is not None:
-        raise refusal(f"length = {length:g} with {text.path.name}, a section,", "no length")
+    text.refuse_length(length, "a section")
     name = text.path.name
     heading = next((h for h in MASS if text.find(h) is not None), None)
     if heading is None:

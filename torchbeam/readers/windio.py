@@ -34,8 +34,7 @@ def parts(text: Text) -> tuple[str, ...]:
 
 def read(text: Text, part: str, length: float | None) -> Blade | Damping:
     """`part` of the blade."""
-    if length is not None:
-        raise refusal(f"length = {length:g} with {text.path.name}, which says it,", "no length")
+    text.refuse_length(length)
     entry = _Entry(_loaded(text), text.path.name)["components"]["blade"]
     first = "elastic_properties_mb" in entry.value
     if first:

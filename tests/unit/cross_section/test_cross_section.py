@@ -234,7 +234,7 @@ def test_polygons():
             lambda: tb.Section.polygon(SQUARE, **PLAIN, holes=[0.8 * SQUARE, 0.5 * SQUARE]),
             "another",
         ),
-        (lambda: tb.Section.polygon([(0, 0), (1, 1)], **PLAIN), "three or more"),
+        (lambda: tb.Section.polygon([(0, 0), (1, 1)], **PLAIN), "3 or more"),
         (lambda: tb.Section.laminate([(0.1, 0.0)], 1.0), "(thickness, angle, material)"),
         (lambda: tb.Section.laminate([(0.1, 0.0, 3)], 1.0), "Material"),
         (lambda: walled([(0, 0), (1, 0), (1, 1)], [(1, 0), (2, 0)], [(1, 0), (1, -1)]), "meet"),
