@@ -58,8 +58,8 @@ def loop(air, motion, period, steps, turns=3):
     for k in range(turns * steps):
         point = pitched(*motion((k + 0.5) * period / steps), z)
         middle = air.advance(point, z, now, {}, dt)
-        flow = air._delayed(air._flow(air._motion(point, now, {})), middle)
-        rows.append(torch.stack(air.polar.dynamic(air._angle(flow), middle[..., -2:]), -1)[0])
+        flow = air._flow(air._motion(point, now, {})).delayed(air.lags, middle)
+        rows.append(torch.stack(air.polar.dynamic(flow.angle, middle[..., -2:]), -1)[0])
         z = 2 * middle - z
     return torch.stack(rows)
 
@@ -91,8 +91,8 @@ def test_attached_flow_has_wagners_lags_alone():
         t = (k + 0.5) * math.pi / 160
         point = pitched(0.2 * math.sin(8 * t), 1.6 * math.cos(8 * t))
         middle = plain.advance(point, z, now, {}, dt)
-        flow = plain._delayed(plain._flow(plain._motion(point, now, {})), middle)
-        assert_close(cl[k, 0], 6.0 * plain._angle(flow)[0], rtol=1e-6, atol=1e-9)
+        flow = plain._flow(plain._motion(point, now, {})).delayed(plain.lags, middle)
+        assert_close(cl[k, 0], 6.0 * flow.angle[0], rtol=1e-6, atol=1e-9)
         z = 2 * middle - z
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -31,35 +31,10 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .strip_air_arguments import axes_of, chord_along, delays, numbers_along, of_place, wind_value
+from .strip_air_arguments import axes_of, chord_along, numbers_along, of_place, wind_value
 from .values import Input, Inputs, to_sites, value_at
+from .wake import Flow, delays
 from .wind import in_frame
-
-
-class Flow(NamedTuple):
-    """Air that meets a section, in axes of the chord: y toward the leading edge, z that of the
-    section; each (..., sites, 1).
-
-    forward m/s: speed of the section along y, against the air
-    upwash m/s: of the air along z, at three quarters of the chord, turning included; as it acts,
-    delayed by the wake
-    pitch rad/s: rate of turning about x, nose up
-    semichord m
-    speed m/s: of the air in the section's plane, at the beam's axis
-    """
-
-    forward: Tensor
-    upwash: Tensor
-    pitch: Tensor
-    semichord: Tensor
-    speed: Tensor
-
-    @property
-    def turn(self) -> Tensor:
-        """b p/V (..., sites), 0 in still air."""
-        moves = self.speed > 0
-        turn = self.semichord * self.pitch / torch.where(moves, self.speed, 1.0)
-        return torch.where(moves, turn, 0.0)[..., 0]
 
 
 @dataclass(frozen=True)
@@ -269,7 +244,7 @@ class StripAir(LoadEffect):
         U, _, p, b, _ = flow
         z = point.internal
         z = z if z is None or point.dt is None else self._advanced(z, flow, point.dt)
-        suction, normal, moment = self._circulation(self._delayed(flow, z), z)
+        suction, normal, moment = self._circulation(flow.delayed(self.lags, z), z)
         apparent = math.pi * self.density[..., None, None] * b**2
         moment = moment + b * (a + 0.5) * normal - apparent * b / 2 * U * p
         if self.lags is not None:
@@ -283,10 +258,10 @@ class StripAir(LoadEffect):
         here = self._placed(point, t, inputs)
         flow = here._flow(here._motion(point, t, inputs))
         lags = z[..., : len(self.lags or ())]
-        rates = here._rates(lags, flow) * (flow.upwash - lags)
+        rates = flow.lag_rates(self.lags, lags) * (flow.upwash - lags)
         if not self._stalls:
             return rates
-        stall, angle = z[..., lags.shape[-1] :], self._angle(self._delayed(flow, z))
+        stall, angle = z[..., lags.shape[-1] :], flow.delayed(self.lags, z).angle
         stall = here.polar.rates(stall, angle, flow.turn) * flow.speed / flow.semichord
         return torch.cat((rates, stall), -1)
 
@@ -303,30 +278,13 @@ class StripAir(LoadEffect):
     def _advanced(self, z: Tensor, flow: Flow, dt: Tensor) -> Tensor:
         """z + dt/2 z', z' at mid step."""
         half, lags = dt[..., None, None] / 2, z[..., : len(self.lags or ())]
-        h = half * self._rates(lags, flow)
+        h = half * flow.lag_rates(self.lags, lags)
         lags = (lags + h * flow.upwash) / (1 + h)
         if not self._stalls:
             return lags
-        stall, angle = z[..., lags.shape[-1] :], self._angle(self._delayed(flow, lags))
+        stall, angle = z[..., lags.shape[-1] :], flow.delayed(self.lags, lags).angle
         half = (half * flow.speed / flow.semichord)[..., 0]
         return torch.cat((lags, self.polar.advanced(stall, angle, flow.turn, half)), -1)
-
-    def _delayed(self, flow: Flow, z: Tensor | None) -> Flow:
-        """As it acts; where nothing is known of internal states, after long."""
-        if not self.lags or z is None:
-            return flow
-        shares = z.new_tensor([share for share, _ in self.lags])
-        lags = (shares * z[..., : len(self.lags)]).sum(-1, keepdim=True)
-        return flow._replace(upwash=(1 - shares.sum()) * flow.upwash + lags)
-
-    @staticmethod
-    def _angle(flow: Flow) -> Tensor:
-        """Angle of attack (..., sites) at three quarters of the chord."""
-        return torch.atan2(flow.upwash, flow.forward)[..., 0]
-
-    def _rates(self, z: Tensor, flow: Flow) -> Tensor:
-        """B_i V/b (..., sites, lags)."""
-        return z.new_tensor([rate for _, rate in self.lags or ()]) * flow.speed / flow.semichord
 
     def _air(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
         """Velocity (..., sites, 3) m/s of the air against the beam's axis, section axes."""
@@ -365,7 +323,7 @@ class StripAir(LoadEffect):
         if self.polar is None:
             slope = half * self.lift_slope[..., None]
             return slope * w**2, slope * U * Q, torch.zeros_like(Q)
-        speed, angle = norm(torch.cat((U, Q), -1)), self._angle(flow)
+        speed, angle = norm(torch.cat((U, Q), -1)), flow.angle
         stall = self._stalls and z is not None
         of_polar = (
             self.polar.dynamic(angle, z[..., -self._stalls :]) if stall else self.polar(angle)

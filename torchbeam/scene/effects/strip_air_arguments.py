@@ -1,9 +1,8 @@
-"""Arguments of `StripAir`: lags, numbers along the beam, wind."""
+"""Arguments of `StripAir`: numbers along the beam, wind."""
 
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -12,29 +11,8 @@ import torch
 from ...core.arguments import function as check_function
 from ...core.declared import real_numbers
 from ...core.leaves import Tree
-from ...core.validation import refusal, shown
+from ...core.validation import refusal
 from .values import load_value
-
-# shares and rates (per semichord travelled) of what is late of Wagner's function, by which lift
-# follows a section's motion (Jones 1940), and of Kuessner's, by which it follows a gust that the
-# section enters (Bisplinghoff, Ashley and Halfman 1955, section 5-7)
-LAGS = {"wagner": ((0.165, 0.0455), (0.335, 0.3)), "kussner": ((0.5, 0.13), (0.5, 1.0))}
-
-
-def delays(name: str, value: Any) -> tuple[tuple[float, float], ...] | None:
-    """Lags as pairs of share and rate, checked."""
-    if value is None or (isinstance(value, str) and value in LAGS):
-        return LAGS.get(value)
-    wanted = 'None, "wagner", "kussner" or pairs (share, rate) of positive numbers'
-    try:
-        pairs = tuple((float(share), float(rate)) for share, rate in value)
-    except (TypeError, ValueError):
-        raise refusal(f"{name} = {shown(value)}", wanted) from None
-    if not all(share > 0 and 0 < rate < math.inf for share, rate in pairs) or (
-        sum(share for share, _ in pairs) > 1
-    ):
-        raise refusal(f"{name} = {shown(value)}", f"{wanted}, shares of 1 in all at most,")
-    return pairs
 
 
 def numbers_along(name: str, value: Any) -> Any:
