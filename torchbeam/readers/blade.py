@@ -40,11 +40,16 @@ def section_of(stiffness: list[list[float]], mass: list[list[float]]) -> Section
 
     Raises ValueError as `Section`, and for a singular stiffness.
     """
-    K = torch.tensor(stiffness, dtype=torch.float64)
-    compliance, failed = torch.linalg.inv_ex((K + K.mT) / 2)
+    compliance = inverse(torch.tensor(stiffness, dtype=torch.float64))
+    return Section(((compliance + compliance.mT) / 2).tolist(), mass)
+
+
+def inverse(stiffness: Tensor) -> Tensor:
+    """The compliance. Raises ValueError for a singular stiffness."""
+    compliance, failed = torch.linalg.inv_ex((stiffness + stiffness.mT) / 2)
     if failed:
         raise refusal("a stiffness that is singular", "a positive one")
-    return Section(((compliance + compliance.mT) / 2).tolist(), mass)
+    return compliance
 
 
 @dataclass

@@ -40,11 +40,13 @@ def read(text: Text, part: str, length: float | None) -> Blade:
     if text.find("TipRad") is not None:
         text.refuse_length(length)
         if part == "blade":
-            name = text.value("BldFile(1)", "BldFile1")[0]
-            length = text.number("TipRad") - text.number("HubRad")
+            name, ends = text.value("BldFile(1)", "BldFile1")[0], ("HubRad", "TipRad")
         else:
-            name = text.value("TwrFile")[0]
-            length = text.number("TowerHt") - text.number("TowerBsHt")
+            name, ends = text.value("TwrFile")[0], ("TowerBsHt", "TowerHt")
+        root, tip = (text.number(end) for end in ends)
+        if (length := tip - root) <= 0:
+            at = text.value(ends[1])[1]
+            raise text.refusal(at, f"{ends[1]} = {tip:g}", f"more than {ends[0]} = {root:g}")
         text = Text(text.beside(name))
     if length is None:
         wanted = "length=, from the hub's radius to the tip, or the primary file"

@@ -26,7 +26,7 @@ class Text:
         raw = self.path.read_bytes()
         if b"\0" in raw:
             raise refusal(f"{self.path.name}, which is no text,", "a text file")
-        self.whole = raw.decode("utf-8", errors="replace")
+        self.whole = raw.decode("utf-8-sig", errors="replace")  # a byte order mark is no text
         self.lines = self.whole.splitlines()
         self.line = 0
 

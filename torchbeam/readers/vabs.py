@@ -13,7 +13,7 @@ import torch
 
 from ..core.validation import refusal
 from ..scene.section import Section
-from .blade import section_of
+from .blade import inverse, section_of
 from .text import Text
 
 SIGNS = ("Timoshenko Stiffness Matrix", "Classical Stiffness Matrix", "Effective Mass Matrix")
@@ -44,7 +44,7 @@ def read(text: Text, part: str, length: float | None) -> Section:
         small = torch.tensor(_matrix(text, heading, 4), dtype=torch.float64)
         compliance = torch.zeros(6, 6, dtype=torch.float64)
         at = torch.tensor(CLASSICAL)
-        compliance[at[:, None], at] = torch.linalg.inv((small + small.mT) / 2)
+        compliance[at[:, None], at] = inverse(small)
         return Section(((compliance + compliance.mT) / 2).tolist(), mass)
     except ValueError as error:
         raise error if name in str(error) else ValueError(f"{name}: {error}") from None

@@ -36,7 +36,7 @@ def read(text: Text, part: str, length: float | None) -> Blade | Damping:
     """`part` of the blade."""
     text.refuse_length(length)
     entry = _Entry(_loaded(text), text.path.name)["components"]["blade"]
-    first = "elastic_properties_mb" in entry.value
+    first = "elastic_properties_mb" in entry
     if first:
         elastic = entry["elastic_properties_mb"]["six_x_six"]
         axis, twist, unit = elastic["reference_axis"], elastic["twist"], 1.0
@@ -73,8 +73,11 @@ class _Entry:
     def __init__(self, value: Any, place: str) -> None:
         self.value, self.place = value, place
 
+    def __contains__(self, name: str) -> bool:
+        return isinstance(self.value, dict) and name in self.value
+
     def __getitem__(self, name: str) -> _Entry:
-        if not isinstance(self.value, dict) or name not in self.value:
+        if name not in self:
             raise refusal(f"{self.place} without {name!r}", "an entry of that name")
         return _Entry(self.value[name], f"{self.place}: {name}")
 
@@ -116,7 +119,7 @@ def _sections_2(elastic: _Entry) -> tuple[Tensor, list]:
     stiffness, mass = elastic["stiffness_matrix"], elastic["inertia_matrix"]
 
     def column(of: _Entry, name: str, default: Tensor) -> Tensor:
-        numbers = of[name].numbers() if name in of.value else default
+        numbers = of[name].numbers() if name in of else default
         of.check_count(default, numbers)
         return numbers
 

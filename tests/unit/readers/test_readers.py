@@ -205,6 +205,20 @@ def test_elastodyn_primary_file(tmp_path):
         tb.read(tmp_path / "tower.dat")
 
 
+def test_a_tip_within_the_hub_is_refused(tmp_path):
+    """Radii that changed places would make a blade that points inwards."""
+    path = files.elastodyn(tmp_path, flap=FLAP, edge=EDGE, length=L)
+    with pytest.raises(ValueError, match="TipRad = 1 in .* line 3, .*more than HubRad = 1.5"):
+        tb.read(damaged(path, f"{L + 1.5} TipRad", "1.0 TipRad"))
+
+
+def test_a_byte_order_mark_is_no_part_of_the_first_value(tmp_path):
+    path = files.elastodyn(tmp_path, flap=FLAP, edge=EDGE, length=L)
+    lines = path.read_text().splitlines()[2:]  # TipRad is the first
+    path.write_text("\n".join(lines), encoding="utf-8-sig")
+    assert_close(tb.read(path).nodes[-1], torch.tensor((0.0, 0, L)))
+
+
 @pytest.mark.parametrize("write", [files.vabs, files.swiftcomp])
 def test_a_section_of_vabs_is_about_its_origin(tmp_path, write):
     """A unit square of density 1 whose corner is the origin: its mass as SwiftComp prints it (sgio,
@@ -228,6 +242,13 @@ def test_a_classical_section_does_not_shear(tmp_path):
     assert section.rigid == (False, True, True, False, False, False)
     assert_close(section.compliance[5, 5], torch.tensor(0.25))
     assert section.compliance[3, 4] < 0
+
+
+def test_a_singular_classical_stiffness_is_refused(tmp_path):
+    K, M = torch.ones(4, 4).tolist(), torch.eye(6).tolist()
+    path = files.vabs(tmp_path, K, M, "Classical Stiffness Matrix (1-extension)")
+    with pytest.raises(ValueError, match=f"{path.name}: a stiffness that is singular"):
+        tb.read(path)
 
 
 def damaged(path, old, new, count=1):
@@ -323,6 +344,14 @@ def test_a_damaged_windio_file_is_refused(tmp_path, old, new, sentence):
     path = tmp_path / "turbine.yaml"
     path.write_text(IEA.read_text().replace(old, new, 1))
     with pytest.raises(ValueError, match=sentence):
+        tb.read(path)
+
+
+def test_a_windio_blade_that_is_a_number_is_refused(tmp_path):
+    pytest.importorskip("yaml")
+    path = tmp_path / "turbine.yaml"
+    path.write_text("components: {blade: 3}")
+    with pytest.raises(ValueError, match="components: blade without 'structure'"):
         tb.read(path)
 
 
