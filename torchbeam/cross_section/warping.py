@@ -21,8 +21,6 @@ The section's compliance is the energy of the six states of unit force or moment
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -38,23 +36,8 @@ from .sparse import Factors, solve
 CLASSICAL = (0, 3, 4, 5)  # gamma1, kappa1, kappa2, kappa3 among the six
 
 
-class Warping(NamedTuple):
-    """What the solution of a mesh gives; columns [F1 F2 F3 M1 M2 M3] of unit force or moment.
-
-    compliance: (..., 6, 6). mass: (..., 6, 6). warping: (..., n, 3, 6) m. strain: (..., e, g, 6, 6)
-    at the points of integration. points: (..., e, g, 2) m. area: (..., e, g) m^2, their weights.
-    """
-
-    compliance: Tensor
-    mass: Tensor
-    warping: Tensor
-    strain: Tensor
-    points: Tensor
-    area: Tensor
-
-
-def solution(mesh: Mesh) -> Warping:
-    """Compliance, mass and states of a mesh."""
+def solution(mesh: Mesh) -> tuple[Tensor, ...]:
+    """Compliance, mass, warping, strain, points and area of a mesh, as `CrossSection` has them."""
     lead = broadcast_shapes(mesh.nodes.shape[:-2], mesh.stiffness.shape[:-3])
     if 0 in lead:
         raise refusal("a batch without a sample", "one or more", are=True)
@@ -114,10 +97,8 @@ def solution(mesh: Mesh) -> Warping:
     states = torch.cat((pure[..., :1], sheared, pure[..., 1:]), -1)
     warping = torch.cat((W @ inverse[..., :1], V + W @ correction, W @ inverse[..., 1:]), -1)
     energy = area[..., None, None] * (states.mT @ (Q @ states))
-    return Warping(
-        energy.sum((-4, -3)), mass_of(points, area * mesh.density[..., None]),
-        warping.unflatten(-2, (-1, 3)), states, points, area,
-    )  # fmt: skip
+    compliance, mass = energy.sum((-4, -3)), mass_of(points, area * mesh.density[..., None])
+    return compliance, mass, warping.unflatten(-2, (-1, 3)), states, points, area
 
 
 def plane_strain(points: Tensor) -> Tensor:
