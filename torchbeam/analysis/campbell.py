@@ -14,9 +14,10 @@ from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
+from ..linear.bearing import Bearing
 from ..linear.multiblade import SpinningModel, spinning_model
 from ..linear.periodic import HARMONICS, NONE, ORDER, exponents
-from ..linear.spinning import Bearing, drawn, steady_spin
+from ..linear.spinning import drawn, steady_spin
 from ..linear.steady_check import check_steady
 from ..linear.whirl import names_of, tracked, whirl
 from ..math.eigen_derivatives import attach, upright

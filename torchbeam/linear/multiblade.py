@@ -40,7 +40,8 @@ from ..math.shapes import broadcast_shapes
 from ..nodal.coordinates.spatial import Spatial
 from ..scene.parts import Part
 from ..state.state import State
-from .spinning import Bearing, SpinningProblem
+from .bearing import Bearing
+from .spinning import SpinningProblem
 from .system_matrices import of_nodes, rigid_constraints
 
 MET = 1e-6  # of the structure's size: blades that are turned onto each other

@@ -9,7 +9,8 @@ from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
 from ..equations.steady import Configuration
 from ..nodal.model import Model
-from .spinning import Bearing, SpinningProblem
+from .bearing import Bearing
+from .spinning import SpinningProblem
 
 AZIMUTH = 1.0  # rad
 CHANGES = 1e-6  # of the largest load, or moment over the extent

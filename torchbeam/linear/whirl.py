@@ -7,9 +7,9 @@ from collections import Counter
 import torch
 from torch import Tensor
 
+from .bearing import Bearing
 from .mode_pairing import modal_assurance, pairs
 from .multiblade import SpinningModel
-from .spinning import Bearing
 
 WHIRLS = 0.3  # mean harmonic from which on a mode whirls
 NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
