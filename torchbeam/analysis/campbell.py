@@ -21,7 +21,7 @@ from ..linear.spinning import drawn, steady_spin
 from ..linear.steady_check import check_steady
 from ..linear.whirl import names_of, tracked, whirl
 from ..math.eigen_derivatives import attach, upright
-from ..math.quadratic_eigen import slowest
+from ..math.quadratic_eigen import Pairs, slowest
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
@@ -144,7 +144,7 @@ def _diagram(
     M, D, K = spinning.constant()
     derivatives = wants_gradient(M, D, K)
     with no_derivatives():
-        pairs = slowest(M, D, K, several, False, derivatives)
+        pairs = _finite(slowest(M, D, K, several, False, derivatives), count)
         periodic = _periodic(spinning, pairs.eigenvalue, pairs.right)
     unequal = bool(concrete(periodic > EQUAL).any())
     if unequal and method == "multiblade":
@@ -184,6 +184,18 @@ def _diagram(
         eye = torch.eye(space.unknowns, dtype=spinning.M.dtype, device=nodal.device)
         nodal = nodal @ space.embed(eye).to(nodal.dtype)
     return Campbell(speeds.flatten(), value, nodal, turning, names, error, method)
+
+
+def _finite(pairs: Pairs, count: int) -> Pairs:
+    """Those that all speeds and samples have: coordinates without inertia have none. ValueError
+    where they are less than `count`.
+    """
+    known = int(concrete(torch.isfinite(pairs.eigenvalue)).sum(-1).min())
+    if count > known:
+        raise refusal(f"count = {count}", f"at most {known}, all modes of the scene,")
+    parts = (x if x is None else x[..., :known] for x in pairs[3:])
+    rows = (x if x is None else x[..., :known, :] for x in pairs[1:3])
+    return Pairs(pairs.eigenvalue[..., :known], *rows, *parts)
 
 
 def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
@@ -232,8 +244,8 @@ def _floquet(
         value, shape = exponents(some.periodic, some.speed, steps, count)
         with no_derivatives():
             coarse = exponents(some.periodic, some.speed, steps // 2, count).exponent.flatten(-2)
-            apart = (value[..., None] - coarse[..., None, None, :]).abs().amin(-1)
-            error = apart.amin(-1, keepdim=True).expand(apart.shape) / (2**ORDER - 1)
+            apart = (value[..., :1] - coarse[..., None, :]).abs().amin(-1, keepdim=True)
+            error = apart.expand(value.shape) / (2**ORDER - 1)
         results.append((value, shape, error))
         if report is not None:
             report.add(len(value), 0, False)

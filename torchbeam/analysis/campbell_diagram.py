@@ -10,7 +10,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..core.arguments import listed, number
+from ..core.arguments import count, listed
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
 from ..linear.elsewhere import array_of, write
@@ -42,7 +42,8 @@ class Campbell:
             frame a, at the azimuth 0; of the rotor in coordinates that do not spin
         whirl: (n, ..., count) mean harmonic of the rotor's motion, seen from the ground: 1 for a
             forward whirl, -1 for a backward one, 0 for a motion of all blades alike or in a plane
-        names: of the modes, by what moves most at the highest speed
+        names: of the modes, by what moves most at the highest speed; of a batch its first
+            sample's
         error: (n, ..., count) 1/s, of the eigenvalue by the steps of "floquet"; 0 of "multiblade"
         method: "multiblade" or "floquet"
 
@@ -115,13 +116,13 @@ class Campbell:
         """Speeds at which a multiple of the speed meets a frequency, rising; between the given
         speeds by a straight line. Unbalance excites forward whirls at order 1.
 
-        Raises ValueError for a batch.
+        Raises ValueError for a batch, or orders that are no whole numbers from 1 on.
         """
         self._one("critical")
         x, y = concrete(self.speed).detach(), concrete(self.frequency).detach()
         crossings = []
-        for order in map(int, listed(orders)):
-            gap = y - number("an order", order) * x[:, None]
+        for order in listed(orders):
+            gap = y - count("an order", order) * x[:, None]
             for i, k in ((gap[:-1] > 0) != (gap[1:] > 0)).nonzero().tolist():
                 share = (gap[i, k] / (gap[i, k] - gap[i + 1, k])).item()
                 at = x[i].item() + share * (x[i + 1] - x[i]).item()

@@ -82,6 +82,7 @@ class Bearing(Tree):
         _refuse_held(scene, turning, (at, *others))
         rotor = torch.tensor(turning, device=scene.beam.nodes.device)
         point, _, axes = hinge.drawn(scene.beam)
+        _refuse_in_plane(scene.plane, axes[..., 0])
         none = torch.zeros_like(point[..., 0])
         damping = None if held else none if hinge.damping is None else hinge.damping
         drive = None if held else hinge.drive
@@ -160,6 +161,15 @@ def _hinge(scene: Scene, bearing: int | None) -> int:
 
 def _place(scene: Scene, joint: Any) -> int:
     return place("bearing", joint, len(scene.joints), "joints")
+
+
+def _refuse_in_plane(plane: str | None, axis: Tensor) -> None:
+    """ValueError for an axis (..., 3) about which what stays in a plane cannot spin."""
+    if plane is not None and (concrete(axis)[..., ["xyz".index(e) for e in plane]] != 0).any():
+        raise ValueError(
+            f"a bearing whose axis is not normal to plane={plane!r} was given to campbell; "
+            "plane=None is wanted"
+        )
 
 
 def _connected(scene: Scene, start: int, without: tuple[int, ...]) -> list[bool]:

@@ -34,6 +34,7 @@ STAGES = (
 ORDER = 6
 NONE = 1e30j  # 1/s, in place of an exponent
 HARMONICS = 3  # of each motion that are kept: which is largest may change with the speed
+LEAST_SEEN = 1e-2  # of the energy of the largest: those below are not seen, as rounding is not
 
 Matrices = Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
 
@@ -63,12 +64,12 @@ def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Expo
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
     M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0].detach().to(harmonics.dtype)
     size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
-    k = size.topk(HARMONICS, dim=0).indices
+    most, k = size.topk(HARMONICS, dim=0)
     shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
     lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair
     order = torch.where(k > steps // 2, k - steps, k)
     exponent = principal + 1j * order * speed.abs()[..., None]
-    exponent = torch.where(lower, NONE, exponent)
+    exponent = torch.where(lower | (most < LEAST_SEEN * most[:1]), NONE, exponent)
     fast = (rate.abs().square().sum((0, -2)) / g.abs().square().sum((0, -2))).sqrt().detach()
     chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)[..., :count]
     exponent, shape = exponent.movedim(0, -1), shape.movedim(0, -1).movedim(-3, -1)
