@@ -23,6 +23,7 @@ from .dynamic_stall import DynamicStall
 from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
+from .induction import Induction
 from .load_point import (
     ACCELERATION,
     ANGULAR_ACCELERATION,
@@ -40,7 +41,7 @@ from .obstacle import Obstacle
 from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
 from .polar import Polar
-from .rotor import Induction, blade_element_momentum
+from .rotor import blade_element_momentum
 from .self_contact import SelfContact
 from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
