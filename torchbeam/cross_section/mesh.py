@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ..core.arguments import some
 from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite, refusal
+from .elements import plain
 from .material import Material
+
+MEETING = 1e-9  # of the section's size: places that are one
 
 
 @dataclass(frozen=True)
@@ -84,3 +88,27 @@ def with_middles(x: Tensor) -> Tensor:
     """(..., 2 n + 1) of (..., n + 1): the means of neighbours between them."""
     middle = (x[..., 1:] + x[..., :-1]) / 2
     return torch.cat((torch.stack((x[..., :-1], middle), -1).flatten(-2), x[..., -1:]), -1)
+
+
+def merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
+    """Nodes and cells with one node for those that lie at one place."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    every = plain(nodes)
+    every = every.reshape(-1, *every.shape[-2:])
+    size = np.ptp(every[0], axis=0).max()
+    pairs = cKDTree(every[0]).query_pairs(MEETING * size, output_type="ndarray")
+    apart = np.abs(every[:, pairs[:, 0]] - every[:, pairs[:, 1]])
+    if apart.max(initial=0.0) > 1e3 * MEETING * size:
+        raise refusal("walls that meet in some samples alone", "the same meetings in all", are=True)
+    same = torch.arange(every.shape[1])
+    for a, b in sorted(pairs.tolist()):
+        same[b] = same[a]
+    used, number = torch.unique(same, return_inverse=True)
+    a, b = number[cells[:, :-1]].flatten().numpy(), number[cells[:, 1:]].flatten().numpy()
+    parts, _ = connected_components(coo_matrix((np.ones(len(a)), (a, b)), (len(used),) * 2), False)
+    if parts > 1:
+        raise refusal(f"walls in {parts} parts", "walls that meet", are=True)
+    return nodes[..., used.to(nodes.device), :], number[cells]

@@ -21,14 +21,13 @@ from ..math.shapes import stacked
 from .blocks import along
 from .elements import plain
 from .material import Material, turned
-from .mesh import Mesh, grid, ply_axes, points_of, with_middles
+from .mesh import MEETING, Mesh, grid, merged, ply_axes, points_of, with_middles
 
 LINES = "middle", "first"
 LEAST_ACROSS = 4  # elements across a wall
 CURVED = 5  # segments from which on a line counts as a curve, with as few elements each as will do
 ELEMENTS = 24  # along such a line, or one a segment
 SMOOTH = 0.87  # cosine: below 30 degrees, what differs in thickness is taken up in an element
-MEETING = 1e-9  # of the section's size: places that are one
 
 
 @dataclass
@@ -85,7 +84,7 @@ def thin_walled(walls: Sequence[Any], line: str, fineness: int) -> Mesh:
         for k, axis in ((0, -2), (2, -3), (3, -1), (4, -3))
     )
     cells = torch.cat([strip[1] + n for strip, n in zip(strips, counts, strict=False)])
-    nodes, cells = _merged(nodes, cells)
+    nodes, cells = merged(nodes, cells)
     return Mesh(nodes, cells.to(nodes.device), stiffness, density, axes)
 
 
@@ -281,27 +280,3 @@ def _steps(length: Tensor, thickness: Tensor, segments: int, fineness: int) -> T
         return along(length, thickness, fineness) / length[..., None]
     n = max(1, -(-ELEMENTS // segments)) * fineness
     return torch.full((n,), 1 / n, dtype=length.dtype, device=length.device)
-
-
-def _merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
-    """Nodes and cells with one node for those that lie at one place."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    every = plain(nodes)
-    every = every.reshape(-1, *every.shape[-2:])
-    size = np.ptp(every[0], axis=0).max()
-    pairs = cKDTree(every[0]).query_pairs(MEETING * size, output_type="ndarray")
-    apart = np.abs(every[:, pairs[:, 0]] - every[:, pairs[:, 1]])
-    if apart.max(initial=0.0) > 1e3 * MEETING * size:
-        raise refusal("walls that meet in some samples alone", "the same meetings in all", are=True)
-    same = torch.arange(every.shape[1])
-    for a, b in sorted(pairs.tolist()):
-        same[b] = same[a]
-    used, number = torch.unique(same, return_inverse=True)
-    a, b = number[cells[:, :-1]].flatten().numpy(), number[cells[:, 1:]].flatten().numpy()
-    parts, _ = connected_components(coo_matrix((np.ones(len(a)), (a, b)), (len(used),) * 2), False)
-    if parts > 1:
-        raise refusal(f"walls in {parts} parts", "walls that meet", are=True)
-    return nodes[..., used.to(nodes.device), :], number[cells]
