@@ -74,6 +74,11 @@ def double(v: Any) -> Tensor:
     return torch.as_tensor(v, dtype=torch.float64)
 
 
+def along_all(v: Any) -> Any:
+    """A number of each sample as one for all nodes."""
+    return v[..., None] if isinstance(v, Tensor) and v.is_floating_point() else v
+
+
 def pulled(v: Any) -> tb.Spring:
     """So soft and long that it pulls with the force v: 1e-3 of it is lost by the tip's motion."""
     return tb.Spring(-1, 1e-3, to=double(v) / 1e-3 + double((1.0, 0, 0)))
@@ -85,6 +90,11 @@ def outer_half(v: Any, elements: int) -> tb.PerElement:
 
 def along_s(v: Any) -> tb.Along:
     return tb.Along(lambda s, t: s[..., None] * double(v))
+
+
+def one_arm(v: Any) -> Any:
+    """A number (...) as that of one arm."""
+    return v[..., None] if isinstance(v, Tensor) else (v,)
 
 
 def _dead(v: Any) -> Callable:
@@ -116,6 +126,11 @@ def _wind(position: Tensor, t: Tensor) -> Tensor:
     return torch.stack((torch.zeros_like(x), 5 * x, torch.zeros_like(x)), -1)
 
 
+def gust(v: Any) -> tb.Gust:
+    """It has passed at 0.4 s."""
+    return tb.Gust(v, 1.0, speed=5.0, start=-0.1)
+
+
 def _along(elements: int, **given: Any) -> tb.Tendon:
     return tb.Tendon([(k, (0.0, 0, 0.02)) for k in range(elements + 1)], **given)
 
@@ -141,6 +156,9 @@ NONE = dict(zero=(0.0, 0, 0))
 TWO = dict(numbers=((0.1, -0.2, 0.3), (-0.05, 0.1, 0.2)), draw=UP, at_zero={}, **NONE)
 FORCES, MOMENTS = (0.4, False), (0.2, True)  # of the gradient fuzz: N and N m
 RUBBING = dict(stiffness=50.0, length=0.99, friction=0.1, slip_speed=0.1)
+BREEZE = (0.5, -5.0, 0.8)  # m/s
+ANGLES = torch.linspace(-0.7, 0.7, 15, dtype=torch.float64)
+FOIL = tb.Polar(ANGLES, 0.2 + torch.sin(4 * ANGLES), 0.02 + ANGLES**2, -0.05 - 0.1 * ANGLES)
 # of the zero net: how scenes are solved, the first in short runs
 MOVING, EAGERLY = "eager native", "equilibrium modes linearize eager"
 DYNAMIC = f"{MOVING} modes linearize equilibrium"
@@ -194,6 +212,16 @@ ROWS = {
     "Damping.tau, six": Row(
         lambda v, N: tb.Damping((v,) * 6), zero=0.0,
         cost=("Damping, six", "0.2 ms each", 2e-4)),
+    "Viscoelastic.shares": Row(
+        lambda v, N: tb.Viscoelastic(one_arm(v), (0.05,)), zero=0.0, draw=0.3,
+        gradient=(0.1, 0.5), at_zero=dict(ways=DYNAMIC, least=True, scale=1e-4),
+        cost=("Viscoelastic, one arm", "10 % after 50 ms", 0.1)),
+    "Viscoelastic.times": Row(
+        lambda v, N: tb.Viscoelastic((0.3,), one_arm(v)), draw=0.1,
+        gradient=(0.02, 0.2)),
+    "Viscoelastic.shares, six of three arms": Row(
+        lambda v, N: tb.Viscoelastic(((v,) * 3,) * 6, (5e-3, 0.05, 0.5)), zero=0.0,
+        cost=("Viscoelastic, three arms, six", "3 % each, after 5 ms to 0.5 s", 0.03)),
     "MassDamping.alpha": Row(
         lambda v, N: tb.MassDamping(v), zero=0.0, draw=2.0, gradient=(0.5, 2.0),
         at_zero=dict(ways=DYNAMIC, least=True, scale=1e-2),
@@ -222,6 +250,40 @@ ROWS = {
         lambda v, N: tb.Drag(1000.0, 0.01, added_mass=v),
         at_zero=dict(ways=DYNAMIC, least=True, scale=1e-2),
         cost=("Drag, added mass", "water, d = 1 cm", 1.0)),
+    "StripAir.density": Row(
+        lambda v, N: tb.StripAir(0.1, density=v, axis=0.4, wind=BREEZE), zero=0.0, draw=2.0,
+        at_zero=dict(ways=MOVING, least=True, scale=1e-4),
+        cost=("StripAir, Wagner's lags", "chord 10 cm, wind 5 m/s", 1.225)),
+    "StripAir, quasi-steady": Row(
+        lambda v, N: tb.StripAir(0.1, density=v, axis=0.4, lags=None, wind=BREEZE), zero=0.0,
+        cost=("StripAir, quasi-steady", "the same without lags and apparent mass", 1.225)),
+    "StripAir.chord": Row(
+        lambda v, N: tb.StripAir(along_all(v), wind=BREEZE), draw=0.2),
+    "StripAir.axis": Row(
+        lambda v, N: tb.StripAir(0.1, axis=along_all(v), wind=BREEZE), draw=0.5,
+        at_zero=dict(ways=MOVING, scale=1e-4)),
+    "StripAir.lift_slope": Row(
+        lambda v, N: tb.StripAir(0.1, lift_slope=along_all(v), wind=BREEZE), draw=5.0,
+        at_zero=dict(ways=MOVING, scale=1e-4)),
+    "StripAir.wind": Row(
+        lambda v, N: tb.StripAir(0.1, wind=v), numbers=TWO["numbers"], draw=(0.2, -4.0, 0.5),
+        at_zero=dict(ways=MOVING, scale=1e-4)),
+    "Wind.mean": Row(
+        lambda v, N: tb.StripAir(0.1, wind=tb.Wind(v, exponent=0.2, height=2.0)),
+        numbers=TWO["numbers"], draw=(0.2, -4.0, 0.5), at_zero=dict(ways=MOVING, scale=1e-4)),
+    "Gust.peak": Row(
+        lambda v, N: tb.StripAir(0.1, wind=tb.Wind(BREEZE) + gust(v)), forms="",
+        numbers=TWO["numbers"], draw=(0.2, -4.0, 0.5), at_zero=dict(ways=MOVING, scale=1e-4),
+        cost=("StripAir in a gust", "5 m/s, a gust of 1 m/s", (0.0, 0.0, 1.0))),
+    "Turbulence.sigma": Row(
+        lambda v, N: tb.StripAir(0.1, wind=tb.Turbulence(BREEZE, v, 2.0, harmonics=12)),
+        cost=("StripAir in turbulence", "12 harmonics, sigma 0.5 m/s", 0.5)),
+    "StripAir.polar": Row(
+        lambda v, N: tb.StripAir(0.1, density=v, wind=BREEZE, polar=FOIL), zero=0.0,
+        cost=("StripAir on a polar", "a table of 15 angles", 1.225)),
+    "DynamicStall.polar": Row(
+        lambda v, N: tb.StripAir(0.1, density=v, wind=BREEZE, polar=tb.DynamicStall(FOIL)),
+        zero=0.0, cost=("StripAir, dynamic stall", "the same with two more states", 1.225)),
     "PointMass.mass": Row(
         lambda v, N: tb.PointMass(v), zero=0.0, draw=0.2, after=OLD,
         cost=("PointMass", "20 g on the tip", 0.02),
@@ -322,6 +384,16 @@ def _placed(kind: type) -> Row:
     return Row(make, draw=(0.0, 0.02, 0.01), after=OLD, at_zero=dict(ways="eager"))
 
 
+def _yielding(kind: type, law: type, **beside: Any) -> Row:
+    """Of a law with memory, that yields early; of no stiffness there is none."""
+    make = lambda v, *ends: kind(*ends, hysteresis=law(v, 1e-3, **beside))  # noqa: E731
+    return Row(make, draw=2.0, after=OLD)
+
+
+def _restoring(angle: Any, rate: Any, k: Any) -> Any:
+    return -k * torch.sin(angle) - 0.01 * rate
+
+
 def _rows(of: Callable[..., Row], *rows: tuple) -> dict[str, Row]:
     return {f"{kind.__name__}.{name}": of(kind, name, *more[:-1], **more[-1])
             for kind, name, *more in rows}  # fmt: skip
@@ -356,5 +428,11 @@ JOINTS = {
         (tb.Universal, "second_angle", {}),
         (tb.Universal, "second_torque", 0.1, TURNS,
          dict(stiffness=(0.2, 0.3), damping=(0.01, 0.02)))),
+    **{f"{kind.__name__}, {law.__name__}": _yielding(kind, law, **beside)
+       for kind in (tb.Hinge, tb.Slider)
+       for law, beside in ((tb.ElastoPlastic, dict(hardening=0.2)), (tb.BoucWen, dict(n=2.0)))},
+    "Hinge.torque, by the angle": Row(
+        lambda v, *ends: tb.Hinge(*ends, torque=tb.Drive(_restoring, values=dict(k=v))),
+        draw=2.0, after=OLD, at_zero=dict(ways="eager", scale=1e-4)),
 }
 # fmt: on

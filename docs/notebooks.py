@@ -11,7 +11,8 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent
 TUTORIALS = (
-    "getting_started", "statics", "structures", "gradients", "identification", "uncertainty",
+    "getting_started", "textbook", "applications", "statics", "structures", "gradients",
+    "identification", "uncertainty",
 )  # fmt: skip
 BLOCK = re.compile(r"^```python\n(.*?)^```\n?", re.M | re.S)
 PICTURE = re.compile(r"!\[([^\]]*)\]\(([^)]+\.(?:png|gif))\)")

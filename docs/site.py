@@ -20,23 +20,28 @@ EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py"))
 # fmt: off
 REFERENCE = {
     "scene": ("Scenes", "What there is: beams, bodies, sections, and what holds and joins them.", (
-        "Scene", "Beam", "Section", "Stations", "Table", "Body", "Support", "Frame", "RootMotion",
-        "Weld", "Ball", "Hinge", "Universal", "Slider", "Cylindrical", "Distance")),
+        "Scene", "Beam", "Section", "CrossSection", "Material", "Stations", "Table", "Body",
+        "Support", "Frame", "RootMotion", "Weld", "Ball", "Hinge", "Universal", "Slider",
+        "Cylindrical", "Distance", "ElastoPlastic", "BoucWen", "Drive")),
     "effects": ("Effects", "What acts: only what a scene names exists.", (
         "Gravity", "TipLoad", "PointLoad", "LineLoad", "Load", "Actuation", "Tendon", "Drag",
-        "Damping", "MassDamping", "rayleigh", "PointMass", "Spring", "RootSpring", "Contact",
-        "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
+        "StripAir", "Polar", "DynamicStall", "blade_element_momentum", "Induction",
+        "Damping", "Viscoelastic", "MassDamping", "rayleigh", "PointMass", "Spring",
+        "RootSpring", "Contact", "SelfContact", "Plane", "Sphere", "Cylinder", "Capsule", "Box")),
+    "wind": ("Wind", "What blows: the `wind` of StripAir and the `flow` of Drag.", (
+        "Wind", "Gust", "Turbulence", "WindTable")),
     "values": ("Values", "What may stand in place of a number.", (
         "Input", "PerInterval", "PerElement", "Along", "History", "Accelerogram",
         "SmoothHistory", "SmoothRotation")),
     "motion": ("Motion", "Simulations, steps, states and solutions.", (
         "simulate", "rollout", "rollout_jacobian", "Stepper", "rest", "State", "Solution",
-        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "view",
-        "View")),
+        "Energy", "Stats", "ExplicitStepper", "SlowPathWarning", "save", "load", "export", "read",
+        "view", "View")),
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (
-        "modes", "Modes", "modal_assurance", "pair_modes", "PairedModes", "linearize", "Linear")),
+        "modes", "Modes", "modal_assurance", "pair_modes", "PairedModes", "campbell", "Campbell",
+        "linearize", "Linear")),
     "accuracy": ("Accuracy", "Which mesh, element, method and step.", (
         "converge", "Convergence", "remesh", "advise", "Advice", "describe", "Description")),
     "identification": ("Identification", "Parameters and fields from measurements.", (
@@ -69,7 +74,13 @@ MODULES = {
 MEMBERS = {
     "Scene": ("to", "inputs", "batch_shape"),
     "Beam": ("straight", "curve", "arc", "from_nodes"),
-    "Section": ("from_stiffness", "rectangle", "circle", "rotated", "shifted"),
+    "Section": ("from_stiffness", "rectangle", "circle", "tube", "box", "i_beam", "channel",
+                "angle", "polygon", "laminate", "thin_walled", "from_cross_section",
+                "rotated", "shifted"),
+    "CrossSection": ("tube", "box", "i_beam", "channel", "angle", "polygon", "laminate",
+                     "thin_walled", "stiffness", "shear_centre", "elastic_centre", "mass_centre",
+                     "stress"),
+    "Material": (),
     "Body": (),
     "Support": (),
     "Stepper": ("rest", "jacobian", "engine"),
@@ -91,6 +102,7 @@ MEMBERS = {
     "LoadEffect": ("wrench", "tangent", "depends_on", "internal_states"),
     "NodeAcceleration": (),
     "Tendon": ("along",),
+    "Viscoelastic": ("fractional",),
     "RandomField": ("captured",),
 }
 BARE = ("effects", "values", "laws")
@@ -99,9 +111,12 @@ MODULES_SEEN = ("tb", "tb.sensors", "tb.laws", "tb.plot", "torchbeam_envs", "bas
 SHOWN = 4
 # The gallery: each example once.
 GALLERY = {
-    "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame"),
-    "Vibration": ("campbell", "rotor"),
-    "Motion": ("four_bar", "converge", "block_rate_matrix"),
+    "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame",
+                              "plastic_frame"),
+    "Sections": ("composite_box",),
+    "Vibration": ("campbell", "rotor", "ground_resonance", "read_blade"),
+    "Air": ("flutter", "gust", "wind_turbine"),
+    "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),
     "Control": ("two_link", "parallel_robot", "mpc", "lqr"),
@@ -121,7 +136,8 @@ def entry(path: str, page: str) -> str:
     name = path.rpartition(".")[2]
     if name not in MEMBERS and page not in BARE:
         return f"::: {path}"
-    return f"::: {path}\n    options:\n      members: {list(MEMBERS.get(name, ()))}"
+    members = list(MEMBERS.get(name, ()))
+    return f"::: {path}\n    options:\n      members: {members}\n      inherited_members: {members}"
 
 
 def place(module: str, name: str) -> str:

@@ -25,7 +25,7 @@ class Actuator:
 
     Args:
         effect: any effect of `torchbeam` that takes an `Input`
-        gain: (actions, size of the input): what an action of 1 adds, in the input's own units
+        gain: (actions, size of the input): input at an action of 1, in its own units
         bias: (size of the input): the value at an action of 0; None = zero. A tendon is pulled by 0
             to 10 N under actions from -1 to 1 with gain=[[5.0]], bias=[5.0]
 
@@ -87,7 +87,7 @@ class Actuator:
         return replace(self, gain=self.gain.to(like), bias=bias)
 
     def scaled(self, share: float) -> Actuator:
-        """The same where an action does a share of what it does."""
+        """The actuator with a share of its effect."""
         return replace(self, gain=share * self.gain)
 
     def effects(self, varying: Collection[str] = ()) -> tuple[Any, ...]:
@@ -104,7 +104,7 @@ class Actuator:
         return {self.input: value if self.bias is None else value + self.bias}
 
     def tip_force(self, action: Tensor, now: Episodes) -> Tensor | None:
-        """(n, 3) N in frame a, to be drawn at the tip; None where there is none."""
+        """(n, 3) N in frame a, drawn at the tip; None without."""
         return None
 
 

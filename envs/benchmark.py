@@ -202,7 +202,7 @@ def rows(quick: bool) -> Iterator[measurement.Measured]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Env steps a second of a task by batch, in space and in a plane, with their accuracy."""
+    """Measure steps a second of an environment by batch, in space and in a plane, and accuracy."""
     parser = argparse.ArgumentParser(
         prog="python -m torchbeam envs",
         description=(

@@ -39,7 +39,7 @@ class BeamEnvConfig:
         gravity: (3,) m/s^2 in frame a, or None
         planar: motion, actions and observation in the plane of the task alone; gravity across it is
             ignored
-        force: N at an action of 1, along the tip section's y and z axes (in a plane: the one in it)
+        force: N at an action of 1, along the tip section's y and z axes (in a plane: its own axis)
         actuators: in place of the task's own, for instance that force: one or more `Actuator`s
         delay: control intervals from an action to its effect
         control_interval: s
@@ -231,7 +231,7 @@ class BeamEnvConfig:
         return self.max_episode_steps or usual
 
     def is_given(self, name: str) -> bool:
-        """Whether a keyword is not what it is by default."""
+        """Whether a keyword differs from its default."""
         value, usual = getattr(self, name), type(self).__dataclass_fields__[name].default
         return value is not usual and (type(value) is not type(usual) or value != usual)
 

@@ -178,8 +178,8 @@ class BeamVectorEnv(VectorEnv):
             seed: s gives sub-env i the stream s + i; a list gives one each; None goes on with the
                 streams there are
             options: beside the mask: "params": name -> number or (n,), parameters of these
-                episodes; "goal": (g,) or (n, g), instead of the one that is drawn. What is drawn at
-                random is drawn all the same: the rest does not change
+                episodes; "goal": (g,) or (n, g), in place of a drawn goal. Random numbers are drawn
+                all the same, so the rest does not change
         """
         self._open()
         if not (options is None or isinstance(options, Mapping)):
@@ -294,7 +294,7 @@ class BeamVectorEnv(VectorEnv):
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:
-        """What they were made from; -1 where one was given."""
+        """Seeds of the generators; -1 for a generator that was passed."""
         return tuple(self.streams.made().seeds)
 
     # What it is made of
@@ -327,7 +327,7 @@ class BeamVectorEnv(VectorEnv):
 
     @property
     def scale(self) -> Tensor:
-        """(o,) or (n, o): what the readings of `sensors` are divided by."""
+        """Divisor (o,) or (n, o) of the readings of `sensors`."""
         return self.simulation.observer.scale
 
     # Differentiable use
@@ -350,7 +350,7 @@ class BeamVectorEnv(VectorEnv):
         return self._out(state.observation)
 
     def detach(self) -> None:
-        """Cut the graph here: gradients of what follows do not reach what was before."""
+        """Cut the graph here: later gradients do not reach earlier intervals."""
         self.episodes = self._running().detach()
 
     def initialize_trajectory(self) -> Any:

@@ -19,21 +19,21 @@ class Episodes(Tree):
     Args:
         plant: the beams and their parameters
         member: (n,) long, which sub-env each is
-        start: `torchbeam.State` with batch (n,): what displacements are counted from
+        start: `torchbeam.State` with batch (n,): origin of displacements
         beam: likewise, now
-        goal: (n, g) what the task drew at reset
+        goal: (n, g) goal that the task drew at reset
         key: (n,) long, of the random numbers that the episode draws after its start
         acting: (n, a) the action that acts, or acted last
         pending: (n, delay, a) actions that have not acted yet, the next one first
-        late: (n, spare, a) those before them, the oldest first, which act now where there is
-            latency; None where there is none
+        late: (n, spare, a) earlier actions, the oldest first, which act now with latency; None
+            without
         steps: (n,) long, steps since reset
         terminated, truncated: (n,) bool, once an episode is over and until it is reset
         observation: (n, o) the last one; finite
         target: (n, preview + 1, 3) m: where the tip is to be now and at the ends of the next
             intervals; None where the task has no target
-        measures: name -> (n,), what the task says of where the episodes stand: it goes into `info`
-        memory: (n, m) what the task keeps from interval to interval beside the beam
+        measures: name -> (n,), measures of the task for the episodes' present, which go into `info`
+        memory: (n, m) memory of the task beside the beam, from interval to interval
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
@@ -73,8 +73,8 @@ class Episodes(Tree):
         return replace(detached(self), plant=self.plant)
 
     def merge(self, few: BatchSubset, part: Episodes) -> Episodes:
-        """With the sub-envs `few` those of `part`, whose plant is that of all; what the task says
-        of them is to be told anew.
+        """Replace the sub-envs `few` by `part`, with the plant of all. The task's target and
+        measures of them are removed.
         """
         untold = dict(plant=None, target=None, measures={})
         merged = few.merge(with_values(self, **untold), with_values(part, **untold))

@@ -131,8 +131,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     ## Reward
     Per control interval, with d the tip's distance from its place on the straight strip:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
-    If the strip is lost, or the solver fails, the reward is -2.5, the largest cost, for this
-    interval and each that the time limit leaves; or `failure_reward`.
+    If the strip is lost, or the solver fails, the reward is -2.5, the largest cost. It counts for
+    this interval and for each that remains until the time limit; `failure_reward` replaces it.
 
     ## Starting state
     Straight, kicked: velocities kick (x/L)^2 along y and z, each uniform in [-kick, kick], from the
@@ -160,10 +160,8 @@ class FlutterHoldVectorEnv(BeamVectorEnv):
     thrust (1.15 to 1.35), and those of TipReach. The goal, for options={"goal": ...}, is the kick
     (m/s) along y and z.
 
-    ## Version history
-    v1: failing costs what is left; in v0 it cost 100, as with failure_reward = -100 (which the
-    studies of learning are made with).
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals; in v0 it cost 100, as with
+    failure_reward = -100 (which the studies of learning are made with). v0: first version.
 
     Examples:
         >>> env = envs.FlutterHoldVectorEnv(2, planar=True)

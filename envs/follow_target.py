@@ -124,9 +124,8 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     about the section's y and z, over its length. The change is 0.05 rad at 1, evenly over the
     interval. The angles stay within +-bend = 2 rad, curvatures within 10 1/m.
 
-    ## Observation space
-    `Box(-high, high, (76 + 10 delay,), float32)`, in metres, m/s and rad; what is published, in
-    another order.
+    ## Observation space `Box(-high, high, (76 + 10 delay,), float32)`, in metres, m/s and rad; the
+    published observation, in another order.
 
     | index | observation | high |
     |---|---|---|
@@ -145,11 +144,11 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     to the bonuses. Use them to learn, not to score. failure_reward = -10 in an interval in which
     the solver fails.
 
-    ## Starting state
-    Upright, at rest under gravity. The target's place is uniform in the box, |x|, |y| < 0.6 and 0.3
-    < z < 0.9 m, its velocity 0.5 (cos a sin b, sin a sin b, cos b), a and b uniform; both from the
-    sub-env's own generator. At each interval the components in which it is outside the box turn
-    round. If there are none, it takes a new velocity with a probability of 0.025.
+    ## Starting state Upright, at rest under gravity. The target's place is uniform in the box, |x|,
+    |y| < 0.6 and 0.3 < z < 0.9 m. Its velocity is 0.5 (cos a sin b, sin a sin b, cos b), a and b
+    uniform; both from the sub-env's own generator. At each interval the components in which it is
+    outside the box turn round. If there are none, it takes a new velocity with a probability of
+    0.025.
 
     ## Episode end
     Truncation after 500 steps (50 s), termination where the solver fails.
@@ -157,11 +156,11 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     ## Information
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; masks as in TipReach.
 
-    ## Arguments
-    The fields of `BeamEnvConfig` (see `envs/config.py`) without section, force, actuators, beam and
-    supports, with length = 1, elements = 20 (a multiple of 5; of fewer than 20, every node is
-    observed), direction = (0, 0, 1), gravity = (0, 0, -9.8), damping = 0.043, delay = 0,
-    control_interval = 0.1, control_cost = 0, failure_reward = -10, max_episode_steps = 500, and
+    ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`) without section, force,
+    actuators, beam and supports. Defaults are length = 1, elements = 20 (a multiple of 5; of fewer
+    than 20, every node is observed), direction = (0, 0, 1), gravity = (0, 0, -9.8), damping =
+    0.043, delay = 0, control_interval = 0.1, control_cost = 0, failure_reward = -10,
+    max_episode_steps = 500. Further arguments:
 
     - `radius`, `young`, `density`: m, Pa, kg/m^3: 0.05, 1e7, 1000
     - `change`, `bend`: rad: 0.05 and 2, see above
@@ -170,15 +169,15 @@ class FollowTargetVectorEnv(BeamVectorEnv):
     - `smooth`: m, 0: width of the bonuses' steps, see Reward
 
     "torchbeam/FollowTargetPlanar-v1" is this with planar=True, as published: the plane x-z, five
-    actions and 49 observations; the target's velocity is 0.5 (cos a sin b, cos b).
+    actions and 49 observations. The target's velocity is then 0.5 (cos a sin b, cos b).
 
     ## Parameters
     stiffness, mass, damping as in TipReach. The goal, for options={"goal": ...}, is the target's
     first place and velocity: (6,).
 
-    ## Version history
-    v1: the clamp holds half of the first element, and damping, 0.043 s, is of the bending beyond
-    the natural curvature, like that of the published steps. v0 was 5 to 12 % off, and late.
+    ## Version history v1: the clamp holds half of the first element. Damping, 0.043 s, acts on
+    bending beyond the natural curvature, as in the published steps. v0 was 5 to 12 % off, and late.
+
     v0: first version.
 
     Examples:

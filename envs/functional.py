@@ -78,7 +78,7 @@ def reset(
     Args:
         seed: s gives sub-env i the stream s + i; a sequence gives one each
         params: name -> number or (n,), parameters of these episodes
-        goal: (g,) or (n, g), instead of the one that is drawn
+        goal: (g,) or (n, g), in place of a drawn goal
 
     Examples:
         >>> sim = envs.functional.simulation(envs.TipReachVectorEnv, 2, elements=2, planar=True)

@@ -342,12 +342,11 @@ class GripperVectorEnv(BeamVectorEnv):
     Per control interval, with d the distance from the ball's centre to its target:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
     A failed solve costs as much as the farthest place that the motor can reach, for its interval
-    and each that is left.
+    and each remaining interval.
 
-    ## Starting state
-    At rest, fingers straight down and open. The ball lies on the table, uniformly in a circle of
-    the radius `offset` = 4 mm (in a plane: a line) about the axis, from the sub-env's own
-    generator.
+    ## Starting state At rest, fingers straight down and open. The ball lies on the table, uniformly
+    in a circle of the radius `offset` = 4 mm about the axis (in a plane: on a line). The place
+    comes from the sub-env's own generator.
 
     ## Episode end
     As in TipReach, after 100 steps (2 s).
@@ -357,12 +356,11 @@ class GripperVectorEnv(BeamVectorEnv):
     `action_invalid`; masks as in TipReach. `info["params"]` has the ball's mass (`ball`) and the
     friction.
 
-    ## Arguments
-    The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction, up, beam,
-    supports, actuators and force, with its defaults but length = 0.11, elements = 4 (of a finger),
-    damping = 2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100, randomize =
-    {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5, "iterations": 60},
-    and
+    ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction,
+    up, beam, supports, actuators and force. Its defaults hold, but length = 0.11, elements = 4 (of
+    a finger), damping = 2e-3, delay = 0, substeps = 8, sensors = "tip", max_episode_steps = 100,
+    randomize = {"ball": (0.03, 0.07), "friction": (0.36, 0.84)}, solver = {"halvings": 5,
+    "iterations": 60}. Further arguments:
 
     - `radius`, `young`, `density`: of the fingers: 0.005 m, 2e7 Pa, 1100 kg/m^3
     - `ball`, `mass`: m and kg, 0.025 (radius) and 0.05

@@ -105,9 +105,8 @@ class InverseKinematicsVectorEnv(BeamVectorEnv):
     `Box(-1, 1, (15,), float32)`: the ten of FollowTarget, then for each segment a change of its
     twist angle over its length: change = 0.05 rad at 1, within +-pi / 2.
 
-    ## Observation space
-    `Box(-high, high, (86 + 15 delay,), float32)`, in metres, m/s and rad; what is published, in
-    another order.
+    ## Observation space `Box(-high, high, (86 + 15 delay,), float32)`, in metres, m/s and rad; the
+    published observation, in another order.
 
     | index | observation | high |
     |---|---|---|

@@ -61,22 +61,20 @@ class Payload(TipReach):
 class PayloadVectorEnv(BeamVectorEnv):
     """`num_envs` flexible cantilevers that carry a mass on their tips, stepped as one batch.
 
-    ## Description
-    Bring a strip with an unknown mass on its tip to a target, and hold it there, by a force on the
-    tip. The strip is that of `TipReachVectorEnv`: 1.5 m of aluminium flat bar of 0.12 kg, clamped,
-    under gravity. The point mass of 0.05 to 0.15 kg is drawn with the episode and not observed. The
-    sag, the frequency (0.5 Hz sideways with 0.1 kg) and the force that holds the target depend on
-    it. Only the motion tells it, because every episode begins in the same shape.
+    ## Description Bring a strip with an unknown mass on its tip to a target, and hold it there, by
+    a force on the tip. The strip is that of `TipReachVectorEnv`: 1.5 m of aluminium flat bar of
+    0.12 kg, clamped, under gravity. The point mass of 0.05 to 0.15 kg is drawn with the episode and
+    not observed. The sag, the frequency (0.5 Hz sideways with 0.1 kg) and the force that holds the
+    target depend on it. Only the motion reveals it, because every episode begins in the same shape.
 
     ## Action space, observation space, reward, episode end, information
     As in TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
 
-    ## Starting state
-    Still, in the shape in which the usual strip hangs with the usual mass. Another mass then sinks
-    or rises. Displacements count from there. The target is the static tip position of the strip
-    with the usual mass under a random force, uniform in the ellipse with the half axes reach *
-    force. To hold it with another mass takes up to 0.5 N more or less of the 2 N that the force
-    has.
+    ## Starting state Still, in the shape in which the usual strip hangs with the usual mass.
+    Another mass then sinks or rises. Displacements count from there. The target is the static tip
+    position of the strip with the usual mass under a random force. The force is uniform in the
+    ellipse with the half axes reach * force. To hold it with another mass takes up to 0.5 N more or
+    less of the 2 N that the force has.
 
     ## Arguments
     The arguments of TipReach with its defaults but reach = 0.5, max_episode_steps = 100,
@@ -89,9 +87,9 @@ class PayloadVectorEnv(BeamVectorEnv):
     ## Parameters
     payload (half to one and a half times the usual, kg), and those of TipReach.
 
-    ## Version history
-    v2: failing costs what is left, see TipReach; in v1 it cost 100, less than doing nothing.
-    v1: all start in one shape. v0 started in equilibrium with the mass of the episode. The distance
+    ## Version history v2: a failure costs all remaining intervals, see TipReach; in v1 it cost 100,
+    less than doing nothing. v1: all start in one shape. v0 started in equilibrium with the mass of
+    the episode. The distance
         of the target then told the mass, to 2 g of 29 g in the first observation.
 
     Examples:

@@ -290,10 +290,10 @@ class PegVectorEnv(BeamVectorEnv):
     `distance` (m) of the tip from its target, `inserted` (within 5 mm of it), `solver_failed`,
     `action_invalid`; masks as in TipReach. `info["params"]["friction"]` is the plate's.
 
-    ## Arguments
-    The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction, up, beam,
-    supports, actuators and force, with its defaults but length = 0.3, damping = 2e-3, substeps = 4,
-    max_episode_steps = 100, randomize = {"friction": (0, 0.4)}, solver = {"halvings": 5}, and
+    ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction,
+    up, beam, supports, actuators and force. Its defaults hold, but length = 0.3, damping = 2e-3,
+    substeps = 4, max_episode_steps = 100, randomize = {"friction": (0, 0.4)}, solver = {"halvings":
+    5}, and
 
     - `radius`, `young`, `density`: of the rod: 0.004 m, 2e8 Pa, 1200 kg/m^3
     - `hole`, `plate`: m, 0.006 (radius) and 0.02 (thickness)
@@ -310,9 +310,8 @@ class PegVectorEnv(BeamVectorEnv):
     friction (0 to twice the usual), and those of TipReach but offset. The goal, for
     options={"goal": ...}, is where the rod starts: x, y (m); in the plane x.
 
-    ## Version history
-    v1: failing costs what is left; in v0 it cost 100, less than doing nothing.
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals; in v0 it cost 100, less than
+    doing nothing. v0: first version.
 
     Examples:
         >>> env = envs.PegVectorEnv(2, planar=True)

@@ -112,11 +112,11 @@ class ReachBehindVectorEnv(BeamVectorEnv):
     tip is to come to (-0.8, 0.5, 0.15) m, in case 4 (-0.8, 0.5, 0.35) m.
 
     Beside the differences in TrackTarget, the contact differs from there. There the load of a
-    pressing node on the bar is cancelled, with a correction k g + c v, k = 8e4 N/m and c = 4 N s/m.
-    Here the law of ReachObstacles presses nodes, contact = 1e6 N/m, at their places at the end of a
-    step. A load of 2 kN on a node drives it in by 1 mm. Under ResolvedRate in case 4 it is 4.0 mm
-    at most, while no node moves by more than 28 mm in a step. The spline's points are at 0.4 and
-    0.9 of the length, as its text says; its code, restored later, spaces them evenly: points =
+    pressing node on the bar is cancelled. A correction k g + c v follows, with k = 8e4 N/m and c =
+    4 N s/m. Here the law of ReachObstacles presses nodes, contact = 1e6 N/m, at their places at the
+    end of a step. A load of 2 kN on a node drives it in by 1 mm. Under ResolvedRate in case 4 it is
+    4.0 mm at most, while no node moves by more than 28 mm in a step. The spline's points are at 0.4
+    and 0.9 of the length, as its text says; its code, restored later, spaces them evenly: points =
     (1/3, 2/3).
 
     ## Action space
@@ -124,9 +124,8 @@ class ReachBehindVectorEnv(BeamVectorEnv):
     case 4 about the binormal too. The couples follow them by at most rate = 1000 1/s. Couples per
     length are 3,750 S, as 50 elements are part of the task.
 
-    ## Observation space
-    `Box(-high, high, (160 or 220 + 2 or 4 delay,), float32)`, in metres and m/s, but for what is
-    said here as published, in another order.
+    ## Observation space `Box(-high, high, (160 or 220 + 2 or 4 delay,), float32)`, in metres and
+    m/s, as published but for the notes here, in another order.
 
     | index | observation | high |
     |---|---|---|

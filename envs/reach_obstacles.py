@@ -205,9 +205,8 @@ class ReachObstaclesVectorEnv(BeamVectorEnv):
     ## Action space
     `Box(-1, 1, (10,), float32)`: as in FollowTarget, with change = 0.25 rad.
 
-    ## Observation space
-    `Box(-high, high, (121 + 10 delay,), float32)`, in metres, m/s and rad; what is published, in
-    another order.
+    ## Observation space `Box(-high, high, (121 + 10 delay,), float32)`, in metres, m/s and rad; the
+    published observation, in another order.
 
     | index | observation | high |
     |---|---|---|

@@ -65,9 +65,9 @@ class ReachPoseVectorEnv(BeamVectorEnv):
     `Box(-1, 1, (18,), float32)`: as in TrackTarget, six values about the normal, the binormal and
     the tangent.
 
-    ## Observation space
-    `Box(-high, high, (52 + 18 delay,), float32)`, in metres and m/s; what is published, in another
-    order, and turns since the start in the place of turns from frame a.
+    ## Observation space `Box(-high, high, (52 + 18 delay,), float32)`, in metres and m/s; the
+    published observation, in another order, with turns since the start in place of turns from frame
+    a.
 
     | index | observation | high |
     |---|---|---|

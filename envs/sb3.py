@@ -23,7 +23,7 @@ class Sb3VecEnv(VecEnv):
 
     The env must reset in the step that ends an episode (autoreset_mode="SameStep") and give numpy.
     `infos[i]` of such a step holds "terminal_observation" and "TimeLimit.truncated", the others
-    hold what the env says of sub-env i.
+    hold the env's info of sub-env i.
 
     Examples:
         >>> env = envs.Sb3VecEnv(envs.TipReachVectorEnv(2, elements=2, autoreset_mode="SameStep"))

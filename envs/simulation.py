@@ -33,15 +33,16 @@ class Simulation:
 
     Attributes:
         plant: of the usual parameters
-        rest: the states that its episodes start from: in equilibrium, and the same with what the
-            method remembers of a step without action
-        observer: what is seen of the beam
+        rest: states at the start of episodes: an equilibrium, and the same with the method's memory
+            of a step without action
+        observer: sensors of the beam
         high: (o,) bounds of whole observations: of each frame target, sensors, actions still to act
         bounds: lower and upper ones of one frame
-        known: the parameters that there are;  usual: name -> () their usual values
+        known: names of the parameters
+        usual: name -> () their usual values
         ranges: name -> (low, high) of those drawn at each reset
         spare: intervals by which actions may be late
-        worst: what an interval costs at most; None where failing costs something else
+        worst: largest cost of an interval; None if a failure has another cost
         varying: names of the parameters that have a value for each sub-env; grows when a reset is
             given values for others
 
@@ -149,13 +150,13 @@ class Simulation:
         params: dict[str, Tensor] | None = None,
         goal: Tensor | None = None,
     ) -> Episodes:
-        """The episodes with those in the mask (n,) started afresh, and put in their rows: what
-        begins does not depend on who else is reset.
+        """Restart the episodes in the mask (n,), in their rows. A start does not depend on other
+        resets.
 
         Args:
             streams: a generator for each sub-env
             params: name -> (n,)
-            goal: (n, g), instead of the one that is drawn
+            goal: (n, g), in place of a drawn goal
         """
         params = params or {}
         self.varying |= params.keys()
@@ -217,8 +218,8 @@ class Simulation:
         return self.observer.sensors(self.rest[0] if episodes is None else episodes.start)
 
     def acting(self, before: Episodes, action: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-        """(n, a) what acts over the next interval, before the actuators' gain, and what then waits:
-        pending, late.
+        """Actions (n, a) of the next interval, before the actuators' gain, and the actions that
+        then wait: pending, late.
         """
         pending, late, params = before.pending, before.late, before.plant.params
         now = action

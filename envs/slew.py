@@ -192,9 +192,8 @@ class SlewVectorEnv(BeamVectorEnv):
     inertia (half to one and a half times the usual, kg m^2), and those of TipReach but offset. The
     goal, for options={"goal": ...}, is the angle (rad).
 
-    ## Version history
-    v1: failing costs what is left, see TipReach; in v0 it cost 100, less than doing nothing.
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals, see TipReach; in v0 it cost 100,
+    less than doing nothing. v0: first version.
 
     Examples:
         >>> env = envs.SlewVectorEnv(2, elements=2, planar=True)

@@ -230,9 +230,9 @@ class Task:
     def inputs(
         self, action: Tensor, now: Episodes | None = None
     ) -> dict[str, Tensor] | list[dict[str, Tensor]]:
-        """Inputs of the scene over one control interval: name -> (..., size), from actions (..., a)
-        within [-1, 1]; or a list, of each of its substeps. now: where the episodes stand, None in
-        statics.
+        """Inputs of the scene over a control interval: name -> (..., size), from actions (..., a)
+        within [-1, 1]. Or a list with the inputs of each substep. `now` is the episodes' present,
+        None in statics.
         """
         return driven(self.drives, action, now)
 
@@ -278,21 +278,19 @@ class Task:
         raise NotImplementedError
 
     def square_cost(self, square: Tensor) -> Tensor:
-        """(...) what `cost` is of the squares (...) m^2 of the distance between the tip and its
-        target (where there is none, its place at the start), for planning: concave, smooth at 0.
+        """(...) `cost` as a function of the squared distance (...) m^2 between the tip and its
+        target (else its start), for planning. It is concave, and smooth at 0.
         """
         return rounded_square(square, self.length)
 
     def farthest(self) -> float:
-        """m between the tip and a target within its reach, as long as the episode has not failed:
-        at most twice the length of a beam with one end held.
+        """Largest distance (m) between the tip and a target within its reach, before a failure:
+        twice the length of a beam with one end held.
         """
         return 2 * self.length
 
     def worst_cost(self) -> float:
-        """The most that `cost` is as long as the episode has not failed: that of the distance
-        `farthest`.
-        """
+        """Largest `cost` before the episode fails: the cost of the distance `farthest`."""
         return self.square_cost(self.omega.new_tensor(self.farthest() ** 2)).item()
 
     def task_failed(self, now: Episodes) -> Tensor | None:
@@ -304,10 +302,10 @@ class Task:
     # For baselines and pictures
 
     def tracking_error(self, now: Episodes) -> tuple[Tensor, Tensor]:
-        """(error, rate), both (n, k): what the first k actions are to bring to zero, and how fast
-        it falls. Here the gap from the tip to the target (where there is none: to its place at the
-        start) across the beam, over the length, and the rate of the tip less that of the target
-        over `speed`.
+        """(error, rate), both (n, k): the error that the first k actions reduce to zero, and its
+        rate. Here the error is the gap across the beam from the tip to the target (else to its
+        start), over the length. The rate is the velocity of the tip less that of the target, over
+        `speed`.
         """
         target = self.target(now, 1)
         target = now.start.position[:, -1:].expand(-1, 2, -1) if target is None else target
@@ -316,8 +314,8 @@ class Task:
         return gap, (now.beam.velocity[:, -1] - moving) @ self.lateral.T / self.of(now, self.speed)
 
     def resting(self, now: Episodes) -> tb.State | None:
-        """The state (n,) that would follow the targets without bending, where hinges turn; None =
-        there is none.
+        """State (n,) that would follow the targets without bending, by turns of hinges; None
+        without.
         """
         return None
 

@@ -110,24 +110,22 @@ class TipReachVectorEnv(BeamVectorEnv):
     Per control interval, with d = |target - tip| at its end and a the clipped action given:
         - (sqrt(d^2 + s^2) - s) / (0.1 L) - control_cost |a|^2,   s = L / 1000
     so 15 cm from the target cost 1 a step. A failed solve costs as much as a distance of 2 L, 20,
-    for its interval and each that the time limit leaves: going on is never worse. This reward is
-    not discounted; `failure_reward` replaces it.
+    for its interval and each that remains until the time limit. Going on is never worse. This
+    reward is not discounted; `failure_reward` replaces it.
 
-    ## Starting state
-    Always the same: at rest under gravity, without tip force. The target is the static tip position
-    under a random force, uniform in the ellipse with the half axes reach * force, from the
-    sub-env's own generator (see `envs/reach.py`).
+    ## Starting state Always the same: at rest under gravity, without tip force. The target is the
+    static tip position under a random force from the sub-env's own generator (see `envs/reach.py`).
+    The force is uniform in the ellipse with the half axes reach * force.
 
     ## Episode end
     Truncation after `max_episode_steps` intervals. Termination only where the solver fails
     (`info["solver_failed"]`): the observation is then the last finite one, and the other sub-envs
     do not notice.
 
-    ## Information
-    `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each (num_envs,) with a
-    mask `_name`, False for sub-envs that did not move. SAME_STEP adds `final_obs` (num_envs, 17)
-    and `final_info` with their masks; where an episode has ended the others are then of the one
-    that begins, `params` too.
+    ## Information `distance` (m) from tip to target, `solver_failed`, `action_invalid`; each
+    (num_envs,) with a mask `_name`, False for sub-envs that did not move. SAME_STEP adds
+    `final_obs` (num_envs, 17) and `final_info` with their masks. After the end of an episode all
+    other entries, `params` too, belong to the next one.
 
     ## Arguments
     The fields of `BeamEnvConfig`, with its defaults (see `envs/config.py`), and
@@ -146,9 +144,8 @@ class TipReachVectorEnv(BeamVectorEnv):
     stiffness. The goal, for options={"goal": ...}, is the target (3,) m in frame a. A target out of
     reach is allowed; its distance stays positive.
 
-    ## Version history
-    v1: failing costs what is left; in v0 it cost 100, as with failure_reward = -100.
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals; in v0 it cost 100, as with
+    failure_reward = -100. v0: first version.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)

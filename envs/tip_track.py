@@ -218,9 +218,8 @@ class TipTrackVectorEnv(BeamVectorEnv):
     As in TipReach; they do not move the target. The goal, for options={"goal": ...}, is
     a_1 b_1 a_2 b_2 a_3 b_3, each along y and z: (12,), or (6,) in a plane.
 
-    ## Version history
-    v1: failing costs what is left, see TipReach; in v0 it cost 100, less than doing nothing.
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals, see TipReach; in v0 it cost 100,
+    less than doing nothing. v0: first version.
 
     Examples:
         >>> env = envs.TipTrackVectorEnv(2, elements=2, planar=True)

@@ -79,9 +79,8 @@ class TrackTargetVectorEnv(BeamVectorEnv):
     Each element takes the couple 75 S (N m), which turns with it: a couple per length of 1,500 S,
     as 20 elements are part of the task.
 
-    ## Observation space
-    `Box(-high, high, (44 + 12 delay,), float32)`, in metres and m/s; what is published, in another
-    order.
+    ## Observation space `Box(-high, high, (44 + 12 delay,), float32)`, in metres and m/s; the
+    published observation, in another order.
 
     | index | observation | high |
     |---|---|---|
@@ -96,10 +95,9 @@ class TrackTargetVectorEnv(BeamVectorEnv):
         - d^2, + 2 where d < 0.05, + 0.5 where 0.05 <= d < 0.1
     smooth > 0 as in FollowTarget. failure_reward = -1000 in an interval in which the solver fails.
 
-    ## Starting state
-    Straight along y, at rest. The target's place is uniform in the box, |x|, |z| < 0.6 and
-    0.3 < y < 0.9 m, its velocity 0.5 (cos a sin b, sin a sin b, cos b), a and b uniform; both from
-    the sub-env's own generator. Each 0.7 s it takes a new one.
+    ## Starting state Straight along y, at rest. The target's place is uniform in the box, |x|, |z|
+    < 0.6 and 0.3 < y < 0.9 m. Its velocity is 0.5 (cos a sin b, sin a sin b, cos b), a and b
+    uniform; both from the sub-env's own generator. Each 0.7 s it takes a new one.
 
     ## Episode end
     Truncation after 7142 steps (10 s), termination where the solver fails.
@@ -107,11 +105,11 @@ class TrackTargetVectorEnv(BeamVectorEnv):
     ## Information
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; masks as in TipReach.
 
-    ## Arguments
-    The fields of `BeamEnvConfig` (see `envs/config.py`) without section, force, actuators, beam,
-    supports and planar, with length = 1, elements = 20, direction = (0, 1, 0), up = (1, 0, 0), the
-    binormal, gravity = None, damping = None, delay = 0, control_interval = 0.0014, substeps = 1,
-    control_cost = 0, failure_reward = -1000, max_episode_steps = 7142, and
+    ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`) without section, force,
+    actuators, beam, supports and planar. Defaults are length = 1, elements = 20, direction = (0, 1,
+    0), up = (1, 0, 0), the binormal, gravity = None, damping = None, delay = 0, control_interval =
+    0.0014, substeps = 1, control_cost = 0, failure_reward = -1000, max_episode_steps = 7142.
+    Further arguments:
 
     - `radius`, `young`, `density`: m, Pa, kg/m^3: 0.05, 1e7, 1000
     - `torque`: N m, 75: see above

@@ -267,10 +267,9 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     ## Information
     `distance` (m) from tip to target, `solver_failed`, `action_invalid`; masks as in TipReach.
 
-    ## Arguments
-    The arguments of TipTrack, with its defaults but no gravity, length = 1 (m, of both links
-    together) and elements = 3 (in each), without direction, up, beam, supports, actuators and
-    force; and
+    ## Arguments The arguments of TipTrack, without direction, up, beam, supports, actuators and
+    force. Its defaults hold, but gravity = None, length = 1 (m, of both links together) and
+    elements = 3 (in each). Further arguments:
 
     - `angle`: rad, pi / 3: `reach` (0.5) is the share of it that targets turn either hinge by at
       most
@@ -286,9 +285,8 @@ class TwoLinkVectorEnv(BeamVectorEnv):
     payload (0 to 0.1 kg), and those of TipReach but offset. They do not move the target. The goal,
     for options={"goal": ...}, is a_1 b_1 a_2 b_2 a_3 b_3, each of shoulder and elbow: (12,).
 
-    ## Version history
-    v1: failing costs what is left, see TipReach; in v0 it cost 100, less than doing nothing.
-    v0: first version.
+    ## Version history v1: a failure costs all remaining intervals, see TipReach; in v0 it cost 100,
+    less than doing nothing. v0: first version.
 
     Examples:
         >>> env = envs.TwoLinkVectorEnv(2, elements=2, planar=True)

@@ -18,6 +18,8 @@ import torch
 
 from . import plot, sensors
 from .analysis.advise import Advice, advise
+from .analysis.campbell import campbell
+from .analysis.campbell_diagram import Campbell
 from .analysis.convergence.converge import converge
 from .analysis.convergence.convergence import Convergence
 from .analysis.convergence.on_request import equilibrium, modes, simulate
@@ -56,9 +58,11 @@ from .linear.modes import Modes
 from .linear.state_space import linearize
 from .plot.notebook import in_html
 from .plot.view import View, view
+from .readers.read import read
 from .scene.ball import Ball
 from .scene.beam import Beam
 from .scene.body import Body
+from .scene.bouc_wen import BoucWen
 from .scene.effects import (
     Accelerogram,
     Actuation,
@@ -69,8 +73,12 @@ from .scene.effects import (
     Cylinder,
     Damping,
     Drag,
+    Drive,
+    DynamicStall,
     Gravity,
+    Gust,
     History,
+    Induction,
     Input,
     LineLoad,
     Load,
@@ -80,16 +88,24 @@ from .scene.effects import (
     Plane,
     PointLoad,
     PointMass,
+    Polar,
     RootSpring,
     SelfContact,
     SmoothHistory,
     SmoothRotation,
     Sphere,
     Spring,
+    StripAir,
     Tendon,
     TipLoad,
+    Turbulence,
+    Viscoelastic,
+    Wind,
+    WindTable,
+    blade_element_momentum,
     rayleigh,
 )
+from .scene.elasto_plastic import ElastoPlastic
 from .scene.joints import Cylindrical, Distance, Hinge, Slider, Universal, Weld
 from .scene.scene import Scene
 from .scene.section import Section
@@ -114,34 +130,30 @@ from .uncertainty.stream import Stream
 from .uncertainty.tornado import Tornado, tornado
 
 if TYPE_CHECKING:  # imported where they are first asked for
+    from .cross_section import CrossSection, Material
     from .mixed import BlockRate, MixedState, block_rate, consistent_state
 
 # fmt: off
 __all__ = [
-    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body", "Box",
-    "Capsule", "Comparison", "Contact", "Convergence", "Critical", "Cylinder", "Cylindrical",
-    "Damping", "Description", "Design", "Distance", "Drag", "Energy", "Estimate",
-    "ExplicitStepper", "FieldFit", "Filtered", "Fit", "Frame",
-    "Gravity", "Hinge", "History", "Input", "KalmanFilter", "LineLoad", "Linear", "Load",
-    "MassDamping", "Measurement", "MixedState",
-    "Modes", "MomentDerivatives", "MovingHorizon", "PairedModes", "Parameter", "Path", "PerElement",
-    "PerInterval",
-    "Plane", "PointLoad", "PointMass", "Pose",
-    "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SelfContact",
+    "Accelerogram", "Actuation", "Advice", "Along", "Ball", "Beam", "BlockRate", "Body",
+    "BoucWen", "Box", "Campbell", "Capsule", "Comparison", "Contact", "Convergence", "Critical",
+    "CrossSection", "Cylinder", "Cylindrical", "Damping", "Description", "Design", "Distance",
+    "Drag", "Drive", "DynamicStall", "ElastoPlastic", "Energy", "Estimate", "ExplicitStepper",
+    "FieldFit", "Filtered", "Fit", "Frame", "Gravity", "Gust", "Hinge", "History", "Induction",
+    "Input", "KalmanFilter", "LineLoad", "Linear", "Load", "MassDamping", "Material",
+    "Measurement", "MixedState", "Modes", "MomentDerivatives", "MovingHorizon", "PairedModes",
+    "Parameter", "Path", "PerElement", "PerInterval", "Plane", "PointLoad", "PointMass", "Polar",
+    "Pose", "RareEvent", "RootMotion", "RootSpring", "Samples", "Scene", "Section", "SelfContact",
     "SensorFrame", "Slider", "SlowBaseline", "SlowPathWarning", "SmoothHistory", "SmoothRotation",
-    "Smoothness",
-    "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats", "Stepper",
-    "Stream", "Support", "Table", "Tendon", "TipLoad",
-    "Tornado", "Universal", "View", "Weld", "advise", "block_rate", "compare", "consistent_state",
-    "converge", "critical_load",
-    "describe", "design", "equilibrium", "export",
-    "identify", "identify_fields", "laws", "linearize", "load", "modal_assurance", "modes",
-    "moment_derivatives", "monte_carlo",
+    "Smoothness", "SobolIndices", "Solution", "Sphere", "Spring", "State", "Stations", "Stats",
+    "Stepper", "Stream", "StripAir", "Support", "Table", "Tendon", "TipLoad", "Tornado",
+    "Turbulence", "Universal", "View", "Viscoelastic", "Weld", "Wind", "WindTable", "advise",
+    "blade_element_momentum", "block_rate", "campbell", "compare", "consistent_state", "converge",
+    "critical_load", "describe", "design", "equilibrium", "export", "identify", "identify_fields",
+    "laws", "linearize", "load", "modal_assurance", "modes", "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "pose_from_points",
-    "rare_event", "rayleigh", "remesh",
-    "rest",
-    "rollout", "rollout_jacobian", "save", "sensors",
-    "simulate", "sobol_indices", "tornado", "view",
+    "rare_event", "rayleigh", "read", "remesh", "rest", "rollout", "rollout_jacobian", "save",
+    "sensors", "simulate", "sobol_indices", "tornado", "view",
 ]
 # fmt: on
 
@@ -150,6 +162,7 @@ torch.serialization.add_safe_globals(
     [
         Advice,
         Bootstrap,
+        Campbell,
         Critical,
         Description,
         Estimate,
@@ -175,10 +188,16 @@ entry_points(globals(), __all__)
 
 
 def __getattr__(name: str) -> Any:
-    """Public names of the derivation's element, see `dynamics.forms`."""
+    """Public names that are imported where they are asked for: of sections from geometry, and of
+    the derivation's element, see `dynamics.forms`.
+    """
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = getattr(mixed_forms(), name)
+    if name in ("CrossSection", "Material"):
+        from . import cross_section as package
+    else:
+        package = mixed_forms()
+    globals()[name] = getattr(package, name)
     return globals()[name]
 
 

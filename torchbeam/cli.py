@@ -43,7 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     return run_command(
         "python -m torchbeam",
-        "Batched, differentiable, geometrically exact beam dynamics.",
+        "Batched, differentiable, geometrically exact beam dynamics: a library for Python.\n"
+        "Begin with `import torchbeam as tb`, the examples of a clone, or `demo` below.",
         available,
         argv,
     )
@@ -56,7 +57,7 @@ def commands() -> dict[str, EntryPoint]:
 
 
 def info(argv: Sequence[str]) -> None:
-    """Versions, precision, threads: what a bug report should say; or what a scene has and needs."""
+    """Print versions, precision, threads for a bug report; or describe the scenes of a file."""
     parser = argparse.ArgumentParser(prog="python -m torchbeam info", description=info.__doc__)
     parser.add_argument(
         "scene",

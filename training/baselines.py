@@ -18,13 +18,14 @@ from torchbeam_envs.baselines import (
     Optimum,
     ResolvedRate,
     Static,
+    ViaPoint,
     Waypoints,
     Zero,
     search,
 )
 
 from .evaluate import evaluate, make
-from .tuned import HIDDEN, PUBLISHED, REMEMBERING, RESOLVED, TRAINING, WAYS, Task
+from .tuned import HIDDEN, PUBLISHED, REMEMBERING, RESOLVED, TRAINING, VIAS, WAYS, Task
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search
@@ -145,6 +146,12 @@ def waypoints(task: Task) -> Controller:
     return controller
 
 
+def via_point(task: Task) -> Controller:
+    controller = ViaPoint(make(task, 1), **VIAS[task.name])
+    controller.settings = VIAS[task.name]
+    return controller
+
+
 BASELINES: dict[str, Callable[[Task], Controller]] = {
     "zero": lambda task: Zero(),
     "static": lambda task: Static(make(task, 1)),
@@ -156,13 +163,15 @@ BASELINES: dict[str, Callable[[Task], Controller]] = {
     "optimum": optimum,
     "resolved-rate": resolved_rate,
     "waypoints": waypoints,
+    "via-point": via_point,
 }
 LEADING = ("zero", "resolved-rate")  # of `PUBLISHED` tasks, whose actions hold no beam
 
 
 def leading(task: str) -> tuple[str, ...]:
     """Those of a published task."""
-    return (*LEADING, "waypoints") if task in WAYS else LEADING
+    ways = {"waypoints": WAYS, "via-point": VIAS}
+    return (*LEADING, *(name for name, tasks in ways.items() if task in tasks))
 
 
 def applies(algorithm: str, task: str) -> bool:
@@ -173,4 +182,4 @@ def applies(algorithm: str, task: str) -> bool:
         return task in HIDDEN
     if task in PUBLISHED:
         return algorithm in leading(task) or algorithm not in BASELINES
-    return algorithm not in ("resolved-rate", "waypoints")
+    return algorithm not in ("resolved-rate", "waypoints", "via-point")

@@ -32,10 +32,10 @@ PLAYERS = {
     "follow-3d": ("shac", 0.25),
     "ik": ("resolved-rate", 0.4),
     "obstacles": ("waypoints", 0.6),
-    "obstacles-3d": ("resolved-rate", 1.0),
+    "obstacles-3d": ("via-point", 1.0),
     "track-target": ("resolved-rate", 0.2),
     "reach-pose": ("resolved-rate", 0.4),
-    "reach-behind": ("resolved-rate", 0.15),
+    "reach-behind": ("waypoints", 0.15),
     "reach-nest": ("resolved-rate", 0.35),
 }
 

@@ -27,6 +27,7 @@ LABELS = {
     "optimum": "open-loop optimum",
     "resolved-rate": "ResolvedRate",
     "waypoints": "Waypoints",
+    "via-point": "ViaPoint",
     "ppo": "PPO",
     "sac": "SAC",
     "shac": "SHAC",

@@ -274,8 +274,15 @@ WAYS: dict[str, dict[str, Any]] = {
             (-0.219, -1.895, -0.438, 0.789, -0.34),
             (-0.577, -1.541, 0.651, -0.11, -1.449),
         )
-    )
+    ),
+    "reach-behind": dict(
+        waypoints=((-0.294, -0.994), (-0.748, 0.968), (-0.576, -0.818), (-0.674, -0.542)),
+        legs=(20.0, 69.0, 21.0, 169.0),
+    ),
 }
+# of ViaPoint: windows between the bars, in the plane of their middles
+WINDOWS = [(0.45, 0.15 * j, z / 7 - 0.1) for j in range(-4, 5) for z in range(8)]
+VIAS: dict[str, dict[str, Any]] = {"obstacles-3d": dict(points=WINDOWS, damping=0.02)}
 
 
 def _called(name: str, settings: dict[str, Any]) -> str:

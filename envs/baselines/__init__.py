@@ -20,6 +20,7 @@ from .lqg import LQG, JointLQG
 from .mpc import MPC
 from .optimum import Optimum
 from .resolved_rate import ResolvedRate
+from .via_point import ViaPoint
 from .waypoints import Waypoints
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "Optimum",
     "ResolvedRate",
     "Static",
+    "ViaPoint",
     "Waypoints",
     "Zero",
     "search",

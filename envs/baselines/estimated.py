@@ -33,24 +33,23 @@ LASTING = 8.0  # lags, for which an action is remembered
 
 
 class Estimated(Controller):
-    """Another controller, in episodes as they are estimated: it reads `env.state` as it always
-    does, but its beam, its plant and what acts are those of a `torchbeam.KalmanFilter`, which sees
-    the env's sensors in the observation and the actions that were given. Parameters of the beam
-    that the env draws are estimated, beside the sensors' bias and a disturbance of the actions;
-    of the latency candidates run side by side, and the most likely one counts. What is known
-    beforehand are the ranges of these, and the targets. Episodes start at the start that all know.
+    """Another controller, with estimates in place of the true state. It reads `env.state` as usual,
+    but beam, plant and acting loads come from a `torchbeam.KalmanFilter`. The filter sees the
+    sensors in the observation, and the actions. It estimates the parameters that the env draws, the
+    sensors' bias and a disturbance of the actions. Candidates of the latency run side by side, and
+    the most likely counts. The ranges of all these, and the targets, are known. All episodes begin
+    at the known start.
 
     Args:
         controller: of the whole state (`LQR`), or of the whole plant (`MPC(informed=True)`)
-        known: whether the plant, its latency, lag and gain are told: the state alone is estimated.
-            What that returns says what there is to be had through the sensors
-        modes: whose amplitudes are estimated
-        disturbance: deviation of that of the actions
+        known: whether the plant, its latency, lag and gain are known: the state alone is estimated.
+            The return then shows the best that the sensors allow
+        modes: number of modes whose amplitudes are estimated
+        disturbance: deviation of the disturbance of the actions
         estimator: `tb.KalmanFilter`, or `tb.MovingHorizon` where all episodes start together
-        ranges: name -> (low, high): between which parameters are thought to lie; None = those that
-            the env draws from
+        ranges: name -> (low, high) of the parameters; None = the ranges from which the env draws
 
-    Most of a decision can be made before its observation is there, by `prepare`.
+    `prepare` computes most of a decision before its observation arrives.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, noise=0.005)
@@ -106,7 +105,7 @@ class Estimated(Controller):
 
     @torch.no_grad()
     def prepare(self) -> None:
-        """Predict what the next observation shows, and make the plant that is planned with."""
+        """Predict the next observation, and build the plant for planning."""
         if self.z is None or self.predicted is not None:
             return
         self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
@@ -145,13 +144,13 @@ class Estimated(Controller):
         return Plant(params, stepper)
 
     def acting(self, params: dict[str, Tensor], asked: Tensor) -> Tensor:
-        """(..., a) what acts, before the gain, by what was asked (..., H, a), the last first."""
+        """Acting actions (..., a), before the gain, from commands (..., H, a), the last first."""
         config, latency = self.env.config, params["latency"].clamp(*self.late)
         due, spare = asked[..., config.delay :, :], self.env.simulation.spare
         return imperfections.acting(due, latency, params["lag"], config.control_interval, spare)
 
     def drive(self, params: dict[str, Tensor], asked: Tensor) -> dict[str, Tensor]:
-        """Inputs by name of what was asked (..., H a)."""
+        """Inputs by name for commands (..., H a)."""
         params = self.told | params
         asked = asked.unflatten(-1, (-1, self.env.task.actions))
         return self.env.task.inputs(params["gain"][..., None] * self.acting(params, asked))

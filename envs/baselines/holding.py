@@ -89,8 +89,8 @@ class Controller:
         raise NotImplementedError
 
     def prepare(self) -> None:
-        """Do what the next decision wants and does not wait for its observation: to be called while
-        the interval passes, by whom decisions are to come soon. They are the same without.
+        """Compute the part of the next decision that needs no observation. Call it while the
+        interval passes, if decisions must come soon. Decisions do not change.
         """
 
     @torch.no_grad()
@@ -106,7 +106,7 @@ class Controller:
 
 
 class Zero(Controller):
-    """No action; it wants to know nothing of an env.
+    """No action, in any env.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True)
@@ -243,9 +243,8 @@ class PD(Static):
     """Proportional and derivative feedback around the holding action, on the task's
     `tracking_error`.
 
-    The error is the gap between tip and target (without one, the tip's place at the start) and its
-    rate; if a hub turns, its angle and rate. Actions that the error does not concern are the
-    holding ones.
+    The error is the gap between tip and target (else the tip's start) and its rate. If a hub turns,
+    it is its angle and rate. All other actions hold.
 
     Args:
         gains: (2k,) for an error of k numbers, or (n, 2k), each sub-env's own
@@ -279,8 +278,8 @@ def search(
     seed: int,
     widths: Sequence[float] = (1.5, 0.7, 0.35),
 ) -> tuple[Tensor, float]:
-    """Positive numbers (k,) of least score, and that score: for each width `sets` log-normal draws
-    around the best so far, the first being the best itself.
+    """Search positive numbers (k,) of least score. Each width has `sets` log-normal draws around
+    the best so far, and the best itself first. Returns the numbers and their score.
 
     Args:
         score: (sets, k) -> (sets,)

@@ -117,10 +117,10 @@ class LQR(Controller):
 
     Args:
         effort, speed_weight: of the cost
-        latency: intervals by which actions act later in the model than the env's delay; None =
-            their mean if the env draws one
-        schedule: number of models (odd) along each action, about the equilibria of held actions
-            from -1 to 1; gains are interpolated between them at `hold`. 1 = one model, without
+        latency: number of intervals by which actions act later in the model than the env's delay;
+            None = the mean if the env draws it
+        schedule: number of models (odd) along each action, about the equilibria of constant actions
+            from -1 to 1. Gains are interpolated between them at `hold`. 1 = a single model, without
             action
 
     Raises:
@@ -230,8 +230,8 @@ class LQR(Controller):
         )
 
     def reference(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Along the targets: hold (n, delay + latency + 2, a); now: z at rest there (n, z), its
-        rates (n, z) and, with them, the readings (n, s).
+        """Reference along the targets: hold (n, delay + latency + 2, a). For the present: z at rest
+        (n, z), its rates (n, z), and the readings (n, s) with these.
         """
         hold = self.forward.actions()
         if self.forward.held is None:

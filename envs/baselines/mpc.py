@@ -19,11 +19,11 @@ from .trajectory import TipWay, within_bounds
 class MPC(Controller):
     """Model predictive control: a Gauss-Newton step on the next actions in each interval.
 
-    It starts from the plan of the interval before, keeps actions within their bounds, and gives the
-    first one (the real-time iteration of Diehl, Bock and Schloeder 2005). The cost is the task's,
-    of the tip's path and of the actions. A step is one rollout, one sweep for all of its
-    derivatives and one quadratic program: a few milliseconds for a beam of few elements
-    (docs/environments.md).
+    It starts from the plan of the interval before, keeps actions within their bounds, and returns
+    the first action. This is the real-time iteration of Diehl, Bock and Schloeder (2005). The cost
+    is the task's, of the tip's path and of the actions. A step takes a rollout, a sweep for all of
+    its derivatives and a quadratic program. For a beam of few elements these take a few
+    milliseconds (docs/environments.md).
 
     It reads the whole state of the beam off the simulation and knows the targets over its horizon.
     Its model is the beam at the usual parameters, with actions that are still to act. Informed, it
@@ -31,10 +31,10 @@ class MPC(Controller):
     actuators. Its model is then exact, and its return shows how much there is to gain.
 
     Args:
-        horizon: intervals
-        iterations: Gauss-Newton steps an interval
-        terminal: weight of the last gap, beside those before it
-        damping: of the steps, beside the largest entry on the diagonal of their matrix
+        horizon: number of intervals
+        iterations: number of Gauss-Newton steps in each interval
+        terminal: weight of the last gap, in units of the weight of the others
+        damping: of the steps, relative to the largest entry on the diagonal of their matrix
         informed: whether the model has each episode's own parameters
 
     Raises:

@@ -32,16 +32,16 @@ class Optimum(Controller):
 
     Args:
         guess: controller whose actions are the first start; None = the holding actions
-        iterations: steps from each start at most
-        starts: how many
-        seed: of the random ones
+        iterations: largest number of steps from each start
+        starts: number of starts
+        seed: of the random starts
 
-    After `begin`: cost (n,) of the plans; gap (n,), the decrease that the quadratic model there
-    still promises; spread (n,) of the costs at the ends of different starts; steps, the env steps
-    that were played.
+    After `begin` it has the cost (n,) of the plans, and the gap (n,): the decrease that the
+    quadratic model still predicts. The spread (n,) is that of costs at the ends of different
+    starts. `steps` counts the env steps played.
 
     Raises:
-        ValueError: for an env without end, no iterations or starts, and for what `TipWay` refuses.
+        ValueError: for an env without end, no iterations or starts, and as `TipWay`.
 
     Examples:
         >>> env = envs.TipReachVectorEnv(2, elements=2, planar=True, max_episode_steps=4)

@@ -6,28 +6,29 @@ import torch
 from torch import Tensor
 
 from ..core import BeamVectorEnv
+from ..episodes import Episodes
 from ..inverse_kinematics import Turned
 from ..soft_arm import SoftArm
 from .holding import Controller, vector_env
 
 
 class ResolvedRate(Controller):
-    """Change of the command by damped least squares (Whitney 1969; Wampler 1986), with J the soft
-    arm's `tip_jacobian` by the actions and e the way that the tip has to go,
+    """Change of the command by damped least squares (Whitney 1969; Wampler 1986). J is the soft
+    arm's `tip_jacobian` by the actions, and e is the remaining way of the tip,
 
         J' (J J' + damping^2 I)^-1 gain e,    e = target - tip + ahead target' - lead tip'
 
-    the target at the end of the interval. With a `turn` the tip's turn has three more rows, where
-    the task wants one. Commands at a limit that would go beyond it are left out, and the others
-    take their part. An arm that follows its command late, by tau, wants lead = ahead = tau, and a
-    gain that is small beside the intervals in it.
+    with the target at the end of the interval. With a `turn`, the tip's turn has three more rows,
+    if the task asks for a turn. A command that would pass its limit is left out, and the others
+    take over. An arm that follows its command with a lag tau needs lead = ahead = tau, and a small
+    gain beside the intervals in tau.
 
     Args:
-        gain: share of the way that an interval is to make good
-        damping: m, beside the singular values of J: moves of the tip by a full action
+        gain: share of the remaining way that an interval covers
+        damping: m, compared with the singular values of J: moves of the tip by a full action
         lead: s, by which the tip's own motion is anticipated
-        ahead: s, by which the target's is
-        turn: m, what a turn of the tip by 1 rad counts
+        ahead: s, by which the target's motion is anticipated
+        turn: m, weight of a turn of the tip by 1 rad
 
     Raises:
         ValueError: for a task of another beam.
@@ -60,10 +61,14 @@ class ResolvedRate(Controller):
         self.ahead, self.turn = ahead, turn if isinstance(task, Turned) else 0.0
 
     def act(self, observation: Tensor) -> Tensor:
-        task, now = self.env.task, self.env.state
+        now = self.env.state
+        return self.towards(now, *self.env.task.target(now, 1).unbind(1))
+
+    def towards(self, now: Episodes, here: Tensor, target: Tensor) -> Tensor:
+        """Actions (n, a) that lead the tip to a target (n, 3) m, which is `here` now."""
+        task = self.env.task
         J, turned = (task.change * x for x in task.tip_jacobian(now))
         tip = now.beam.position[:, -1] + self.lead * now.beam.velocity[:, -1]
-        here, target = task.target(now, 1).unbind(1)
         way = target + self.ahead / task.config.control_interval * (target - here) - tip
         if self.turn:
             off = task.to_turn(now) - self.lead * now.beam.spin[:, -1]

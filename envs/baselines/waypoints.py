@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from torchbeam.extend import shown
+
 from ..core import BeamVectorEnv
 from ..parameters import numbers
 from ..soft_arm import SoftArm
@@ -24,9 +26,11 @@ class Waypoints(Controller):
     Args:
         waypoints: (w, a) commands, in the units of the task's limits (rad, shares of a torque)
         pace: share of the largest change of the command in an interval
+        legs: (w,) intervals from each waypoint to the next, in place of a pace
 
     Raises:
-        ValueError: for a task of another beam, or waypoints of another size.
+        ValueError: for a task of another beam, waypoints of another size, or other legs than one
+            positive number for each.
 
     Examples:
         >>> env = envs.ReachObstaclesVectorEnv(2, planar=True)
@@ -38,7 +42,11 @@ class Waypoints(Controller):
     """
 
     def __init__(
-        self, env: BeamVectorEnv, waypoints: Sequence[Sequence[float]], pace: float = 1.0
+        self,
+        env: BeamVectorEnv,
+        waypoints: Sequence[Sequence[float]],
+        pace: float = 1.0,
+        legs: Sequence[float] | None = None,
     ) -> None:
         env = vector_env(env)
         if not isinstance(env.task, SoftArm):
@@ -59,8 +67,14 @@ class Waypoints(Controller):
             )
         self.places = torch.cat((torch.zeros_like(places[:1]), places))
         lengths = (self.places[1:] - self.places[:-1]).abs().amax(-1)
-        self.ends = torch.cat((lengths.new_zeros(1), lengths.cumsum(0)))
         self.pace = amount("pace", pace) * env.task.change
+        if legs is not None:
+            lengths, self.pace = torch.from_numpy(numbers("legs", legs)).to(lengths), 1.0
+            if lengths.shape != self.places[1:, 0].shape or not (lengths > 0).all():
+                raise ValueError(
+                    f"legs = {shown(legs)} was given; a positive number for each waypoint is wanted"
+                )
+        self.ends = torch.cat((lengths.new_zeros(1), lengths.cumsum(0)))
 
     def act(self, observation: Tensor) -> Tensor:
         task, now = self.env.task, self.env.state

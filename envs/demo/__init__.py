@@ -63,9 +63,7 @@ TRAINING, HELD_OUT = 1_000_000, 2_000_000  # first seeds, far apart
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Train a controller of a flexible aluminium strip by gradients through its simulation, and
-    show what it learned.
-    """
+    """Train a controller of a flexible strip by gradients, and show what it learned."""
     options = parse(argv)
     try:
         import matplotlib  # noqa: F401

@@ -101,6 +101,46 @@ class Drag(OracleEffect):
 
 
 @dataclass(frozen=True)
+class StripAir(OracleEffect):
+    """A flat plate in air without a wake that lasts: by the circulation that lets the air leave its
+    edge, and by the impulse of the air that moves along, in the plate's axes.
+    """
+
+    density: float
+    chord: float
+    axis: float
+    slope: float
+    wind: Array
+    apparent: bool
+
+    def wrench(self, p: Point) -> tuple[Array, Array]:
+        b, ahead = self.chord / 2, (2 * self.axis - 1) * self.chord / 2  # y of mid-chord
+        wind = turn(p.inertial, self.wind)
+
+        def of(k: int, v: Array) -> Array:
+            return dot(p.R[..., k], v)
+
+        def velocity(y: float) -> Array:  # of the plate against the air
+            return p.v - wind + y * cross(p.w, p.R[..., 1])
+
+        U, spin = of(1, p.v - wind), of(0, p.w)
+        w = -of(2, velocity(ahead - b / 2))  # at three quarters of the chord
+        circulation = self.slope * b * w
+        normal = self.density * circulation * U
+        suction = self.density * self.slope * b * of(2, velocity(ahead)) ** 2
+        moment = normal * (ahead + b / 2) - np.pi / 2 * self.density * b**3 * U * spin
+        if self.apparent:
+            fluid, arm = np.pi * self.density * b**2, ahead * p.R[..., 1]
+            change = p.a + cross(p.alpha, arm) + cross(p.w, cross(p.w, arm))
+            # the rate of a velocity's part along z, which turns
+            change = of(2, change) + dot(cross(p.w, p.R[..., 2]), velocity(ahead))
+            normal = normal - fluid * change
+            moment = moment - fluid * (ahead * change + b**2 / 8 * of(0, p.alpha))
+        force = suction * p.R[..., 1] + normal * p.R[..., 2]
+        return force, moment * p.R[..., 0]
+
+
+@dataclass(frozen=True)
 class PointMass(OracleEffect):
     """A rigid body; inertia about its own centre, `offset` of that from the node, section axes."""
 
@@ -238,6 +278,6 @@ class Load(OracleEffect):
 ROWS: dict[str, type[Any]] = {
     row.__name__: row
     for row in (Actuation, Damping, Drag, Gravity, LineLoad, Load, MassDamping, PointLoad,
-                PointMass, RootSpring, Spring, TipLoad, Contact)
+                PointMass, RootSpring, Spring, StripAir, TipLoad, Contact)
 }
 # fmt: on

@@ -123,6 +123,14 @@ def effects(case: Case, elements: int) -> list[Any]:
         fx.Drag: lambda e: tb.Drag(
             e.density, e.diameter, e.normal, e.tangential, tensor(e.flow), e.added_mass
         ),
+        fx.StripAir: lambda e: tb.StripAir(
+            e.chord,
+            axis=e.axis,
+            lift_slope=e.slope,
+            lags=() if e.apparent else None,
+            density=e.density,
+            wind=tensor(e.wind),
+        ),
         fx.PointMass: lambda e: tb.PointMass(e.mass, tensor(e.inertia), tensor(e.offset), at(e)),
         fx.Spring: lambda e: tb.Spring(
             at(e), e.stiffness, tensor(e.to), e.free_length or 0.0, e.damping

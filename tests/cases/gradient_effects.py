@@ -105,6 +105,22 @@ def added_mass(d, form=""):
     )
 
 
+@ingredient("effect", "StripAir", ("lags", "quasi-steady", "each node"))
+def strip_air(d, form):
+    numbers = dict(axis=(0.2, 0.5), lift_slope=(4.0, 7.0), density=(0.1, 0.3))
+    read = {n: d.number(f"StripAir {n}", *r) for n, r in numbers.items()}
+    wind = d.value("StripAir wind", 1.0, "value")
+    nodes = 1 if form != "each node" else d.count + 1
+    chord = d.tensor("StripAir chord", 0.2 + 0.1 * d.uniform(nodes))
+
+    def air(x):
+        given = {n: r(x) if n == "density" else r(x)[..., None] for n, r in read.items()}
+        lags = dict(lags="wagner" if form == "lags" else None)
+        return tb.StripAir(chord(x), **given, wind=wind(x), **lags)
+
+    return air
+
+
 def _node(d):
     return d.pick(1, -1, -2)
 

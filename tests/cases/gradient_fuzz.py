@@ -26,7 +26,7 @@ COLUMNS = (
 MIXED = ("minimal", "block_rate", "explicit stepper")
 UNMIXED = (
     "Actuation", "PointMass", "Load node", "Load inputs node", "Load internal", "RootSpring",
-    "Contact", "Tendon", "Drag added_mass",
+    "Contact", "Tendon", "Drag added_mass", "StripAir lags",
 )  # fmt: skip
 
 
@@ -40,7 +40,7 @@ def fits(way: str, kind: str, name: str) -> bool:
     )
     if way.startswith("generalized_alpha"):
         return kind != "frame" and not name.startswith(
-            ("Load internal", "PointMass offset", "shifted", "6x6")
+            ("Load internal", "StripAir lags", "PointMass offset", "shifted", "6x6")
         )
     if way == "midpoint conserve":
         return not moved

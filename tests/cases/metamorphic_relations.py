@@ -11,6 +11,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+import torchbeam as tb
 from tests.cases.gradient_ingredients import POLAR
 from tests.cases.metamorphic_answers import told
 from tests.cases.metamorphic_numbers import HOLDERS, numbered
@@ -74,6 +75,8 @@ def _moved(said: Said) -> Similarity:
 
 
 def _units(said: Said) -> Similarity:
+    if any(isinstance(e, tb.StripAir) and e.internal for e in said.problem.parts["effects"]):
+        raise NotHere  # whose states are speeds, other than those of users' loads
     draw = said.random
     mass, length, time = (10 ** draw.uniform(-3.0, 3.0) for _ in range(3))
     return Similarity(mass=mass, length=length, time=time)

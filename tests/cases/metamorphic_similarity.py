@@ -29,8 +29,9 @@ class Quantity(NamedTuple):
     """Powers of mass, length and time, and how it turns.
 
     "number"; "polar" or "axial" vector in frame a; "place" (a point there); "rotation"
-    (a quaternion to frame a); in section axes "own polar", "own axial", "own tensor" (3, 3); of six
-    entries "wrench" (force, moment), "own wrench", "springs" (along and about three axes);
+    (a quaternion to frame a); in section axes "own polar", "own axial", "own y" (of a vector), "own
+    tensor" (3, 3); of six entries "wrench" (force, moment), "own wrench", "springs" (along and
+    about three axes);
     "compliance" and "mass" (6, 6); "frame": quaternion from frame a to inertial axes; "instant".
     """
 
@@ -65,10 +66,13 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
     tb.PointLoad: lambda e: _load(0)(e) | dict(offset=OFFSET),
     tb.LineLoad: _load(1),
     tb.Damping: lambda e: dict(tau=Quantity(time=1)),
+    tb.Viscoelastic: lambda e: dict(shares=ONE, times=Quantity(time=1)),
     tb.MassDamping: lambda e: dict(alpha=Quantity(time=-1)),
     tb.Drag: lambda e: dict(density=Quantity(1, -3), diameter=Quantity(0, 1), normal=ONE,
                             tangential=ONE, flow=VELOCITY,
                             added_mass=ONE),
+    tb.StripAir: lambda e: dict(chord=Quantity(0, 1, 0, "own y"), axis=ONE, lift_slope=ONE,
+                                polar=ONE, density=Quantity(1, -3), wind=VELOCITY),
     tb.PointMass: lambda e: dict(mass=Quantity(1), inertia=Quantity(1, 2, 0, "own tensor"),
                                  offset=OFFSET),
     tb.Actuation: lambda e: dict(curvature=Quantity(0, -1, 0, "own axial"),
@@ -112,7 +116,7 @@ FIELDS: dict[type, Callable[[Any], dict[str, Quantity]]] = {
                              work=ENERGY, defect=ENERGY, t=INSTANT, status=ONE,
                              frame=Quantity(kind="frame"), internal=ONE,
                              acceleration=ONE, straining=ONE, joints=ONE,
-                             tendons=ONE, memory=ONE),
+                             tendons=ONE, memory=ONE, inelastic=ONE),
 }
 # fmt: on
 
@@ -184,6 +188,8 @@ class Similarity:
             return self.value(q, torch.as_tensor(np.asarray(x), dtype=torch.float64)).tolist()
         if q.kind == "number":
             return self.size(q) * x
+        if q.kind == "own y":
+            return self.size(q) * self.own[1, 1] * x
         if q.kind == "instant":
             return self.time * (x + self.shift)
         if q.kind in ("rotation", "frame"):

@@ -55,6 +55,8 @@ def with_zero(name: str, tensor: bool) -> Callable[[Parts], Parts]:
     def added(parts: Parts) -> Parts:
         if name == "Damping" and any(isinstance(e, tb.Damping) for e in parts["effects"]):
             raise NotHere
+        if any(isinstance(e, tb.Viscoelastic) for e in parts["effects"]) and name == "Viscoelastic":
+            raise NotHere
         zero = ZEROS[name].zero
         none = ZEROS[name].make(double(zero) if tensor else zero, parts["beam"].element_count)
         return {**parts, "effects": (*parts["effects"], none)}

@@ -58,6 +58,15 @@ def all_effects(by, **where):
     return tb.Scene(beam(by), effects, **where)
 
 
+def relaxing(by):
+    """Stress that relaxes, beside damping; each sample with its own shares and times."""
+    shares, times = 0.1 * by("shares", 2), 0.05 * by("times", 2)
+    effects = [
+        DOWN, tb.Viscoelastic(shares, times), tb.Damping(0.01), tb.TipLoad(force=tb.Input("u", 3)),
+    ]  # fmt: skip
+    return tb.Scene(beam(by, 2), effects)
+
+
 def at_offsets(by):
     """Beside a beam's axis a force, a mass, and springs of all forms."""
     at, to = dict(offset=by.near("offset", 0.02, 0.1, -0.05)), (0.2, 0.3, 0.1)

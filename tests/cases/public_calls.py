@@ -10,6 +10,9 @@ import torch
 import torchbeam as tb
 from torchbeam import sensors as S
 
+PLIES = [(0.01, 0.3, tb.Material(E=1.0, nu=0.3, rho=1.0))]
+ISOTROPIC = dict(E=1.0, nu=0.3, rho=1.0, fineness=1)
+TUBE = tb.CrossSection.tube(0.1, 0.05, 1.0, 0.3, 1.0)
 SECTION = tb.Section.from_stiffness(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3, inertia=0.01)
 BEAM = tb.Beam.straight(1.0, 2, SECTION)
 SCENE = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
@@ -23,6 +26,11 @@ HINGED = tb.rest(
         joints=[tb.Hinge(("arm", -1), "hub")],
         supports=[tb.Support(("arm", 0))],
     )
+)
+OVERHUNG = tb.Scene(
+    {"arm": BEAM, "hub": HUB},
+    joints=[tb.Hinge(("arm", -1), "hub", axis=(1, 0, 0))],
+    supports=[tb.Support(("arm", 0))],
 )
 LEANING = tb.Scene(
     BEAM,
@@ -74,6 +82,7 @@ KALMAN = tb.KalmanFilter(**WATCHED)
 SHAKEN = tb.Scene(BEAM, [tb.TipLoad(force=(0, 0, 1.0)), tb.Damping(0.01)])
 FOLDER = TemporaryDirectory(prefix="torchbeam-calls-")  # of this process alone
 SAVED = tb.save(START, Path(FOLDER.name) / "saved.pt", scene=SCENE)
+BLADE = Path(__file__).parents[2] / "examples/blades/nrel_5_mw_elastodyn.dat"
 EXPORTED = str(Path(FOLDER.name) / "exported.vtu")  # nothing else is written, but SAVED and
 PICTURE = str(Path(FOLDER.name) / "picture.svg")
 
@@ -81,10 +90,28 @@ PICTURE = str(Path(FOLDER.name) / "picture.svg")
 CALLS = {
     "save": (tb.save, dict(what=START, path=str(SAVED), scene=SCENE)),
     "load": (tb.load, dict(path=str(SAVED), scene=SCENE)),
+    "read": (tb.read, dict(path=str(BLADE), format="elastodyn", part="blade", elements=2, order=1,
+                           length=61.5)),
     "from_stiffness": (tb.Section.from_stiffness, dict(EA=10.0, GA=4.0, GJ=0.5, EI=1.0, mass=0.3,
         inertia=0.01)),
     "rectangle": (tb.Section.rectangle, dict(width=0.1, height=0.1, E=1.0, nu=0.3, rho=1.0)),
     "circle": (tb.Section.circle, dict(radius=0.1, E=1.0, nu=0.3, rho=1.0)),
+    **{f"Section.{name}": (getattr(tb.Section, name), arguments | ISOTROPIC)
+       for name, arguments in dict(
+           tube=dict(outer=0.1, inner=0.05), box=dict(width=0.1, height=0.1, thickness=0.01),
+           i_beam=dict(width=0.1, height=0.1, flange=0.01, web=0.01),
+           channel=dict(width=0.1, height=0.1, flange=0.01, web=0.01),
+           angle=dict(width=0.1, height=0.1, thickness=0.01),
+           polygon=dict(points=[(0.0, 0), (1, 0), (0, 1)], holes=[])).items()},
+    **{f"Section.{name}": (getattr(tb.Section, name), arguments | dict(fineness=1))
+       for name, arguments in dict(
+           laminate=dict(plies=PLIES, width=0.1),
+           thin_walled=dict(walls=[([(0.0, 0), (1, 0)], PLIES)], line="first")).items()},
+    "from_cross_section": (tb.Section.from_cross_section, dict(cross=TUBE)),
+    "CrossSection.stress": (TUBE.stress, dict(F=FORCE, M=FORCE, axes="material")),
+    "Material": (tb.Material, dict(E=1.0, nu=0.3, rho=1.0)),
+    "Material2": (tb.Material, dict(E1=1.0, E2=1.0, E3=1.0, G12=1.0, G13=1.0, G23=1.0, nu12=0.1,
+        nu13=0.1, nu23=0.1, rho=1.0)),
     "Section": (tb.Section, dict(compliance=torch.eye(6), mass=torch.eye(6))),
     "rotated": (SECTION.rotated, dict(angle=0.1)),
     "shifted": (SECTION.shifted, dict(y=0.1, z=0.1)),
@@ -106,11 +133,31 @@ CALLS = {
     "LineLoad": (tb.LineLoad, dict(force=FORCE, moment=FORCE, follower=False)),
     "Gravity": (tb.Gravity, dict(g=FORCE)),
     "Damping": (tb.Damping, dict(tau=0.1, six=False)),
+    "Viscoelastic": (tb.Viscoelastic, dict(shares=(0.1, 0.2), times=(0.1, 1.0), six=False)),
     "MassDamping": (tb.MassDamping, dict(alpha=0.1)),
     "rayleigh": (tb.rayleigh, dict(frequency=(1.0, 2.0), ratio=(0.1, 0.1))),
     "Drag": (tb.Drag, dict(density=1.0, diameter=1.0, normal=1.0, tangential=0.1,
         flow=(0.0, 0, 1.0), added_mass=0.0)),
     "Drag2": (tb.Drag, dict(density=1.0, diameter=1.0, added_mass=0.1)),
+    "StripAir": (tb.StripAir, dict(chord=0.1, axis=0.3, lift_slope=6.0, lags="wagner",
+        density=1.2, wind=(0.0, -1.0, 0))),
+    "Wind": (tb.Wind, dict(mean=FORCE, exponent=0.2, height=10.0, up=(0.0, 0, 1.0))),
+    "Wind2": (tb.Wind, dict(mean=FORCE, roughness=0.1, height=10.0)),
+    "Gust": (tb.Gust, dict(peak=FORCE, gradient=10.0, speed=10.0, direction=FORCE, start=0.0)),
+    "Gust.certification": (tb.Gust.certification, dict(reference=17.0, gradient=10.0, up=FORCE,
+        alleviation=0.8, speed=10.0)),
+    "Turbulence": (tb.Turbulence, dict(mean=(1.0, 0, 0), sigma=0.1, length=1.0, up=(0.0, 0, 1.0),
+        spectrum="kaimal", isotropic=False, harmonics=4, band=(0.1, 10.0), seed=(1, 2))),
+    "WindTable": (tb.WindTable, dict(t=[0.0, 1.0], values=torch.ones(2, 1, 2, 1, 3),
+        y=[0.0, 1.0])),
+    "Polar": (tb.Polar, dict(alpha=[-0.1, 0.1], cl=[-0.6, 0.6], cd=[0.0, 0.0], cm=[0.0, 0.0])),
+    "DynamicStall": (tb.DynamicStall, dict(polar=tb.Polar((-0.1, 0.1), (-0.6, 0.6), (0.0, 0.0)),
+        pressure=1.7, separation=3.0)),
+    "Induction": (tb.Induction, dict(r=[0.0, 1.0], axial=[1.0, 1.0], swirl=[0.0, 0.0],
+        axis=(0.0, 0, 1.0))),
+    "blade_element_momentum": (tb.blade_element_momentum, dict(wind=10.0, spin=5.0, r=[2.0, 4.0],
+        chord=[0.5, 0.4], twist=[0.2, 0.1], polar=tb.Polar((-0.5, 0.5), (-3.0, 3.0), (0.0, 0.0)),
+        blades=3, hub=1.0, tip=5.0, axis=(0.0, 0, 1.0), density=1.2, losses=True)),
     "PointMass": (tb.PointMass, dict(mass=1.0, inertia=(1.0, 1.0, 1.0), offset=(0.0, 0, 0.1),
         node=1)),
     "Spring": (tb.Spring, dict(node=-1, stiffness=1.0, to=FORCE, length=0.1, damping=0.1)),
@@ -159,16 +206,22 @@ CALLS = {
     "Ball": (tb.Ball, dict(a=("arm", -1), b="hub", at=FORCE, stiffness=1.0, damping=0.1,
         friction=0.1, slip_speed=0.1, axis=FORCE, limit=1.0, limit_stiffness=1.0, torque=FORCE)),
     "Hinge": (tb.Hinge, dict(a=("arm", -1), b="hub", axis=FORCE, stiffness=1.0, damping=0.1,
-        friction=0.1, slip_speed=0.1, limits=(-1.0, 1.0), limit_stiffness=1.0, torque=1.0)),
+        friction=0.1, slip_speed=0.1, limits=(-1.0, 1.0), limit_stiffness=1.0, torque=1.0,
+        hysteresis=tb.BoucWen(1.0, 1.0))),
     "Slider": (tb.Slider, dict(a=("arm", -1), b=("hub", FORCE), axis=FORCE, stiffness=1.0,
         damping=0.1, friction=0.1, slip_speed=0.1, limits=(-1.0, 1.0), limit_stiffness=1.0,
-        force=1.0)),
+        force=1.0, hysteresis=tb.ElastoPlastic(1.0, 1.0))),
     "Hinge2": (tb.Hinge, dict(a=("arm", -1), b=None, at=FORCE, angle=0.1)),
     "Slider2": (tb.Slider, dict(a=None, b="hub", travel=0.1)),
     "Cylindrical": (tb.Cylindrical, dict(a=("arm", -1), b="hub", axis=FORCE, at=FORCE)),
     "Universal": (tb.Universal, dict(a=("arm", -1), b="hub", axis=FORCE, second=(1.0, 0, 0),
         at=FORCE, stiffness=(1.0, 2.0), limits=((-1.0, 1.0), (-2.0, 2.0)),
         limit_stiffness=(1.0, 2.0), torque=1.0, second_angle=0.1)),
+    "ElastoPlastic": (tb.ElastoPlastic, dict(stiffness=1.0, yield_moment=1.0, hardening=0.1,
+        kinematic=0.5)),
+    "BoucWen": (tb.BoucWen, dict(stiffness=1.0, yield_moment=1.0, ratio=0.1, n=2.0, beta=0.5,
+        gamma=0.5)),
+    "Drive": (tb.Drive, dict(function=lambda angle, k: -k * angle, values=dict(k=1.0))),
     "Distance": (tb.Distance, dict(a=None, b="hub", at=FORCE)),
     "Scene of parts": (tb.Scene, dict(beam={"arm": BEAM, "hub": HUB},
         joints=[tb.Weld(("arm", -1), "hub")], supports=[])),
@@ -216,6 +269,8 @@ CALLS = {
         count=3, tolerance=1e-3, t=0.0, lumped=False, inputs={"u": (-1.0, 0, 0)})),
     "modes": (tb.modes, dict(scene=DRIVEN, state=tb.rest(DRIVEN), count=3, normalize="largest",
         t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)})),
+    "campbell": (tb.campbell, dict(scene=OVERHUNG, speeds=(0.0, 1.0), bearing=0, held=True, count=2,
+        method="auto", steps=8, t=0.0, inputs=None, progress=None)),
     "linearize": (tb.linearize, dict(scene=DRIVEN, state=tb.rest(DRIVEN), outputs=[S.TipPosition()],
         t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)})),
     "response": (LINEAR.response, dict(omega=1.0)),
@@ -312,6 +367,7 @@ CALLS = {
     "S.TendonTension": (S.TendonTension, dict(tendon=0)),
     "S.TendonLength": (S.TendonLength, dict(tendon=0)),
     "S.JointCoordinate": (S.JointCoordinate, dict(joint=0)),
+    "S.JointHysteresis": (S.JointHysteresis, dict(joint=0)),
     "S.JointLoad": (S.JointLoad, dict(joint=0)),
     "S.JointRate": (S.JointRate, dict(joint=0, component=0)),
     "S.read.Joint": (lambda joint: S.JointCoordinate(joint)(HINGED), dict(joint=0)),

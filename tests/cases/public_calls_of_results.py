@@ -120,6 +120,9 @@ OF_RESULTS = {
                                              frequency=torch.ones(4, 2), names=("a", "b"))),
     "plot.convergence": (tb.plot.convergence, dict(runs={"a": SAMPLES}, reference=1.0)),
     "plot.correlation": (tb.plot.correlation, dict(fit=FIT)),
+    "plot.cross_section": (tb.plot.cross_section, dict(
+        cross=tb.CrossSection.tube(0.1, 0.05, 1.0, 0.3, 1.0), show="11", F=(0.0, 0, 1.0),
+        M=(0.0, 0, 1.0), axes="section")),
     "plot.design": (tb.plot.design, dict(plan=tb.design(**PLAN))),
     "plot.fit": (tb.plot.fit, dict(fit=FIT)),
     "plot.grid": (tb.plot.grid, dict(rows=1, columns=2, size=None, three=())),

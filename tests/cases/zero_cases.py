@@ -237,6 +237,21 @@ CASES = {
         torch.tensor([1.0, -1.0])[:, None]))),
     "History.values": effect(lambda x: tb.TipLoad(force=tb.History((0.0, 0.05, 0.1),
         torch.stack((x, 2 * x, 0 * x), -2)))),
+    "Gust.start": effect(lambda x: tb.StripAir(0.2, wind=tb.Wind((0.5, -5.0, 0.8)) + tb.Gust(
+        (0.0, 0, 2.0), 1.0, speed=9.0, start=x - 0.05)), 1, MOVING, scale=1e-3),
+    "WindTable.values": effect(lambda x: tb.StripAir(0.2, wind=tb.WindTable((0.0, 0.1),
+        torch.stack((x, x + 1), -2)[..., None, None, None, :].expand(*x.shape[:-1], 2, 1, 2, 1, 3),
+        y=(-0.1, 0.1))), 3, MOVING, scale=1e-4),
+    "Polar.cl": effect(lambda x: tb.StripAir(0.2, wind=(0.5, -5.0, 0.8), polar=tb.Polar((-0.5, 0.5),
+        torch.stack((x, x + 1), -1), (0.1, 0.2))), 1, MOVING, scale=1e-4),
+    "Polar.cd": effect(lambda x: tb.StripAir(0.2, wind=(0.5, -5.0, 0.8), polar=tb.Polar((-0.5, 0.5),
+        (-1.0, 2.0), torch.stack((x, x + 1), -1))), 1, MOVING, scale=1e-4),
+    "Polar.cm": effect(lambda x: tb.StripAir(0.2, wind=(0.5, -5.0, 0.8), polar=tb.Polar((-0.5, 0.5),
+        (-1.0, 2.0), (0.1, 0.2), torch.stack((x, x + 1), -1))), 1, MOVING, scale=1e-4),
+    "Induction.axial": effect(lambda x: tb.StripAir(0.2, wind=tb.Wind((0.5, -5.0, 0.8)) +
+        tb.Induction((0.0, 1.0), torch.stack((x, x), -1), (0.5, 0.5))), 1, MOVING, scale=1e-4),
+    "Induction.swirl": effect(lambda x: tb.StripAir(0.2, wind=tb.Wind((0.5, -5.0, 0.8)) +
+        tb.Induction((0.0, 1.0), (0.5, 0.5), torch.stack((x, x), -1))), 1, MOVING, scale=1e-4),
     "Damping.tau six": Case(lambda x: scene(tb.Damping([x[..., 0], 0.01, 0.02, 0.01, 0.02, 0.01])),
         ways=DYNAMIC, least=True, scale=1e-4),
     "Damping.tau without rotary inertia": Case(lambda x: scene(tb.Damping(x[..., 0]),
@@ -332,6 +347,15 @@ CASES = {
 POSITIVE, ORDERED = "is positive", "increases"
 # fmt: off
 NEVER_ZERO = {  # or not only; why there is no case
+    "StripAir.chord": POSITIVE, "StripAir.polar": "is a function",
+    **{f"Wind.{name}": POSITIVE for name in ("exponent", "roughness", "height")},
+    **{f"{kind}.up": "is a direction" for kind in ("Wind", "Turbulence")},
+    "Gust.gradient": POSITIVE, "Gust.speed": POSITIVE, "Gust.direction": "is a direction",
+    "Turbulence.mean": "has a direction", "Turbulence.sigma": POSITIVE,
+    "Turbulence.length": POSITIVE, "Induction.axis": "is a direction",
+    **{f"WindTable.{name}": ORDERED for name in "txyz"}, "Induction.r": ORDERED,
+    "Polar.alpha": ORDERED, "Polar.s": ORDERED,
+    "DynamicStall.pressure": POSITIVE, "DynamicStall.separation": POSITIVE,
     "Contact.corners": "of a body's surface, whose size is positive",
     "Section.from_stiffness EA": POSITIVE, "Section.from_stiffness GA": POSITIVE,
     "Section.from_stiffness GJ": POSITIVE,
@@ -357,6 +381,7 @@ NEVER_ZERO = {  # or not only; why there is no case
     "Tendon.stiffness": POSITIVE, "Tendon.slip_speed": POSITIVE,
     "Tendon.length": "at 0 a tendon of some stiffness pulls with all of its length",
     "State.tendons": "readings alone", "State.memory": "is an interaction's own",
+    "State.inelastic": "as Viscoelastic.shares", "Viscoelastic.times": POSITIVE,
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
     "Cylindrical.limits": ORDERED, "Cylindrical.slip_speed": POSITIVE,
     "Universal.limits": ORDERED, "Universal.slip_speed": POSITIVE,

@@ -1,14 +1,24 @@
-"""Pages are in plain English: short sentences, in words that readers know."""
+"""Pages and public docstrings are in plain English: short sentences, in words that readers know."""
 
+import importlib.util
+import inspect
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.docs.test_docstrings import PUBLIC
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 LONG, LONGEST = 25, 45  # words
 SHARE = 0.1  # of sentences that are longer than LONG
+SHARE_OF_DOCSTRINGS = 0.01  # of public ones, all together
+# in place of a noun
+CROOKED = re.compile(r"^What\b|\bfor what\b|\bas drawn\b|\bwhat (is|was|it|they|there)\b")
+SECTION = re.compile(r"(Args|Attributes|Examples|Raises|Returns|Yields):")
+ENTRY = re.compile(r"^\s*\*{0,2}\w+(, \*{0,2}\w+)*: ")
 
 
 def sentences(text: str) -> list[str]:
@@ -54,3 +64,84 @@ def test_sentences_are_told_apart():
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_sentences_are_short(page):
     assert not holds(page), holds(page)
+
+
+def running_text(docstring: str) -> str:
+    """Of a docstring: without examples and formulas (indented outside of a section), each entry of
+    a section a paragraph without its name. A sentence may begin with a symbol.
+    """
+    lines, section = [], False
+    for line in re.sub(r"^\s*>>> .*?(?=\n\s*\n|\Z)", "", docstring, flags=re.M | re.S).split("\n"):
+        depth = len(line) - len(line.lstrip())
+        if depth == 0:
+            section = bool(SECTION.fullmatch(line))
+            lines.append("" if section else line)
+        elif section:
+            lines += ["", ENTRY.sub("", line)] if depth == 4 else [line]
+        else:
+            lines.append("")
+    return re.sub(r"(?<=[a-z)\]])\.\s+(?=[a-z0-9])", ".\n\n", "\n".join(lines))
+
+
+def public_docstrings() -> Iterator[tuple[str, str]]:
+    """Of every public name, and of the members that the reference shows."""
+    spec = importlib.util.spec_from_file_location("site_members", ROOT / "docs" / "site.py")
+    site = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(site)
+    bare = {name for page in site.BARE for name in site.REFERENCE.get(page, ((), (), ()))[2]}
+    for path, (value, _) in PUBLIC.items():
+        texts = {path: value.__doc__}
+        name = path.rpartition(".")[2]
+        if inspect.isclass(value) and name not in bare:
+            public = [member for member in vars(value) if not member.startswith("_")]
+            for member in site.MEMBERS.get(name, public):
+                read = inspect.getattr_static(value, member, None)
+                for own in ("__func__", "fget", "func"):
+                    read = getattr(read, own, None) or read
+                if inspect.isroutine(read):
+                    texts[f"{path}.{member}"] = read.__doc__
+        yield from ((of, inspect.cleandoc(text)) for of, text in texts.items() if text)
+
+
+def test_text_of_a_docstring():
+    text = """One two.
+
+    f = m a
+
+Args:
+    a, b: three four. x is five
+        six
+    *c: seven
+
+Raises:
+    ValueError: eight.
+
+Examples:
+    >>> none
+    nine
+"""
+    assert [words(sentence) for sentence in sentences(running_text(text))] == [2, 2, 4, 1, 1]
+
+
+def test_docstrings_are_short():
+    """Sentences of what the reference shows."""
+    spoken = {
+        (sentence, name)
+        for name, text in public_docstrings()
+        for sentence in sentences(running_text(text))
+    }
+    many = sorted((s for s in spoken if words(s[0]) > LONG), key=lambda s: -words(s[0]))
+    shown = "\n".join(f"{words(sentence)} words, {name}: {sentence}" for sentence, name in many)
+    assert len(many) <= SHARE_OF_DOCSTRINGS * len(spoken), shown
+    assert not many or words(many[0][0]) <= LONGEST, shown
+
+
+def test_docstrings_name_things():
+    """A noun stands where "what there is" could."""
+    crooked = [
+        f"{name}: {sentence}"
+        for name, text in public_docstrings()
+        for sentence in sentences(running_text(text))
+        if CROOKED.search(sentence)
+    ]
+    assert not crooked, "\n".join(crooked)

@@ -153,3 +153,23 @@ def test_diagrams_are_drawn(site):
     files = {path.name for path in (ROOT / "docs/figures/diagrams").glob("*")}
     assert files == {diagrams.picture_of(source).name for source in diagrams.diagrams()}
     assert "mermaid" not in site.with_diagrams((ROOT / "docs/compiled_engine.md").read_text())
+
+
+# as engineers type them
+ASKED = (
+    "moment diagram", "truss", "foundation", "Winkler", "moving load", "buckling", "flutter",
+    "modal analysis", "damping ratio", "spring", "hinge", "prescribed displacement", "cable",
+    "catenary", "arch", "portal frame", "hysteresis", "composite", "wind", "gust", "settlement",
+    "natural frequency", "frequency response", "earthquake", "temperature", "I-beam", "GPU",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("words", ASKED)
+def test_search_finds_a_page(words):
+    """All of these words stand in one row or sentence of a page: the search of the site has its
+    words from there.
+    """
+    pages = [path.read_text() for path in sorted((ROOT / "docs").glob("*.md"))]
+    wanted = [rf"\b{word}" for word in words.split()]
+    lines = re.split(r"\n\n|\n(?=\|)|(?<=[.:]) ", "\n\n".join(pages))
+    assert any(all(re.search(word, line, re.I) for word in wanted) for line in lines), words

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from torchbeam_envs import FollowTargetVectorEnv, ReachObstaclesVectorEnv, TipReachVectorEnv
-from torchbeam_envs.baselines import Waypoints
+from torchbeam_envs.baselines import ResolvedRate, ViaPoint, Waypoints
 from torchbeam_envs.reach_obstacles import APART, BAND, CENTRES, Bars, axes_apart, bars
 
 from torchbeam import extend
@@ -122,6 +122,69 @@ def test_waypoints_are_gone_through_as_fast_as_they_may():
     env.step(np.full((2, 5), 0.4, np.float32))
     env.step(controller(observation))
     np.testing.assert_allclose(env.task.command(env.state), [places[-1]] * 2, atol=1e-8)
+
+
+def test_legs_take_their_intervals():
+    """Two legs of 2 and 4 intervals, whatever their length."""
+    env = FollowTargetVectorEnv(1, planar=True, elements=5, autoreset_mode="Disabled")
+    observation, _ = env.reset(seed=0)
+    places = np.array([[0.08, 0, 0, 0, 0], [0.04, 0.02, 0, 0, 0]])
+    controller = Waypoints(env, places, legs=(2, 4))
+    controller.begin(env)
+    walk = np.concatenate((np.zeros((1, 5)), places))
+    for k in range(1, 8):
+        observation, *_ = env.step(controller(observation))
+        wanted = [np.interp(k, (0, 2, 6), walk[:, i]) for i in range(5)]
+        np.testing.assert_allclose(env.task.command(env.state)[0], wanted, atol=1e-12)
+    for bad in ((2,), (2, 0), (2, np.nan)):
+        with pytest.raises(ValueError, match="legs = "):
+            Waypoints(env, places, legs=bad)
+
+
+def test_a_via_point_is_the_best_of_the_ways():
+    """Of the direct way, a detour and a way that is far off, each episode takes the one of the
+    highest return by itself: as much as the best of three runs.
+    """
+
+    def returns(controller):
+        env = ReachObstaclesVectorEnv(2, elements=10, max_episode_steps=8, output="torch")
+        observation, _ = env.reset(seed=6)
+        controller = controller(env)
+        controller.begin(env)
+        total = 0.0
+        for _ in range(8):
+            observation, reward, *_ = env.step(controller(observation))
+            total = total + reward
+        return total
+
+    settings, points = dict(damping=0.02, latest=4), [[0.45, 0.3, 0.6], [-0.5, 0.0, 0.3]]
+    each = [returns(lambda env: ResolvedRate(env, damping=0.02))]
+    each += [returns(lambda env, p=p: Led(env, [p], **settings)) for p in points]
+    each = torch.stack(each)
+    assert each[0].min() > each[2].max()
+    best = returns(lambda env: ViaPoint(env, points, **settings))
+    torch.testing.assert_close(best, each.amax(0), rtol=0, atol=1e-6)
+
+
+class Led(ViaPoint):
+    """By way of its one place, whatever comes of it."""
+
+    def restart(self, fresh):
+        self.via = self.points.expand(len(fresh), 3)
+
+
+def test_via_points_of_another_kind_are_refused():
+    env = ReachObstaclesVectorEnv(1, max_episode_steps=None)
+    with pytest.raises(ValueError, match="a soft arm"):
+        ViaPoint(TipReachVectorEnv(1, elements=2), [[0.1, 0, 0]])
+    for bad in ([[0.1, 0.2]], [0.1, 0, 0], [[np.nan, 0, 0]]):
+        with pytest.raises(ValueError, match=r"points of shape|points = "):
+            ViaPoint(env, bad)
+    with pytest.raises(ValueError, match="latest = 0"):
+        ViaPoint(env, [[0.1, 0, 0]], latest=0)
+    controller = ViaPoint(env, [[0.1, 0, 0]])
+    with pytest.raises(ValueError, match="an env without end"):
+        controller.begin(env)
 
 
 def test_waypoints_for_another_task_are_refused():

@@ -178,9 +178,10 @@ def test_what_an_argument_may_not_be_is_refused(call, tmp_path, monkeypatch):
 
 
 # made by calls
-RESULTS = """Advice BlockRate Comparison Convergence Critical Description Design Energy Estimate
-FieldFit Fit Linear MixedState Modes MomentDerivatives PairedModes Path Pose RareEvent Samples
-Sensor SlowPathWarning SobolIndices Solution State Stats Stream Tornado Filtered"""
+RESULTS = """Advice BlockRate Campbell Comparison Convergence Critical CrossSection Description
+Design Energy Estimate FieldFit Filtered Fit Linear MixedState Modes MomentDerivatives PairedModes
+Path Pose RareEvent Samples Sensor SlowPathWarning SobolIndices Solution State Stats Stream
+Tornado"""
 # or without arguments; a view serves a page, see tests/unit/plot/test_view.py
 ELSEWHERE = {"Beam", "RootForce", "RootMoment", "RootReaction", "TipVelocity", "identify_fields"}
 ELSEWHERE |= {"view", "View"}

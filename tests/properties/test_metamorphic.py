@@ -67,6 +67,7 @@ def test_every_effect_has_its_rows(kind):
         tb.Damping(0.1),
         tb.MassDamping(0.1),
         tb.Drag(1.0, 1.0),
+        tb.StripAir(1.0),
         tb.PointMass(1.0),
         tb.Actuation(curvature=(0, 0, 1.0)),
         tb.Spring(0, 1.0, (0, 0, 0.0)),

@@ -354,6 +354,18 @@ def test_a_memory_counts_turns_and_starts_anew():
     assert_close(solution.state.memory[-1, 0, 1], place.diff().abs().sum(), rtol=0, atol=1e-12)
 
 
+def test_an_equilibrium_goes_on_from_what_is_remembered():
+    """From `initial`, and along a path: the rack's way is the sum of all its moves."""
+    first = tb.equilibrium(racked(20.0))
+    again = tb.equilibrium(racked(40.0), initial=first)
+    places = [state.position[-1, 0] for state in (first, again)]
+    way = places[0].abs() + (places[1] - places[0]).abs()
+    assert_close(again.memory[0, 1], way, rtol=1e-12, atol=0)
+    path = tb.path(racked(20.0), step=0.3)
+    moves = path.state.position[:, -1, 0].diff().abs()
+    assert_close(path.state.memory[-1, 0, 1], moves.sum(), rtol=1e-12, atol=0)
+
+
 def test_what_has_unknowns_or_a_memory_says_how():
     with pytest.raises(TypeError, match="residual that determines"):
         type("Loose", (Interaction,), dict(unknowns=1))

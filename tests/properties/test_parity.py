@@ -28,6 +28,7 @@ STEPS = 3
 ROWS = {
     # loads, sections, supports and frames of one beam
     "all_effects": "steps",
+    "relaxing": "steps equilibrium generalized_alpha conserve ~midpoint4",
     "at_offsets": "steps",
     "curved": "equilibrium ~steps",
     "bow_in_a_plane": "steps",

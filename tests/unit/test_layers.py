@@ -15,9 +15,9 @@ import torchbeam
 
 # From what knows nothing to what knows all:
 LAYERS = (
-    "math", "core", "uncertainty", "topology", "scene", "state", "nodal", "solvers", "equations",
-    "engine", "dynamics", "mixed", "statics", "linear", "sensors", "plot", "analysis", "cli",
-    "extend",
+    "math", "core", "uncertainty", "topology", "cross_section", "scene", "readers", "state",
+    "nodal", "solvers", "equations", "engine", "dynamics", "mixed", "statics", "linear", "sensors",
+    "plot", "analysis", "cli", "extend",
 )  # fmt: skip
 HERE = Path(__file__).parents[2]
 ROOTS = {

@@ -53,8 +53,8 @@ class Trial:
 
 @dataclass(frozen=True)
 class Advice:
-    """Result of `advise`. `seconds`: CPU time of the scene as given; `together`: everything that
-    does not matter changed at once, None where that is nothing or one thing. Printed, it is a
+    """Result of `advise`. `seconds`: CPU time of the unchanged scene. `together`: the trial with
+    all negligible things changed at once, None if fewer than two are negligible. Printed, it is a
     table.
 
     Examples:
@@ -99,25 +99,25 @@ def advise(
     show: bool = True,
     inputs: dict[str, Any] | None = None,
 ) -> Advice:
-    """Run short trials of the scene, each with one thing changed, and say what matters for the
+    """Run short trials of a scene, each with one change, and report which change matters for a
     quantity.
 
     Args:
-        t: (time,) s, output times of a trial: long enough to show what the quantity does, short
-            enough to run ten times
-        quantity: of a trajectory (`solution.state`, time first) -> tensor, time first: a sensor, or
-            a function
+        t: (time,) s, output times of a trial: long enough to show the quantity, short enough to run
+            ten times
+        quantity: a sensor, or a function: trajectory (`solution.state`, time first) -> tensor, time
+            first
         tolerance: relative change of the quantity that matters
         consider: effects that the scene lacks, to be tried one by one
-        initial, step, inputs: as in `simulate`;  repeats: each trial is timed so often, the least
-            counts
+        initial, step, inputs: as in `simulate`;  repeats: number of timings of each trial; the
+            least counts
         show: print the table
 
-    Tried are: without each effect, without frame or root motion; no extension, no shear
-    (infinite stiffness), no rotary inertia; small displacements (geometric nonlinearity left out);
-    each plane (out-of-plane motion left out). All of them on the given mesh and step, whose own
-    errors they do not tell. Changes of single trials need not add up, so what does not matter is
-    tried once more together. Nothing is switched: the advice is data, see `Advice`.
+    Trials leave out each effect, the frame or root motion, extension and shear (by infinite
+    stiffness), or rotary inertia. Others have small displacements (without geometric nonlinearity),
+    or a plane (without motion out of it). All use the mesh and step of the scene, whose errors they
+    do not show. Changes need not add up, so all negligible ones are tried once more together. The
+    scene is not changed: the advice is data, see `Advice`.
 
     Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does
     not run.
@@ -250,7 +250,7 @@ def _rigid(beam: Beam, rows: tuple[int, ...]) -> Beam:
     like = beam.compliance
     keep = torch.tensor([float(k not in rows) for k in range(6)]).to(like)
     rigid = tuple(was or k in rows for k, was in enumerate(beam.rigid))
-    return replace(beam, compliance=keep[:, None] * beam.compliance * keep, rigid=rigid)
+    return replace(beam, compliance=keep[:, None] * beam.compliance * keep, taper=None, rigid=rigid)
 
 
 def _without_rotary(beam: Beam) -> Beam:
@@ -260,7 +260,10 @@ def _without_rotary(beam: Beam) -> Beam:
             "a section with an offset centre of mass has rotary inertia by that offset alone"
         )
     keep = (torch.arange(6, device=beam.mass.device) < 3).to(beam.mass)
-    return replace(beam, mass=keep[:, None] * beam.mass * keep, rotary=False)
+    mass, more = (
+        None if x is None else keep[:, None] * x * keep for x in (beam.mass, beam.mass_taper)
+    )
+    return replace(beam, mass=mass, mass_taper=more, rotary=False)
 
 
 def seconds(runs: Sequence[Callable[[], Any]], repeats: int) -> list[float]:

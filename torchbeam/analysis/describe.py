@@ -23,7 +23,17 @@ from ..nodal.coordinates.selection import only_numbers
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..nodal.rates import Rates
-from ..scene.effects import POSITION, Along, Effect, Input, Obstacle, PerElement
+from ..scene.effects import (
+    POSITION,
+    Along,
+    DynamicStall,
+    Effect,
+    Input,
+    Obstacle,
+    PerElement,
+    Polar,
+    WindField,
+)
 from ..scene.scene import Scene
 from ..scene.section import notes
 from ..scene.stations import Table
@@ -41,10 +51,10 @@ class Description:
     """Result of `describe`; printed, it is a table of lines.
 
     Args:
-        lines: heading -> what is said under it
+        lines: heading -> text below it
         plane: "xy" or "xz": the nodal form solves the scene there; None = in space
-        planes: planes in which the whole scene lies: the answer there is that in space, with half
-            the unknowns
+        planes: planes in which the whole scene lies: the answer there is the same, with half the
+            unknowns
         unknowns: of an implicit step and of an equilibrium: the moves of the nodes that are free
         states: form or method -> numbers in a state of it; None where it does not take the scene
         refusals: form or method -> why it does not
@@ -220,6 +230,8 @@ def _value(value: Any) -> str:
         return f"a Table of {value.s.shape[-1]} places"
     if isinstance(value, Obstacle):
         return f"{value.called}{', which moves' if functions(value) else ''}"
+    if isinstance(value, (WindField, Polar, DynamicStall)):
+        return str(value)
     if callable(value):
         return "a function"
     if hasattr(value, "shape"):

@@ -51,30 +51,30 @@ def export(
     """Write a motion, a shape or modes for ParaView.
 
     Args:
-        what: a `Solution`, a `State`, a `Scene` (as drawn), or `Modes`
-        path: of a solution "run.pvd", beside which the folder "run" gets a file for each instant;
-            of all else "shape.vtu"
-        state: where modes are about
-        scene: of a solution or a state: for its tendons, of every sample, and, of the first one,
-            the obstacles of its contacts and the surfaces of bodies
+        what: a `Solution`, a `State`, a `Scene` (undeformed), or `Modes`
+        path: "run.pvd" for a solution: a folder "run" beside it gets a file for each instant.
+            "shape.vtu" for anything else
+        state: equilibrium of the modes
+        scene: scene of a solution or a state: adds tendons of every sample, and obstacles and
+            surfaces of bodies of the first sample
 
     Returns:
         The path.
 
-    Each file has the nodes (m, frame a), a line between each two that follow each other, and a
-    vertex for each body; `sample` counts a batch, `part` the parts of a structure. Of points:
-    `velocity` (m/s) and `angular velocity` (rad/s), both absolute, and the section axes `x`, `y`,
-    `z`, all in frame a. Of lines: `force` (N) and `moment` (N m) in section axes, nan for bodies;
-    of elements of order 2 those of the Gauss point in each half. Of modes: `mode k displacement`
-    and `mode k turn`, frame a, at the instant at which the largest component of the displacement
-    is largest, that then 1 (where the mode has none, that of the turn). With a scene, `kind` says
-    of each cell what it is: 0 a beam, 1 a body, 2 a tendon, 3 a surface; of the last two all else
-    is nan, and `part` -1.
+    Each file has the nodes (m, frame a), a line between consecutive nodes, and a vertex for each
+    body. `sample` counts a batch, `part` the parts of a structure. Data of points are `velocity`
+    (m/s) and `angular velocity` (rad/s), both absolute, and the section axes `x`, `y`, `z`, all in
+    frame a. Data of lines are `force` (N) and `moment` (N m) in section axes, nan for bodies.
+    Elements of order 2 have the values of the Gauss point in each half. Modes have `mode k
+    displacement` and `mode k turn`, frame a, at the instant of the largest component of the
+    displacement. They are scaled so that this component is 1 (without displacement, the component
+    of the turn). With a scene, `kind` tells the kind of each cell: 0 a beam, 1 a body, 2 a tendon,
+    3 a surface. Tendons and surfaces have nan for all other data, and `part` -1.
 
     Raises:
-        ValueError: for what is none of these, another form, a path of another ending, a folder that
-            is not there, modes without the state that they are about, or one of another batch, and
-            for a scene of another mesh, or with modes or another scene.
+        ValueError: for another type or form, a path of another ending, or a missing folder. For
+            modes without their state, or with a state of another batch. For a scene of another
+            mesh, or a scene with modes or with a scene.
         NotWritten: (an OSError) where the disk is full.
 
     Examples:

@@ -30,16 +30,16 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
 
     Args:
         what: a state of any form, or a `Solution`
-        path: any name; the folder is there
-        scene: whose it is: the file keeps digests of it, no copy, so that `load` with another
-            scene says what differs
+        path: any name, in an existing folder
+        scene: scene of the state: the file keeps digests of it, no copy. `load` with another scene
+            then names the differences
 
     Returns:
         The path.
 
     Raises:
-        ValueError: for what is neither, a state that is none of the scene's, a folder that is not
-            there, or within a transform of torch.func.
+        ValueError: for another type, a state of another scene, a missing folder, or within a
+            transform of torch.func.
         NotWritten: (an OSError) where the disk is full.
 
     Examples:
@@ -66,19 +66,19 @@ def save(what: Any, path: str | Path, *, scene: Scene | None = None) -> Path:
 
 
 def load(path: str | Path, *, scene: Scene | None = None) -> Any:
-    """The state or `Solution` of a file that `save` wrote, on the CPU or where the scene is. A run
-    that goes on from a state by the same engine, with steps of a given length, moves as one that
-    was never interrupted, to the bit; its `work` and `energy.work` count from there. In a plane
-    whose sections `up=` turns by a quarter, and by eager steps from a support that stands aslant,
-    it does so to rounding. Adaptive steps begin anew.
+    """Read the state or `Solution` of a file that `save` wrote, onto the CPU or the scene's device.
+    A run that continues from a state equals an uninterrupted run to the bit, by the same engine and
+    steps of a constant length. Its `work` and `energy.work` count from there. Two cases agree to
+    rounding only: a plane whose sections `up=` turns by a quarter, and eager steps from an inclined
+    support. Adaptive steps start anew.
 
     Args:
-        scene: whose it is to be: it is compared, in shape and, where the file was saved with its
-            scene, in every number and function
+        scene: scene to compare with, in shape. A file that was saved with its scene is compared in
+            every number and function
 
     Raises:
-        ValueError: for another file, and where the scene differs: it says in what. To start
-            another scene from a state, load it without `scene=`.
+        ValueError: for another file, and for a scene that differs: it names the difference. To
+            start another scene from a state, load it without `scene=`.
 
     Examples:
         >>> path = tb.save(solution, "run.pt")

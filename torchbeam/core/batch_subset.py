@@ -26,7 +26,7 @@ class NotSeparable(Exception):
 
 @dataclass(frozen=True)
 class BatchSubset:
-    """Samples `index` (n,) of a batch with the one axis (count,).
+    """Samples `index` (n,) of a batch with a single axis (count,).
 
     Examples:
         >>> few = extend.BatchSubset(torch.tensor([0, 2]), 3)
@@ -48,13 +48,15 @@ class BatchSubset:
         return cls(going.nonzero()[:, 0], len(going))
 
     def gather(self, tree: Any) -> Any:
-        """Tree (see `leaves`) of these samples alone. What has no batch axis, or one of size 1,
-        stays; of a function the values are taken. Differentiable. Raises `NotSeparable`.
+        """Tree (see `leaves`) of these samples alone. Values without batch axis, or with size 1,
+        stay; samples of a function's values are selected. Differentiable. Raises `NotSeparable`.
         """
         return map_leaves(self._taken, tree)
 
     def scatter(self, tree: Any, part: Any) -> Any:
-        """The tree with these samples replaced by those of `part`. Out of place, differentiable."""
+        """The tree with these samples replaced by the samples of `part`. Out of place,
+        differentiable.
+        """
         return map_leaves(self._replaced, tree, part)
 
     def merge(self, tree: Any, part: Any) -> Any:

@@ -41,7 +41,10 @@ def run_command(
         "--version", action="version", version=f"torchbeam {versions('torchbeam')['torchbeam']}"
     )
     parser.add_argument(
-        "command", choices=sorted(commands), help="what to do; `COMMAND --help` says more"
+        "command",
+        choices=sorted(commands),
+        metavar="COMMAND",
+        help="a command of the list below; `COMMAND --help` lists its options",
     )
     if not argv:
         parser.print_help()

@@ -32,8 +32,8 @@ autocast = torch._C._is_any_autocast_enabled  # in a third of the time of two qu
 
 
 def entry_point(of: T) -> T:
-    """A function as an entry point; or a class, of which every public method and property becomes
-    one, with those that it has from other classes of its package.
+    """Make a function an entry point. Of a class, every public method and property becomes an entry
+    point, with those inherited from its package.
 
     Examples:
         >>> @extend.entry_point
@@ -56,9 +56,9 @@ def entry_point(of: T) -> T:
 
 
 def entry_points(module: dict[str, Any], names: Iterable[str]) -> None:
-    """The functions and classes of these names in a module's dictionary as entry points: a function
-    is one under the module's name alone, so that those who import it from where it is written do
-    without.
+    """Make the functions and classes of these names in a module's dictionary entry points. A
+    function is an entry point under this module's name alone: imports from its own file are not
+    wrapped.
 
     Examples:
         >>> module = {"__name__": "mine", "doubled": lambda x: 2 * x}

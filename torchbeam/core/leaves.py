@@ -41,8 +41,7 @@ class Leaf(NamedTuple):
 
 
 def own_leaves(tree: Tree) -> list[Leaf]:
-    """The leaves that a tree declares itself, None among them; a tree in the place of a leaf as it
-    is.
+    """Leaves that a tree declares itself, also None; a tree in place of a leaf is not opened.
 
     Examples:
         >>> [leaf.name for leaf in extend.own_leaves(tb.TipLoad(force=torch.ones(3)))]
@@ -66,8 +65,8 @@ def _parts(value: Any) -> Iterable[Any]:
 
 
 def leaves(tree: Any) -> list[Leaf]:
-    """All leaves of a tree, of trees in tuples, lists and dictionaries, but for None; what stands
-    in two places comes twice.
+    """All leaves of a tree that are not None, also of trees in tuples, lists and dictionaries. A
+    leaf in two places comes twice.
 
     Examples:
         >>> [leaf.name for leaf in extend.leaves(tb.TipLoad(force=torch.ones(3)))]
@@ -140,10 +139,9 @@ def map_leaves(
     function: Callable[..., Any], tree: Any, *others: Any, results: dict[int, Any] | None = None
 ) -> Any:
     """The tree with `function(value, axes, *values of the others)` in place of each leaf that is
-    not None; trees in tuples, lists and dictionaries likewise. Objects are copied without checking
-    them again and without what they had cached, and not at all where nothing in them changes; one
-    that stands in several places is made once. Static fields are the first tree's; of a `Mark` that
-    others do not share None is left.
+    not None, also in tuples, lists and dictionaries. Objects are copied without checks and without
+    cached values; an unchanged object is not copied. An object in several places is copied once.
+    Static fields come from the first tree. A `Mark` that the others do not share becomes None.
 
     Examples:
         >>> load = tb.TipLoad(force=torch.ones(3))
@@ -210,9 +208,8 @@ def _mapped(
 
 
 def with_values(tree: Any, **values: Any) -> Any:
-    """A copy of a tree with these values of fields, which are not checked again, and nothing that
-    it had cached. What its field `follows` names has been found, and may be again; what is given
-    here has not.
+    """A copy of a tree with these values of fields, without checks and cached values. Fields that
+    its field `follows` names are derived, and may be derived again; values of this call are not.
 
     Examples:
         >>> extend.with_values(tb.TipLoad(force=torch.ones(3)), force=torch.zeros(3)).force

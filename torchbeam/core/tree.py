@@ -48,19 +48,18 @@ def leaf(
     name: str | None = None,
     **numbers: Any,
 ) -> Any:
-    """A dataclass field that holds a tensor with `axes` axes of its own behind the batch's, or a
-    dictionary or named tuple of such. `axes` may be a function of the object, that counts them.
-    None: what the field holds cannot be taken apart by samples (a function of the motion, that a
-    user wrote).
+    """Dataclass field that holds a tensor with `axes` axes of its own behind the batch axes, or a
+    dictionary or named tuple of such tensors. `axes` may be a function of the object. None: the
+    value has no samples (a user's function of the motion).
 
-    What is declared besides is checked when an object is made (ValueError otherwise), unless the
-    field is None and that is its default:
+    Further declarations are checked when an object is created (ValueError otherwise), unless the
+    field is None by default.
 
-    positive, nonnegative, finite  True: such numbers; the first two are finite, too
-    size    int, or several: numbers, finite, in the last axis or axes
-    copied  True: the object keeps a copy of them
-    check   in place of these: function(name, value), which returns what the field holds, or raises
-    name    what sentences call the value, of the class's name and the field's; None = as `in_words`
+    - `positive`, `nonnegative`, `finite`: True: such numbers; the first two are also finite
+    - `size`: int, or several: finite numbers, so many in the last axis or axes
+    - `copied`: True: the object keeps a copy
+    - `check`: in place of these, function(name, value), which returns the field's value, or raises
+    - `name`: template of the name in messages, see `Tree.in_words`; None = the class's template
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -113,17 +112,19 @@ if not TYPE_CHECKING:
 
 @dataclass_transform(frozen_default=True, field_specifiers=(leaf, option, branch, field))
 class Tree:
-    """A dataclass whose tensors are declared as leaves. Raises TypeError, when the class is
-    defined, for a field that is annotated as a tensor and not declared, for a cached property
-    that would mix up what is computed with derivatives and without (`cached` keeps them apart),
-    and for a `__post_init__` that leaves out the checks that fields declare.
+    """Base of dataclasses whose tensors are declared as leaves.
 
-    Two trees are equal where they are one object: whether tensors are alike is for torch to say
-    (`torch.equal`, of shape and dtype as well).
+    Two trees are equal if they are the same object. Compare tensors by `torch.equal`, which
+    compares shape and dtype too.
 
     Attributes:
-        called: what sentences call the class: its name, unless it says another
-        in_words: what they call a field, of that and the field's name
+        called: name of the class in messages; by default its own name
+        in_words: template of a field's name in messages: {0} is `called`, {1} the name
+
+    Raises:
+        TypeError: when the class is defined, for a field that is annotated as a tensor and not
+            declared. For a cached property that would mix values with derivatives and without
+            (`cached` keeps them apart). For a `__post_init__` that skips the declared checks.
 
     Examples:
         >>> @dataclass(frozen=True)

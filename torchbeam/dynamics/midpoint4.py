@@ -29,7 +29,8 @@ springs beside a strongly damped beam (`Spring`, `RootSpring`) that have no damp
 their stiffness, and with the mass of their node an angular frequency above 0.5/h: E would amplify
 it. Other dampers (`Drag`, loads by velocity, lags) do not say how fast they are: steps shorter than
 3 times their fastest decay's 1/e time are on the safe side of the pole; nor do springs of users'
-own loads.
+own loads. Arms of `Viscoelastic` that forget in less than a third of a step are refused: stable up
+to steps of 6 times the shortest time, whatever frequency and share, and not resolved by then.
 
 Momentum: S keeps it exactly, with reaction and loads as means over the step, as P does; E linear
 momentum exactly, angular momentum to fifth order a step. Energy: to fifth order a step; S, being
@@ -54,7 +55,7 @@ from torch import Tensor
 from ..core.arguments import boolean
 from ..core.validation import concrete
 from ..nodal.model import Model
-from ..scene.effects import MassDamping, RootSpring, Spring
+from ..scene.effects import MassDamping, RootSpring, Spring, Viscoelastic
 from .method import WHOLE, Composition, Method, Scheme, without_rho
 
 P = 1 / (4 - 4 ** (1 / 3))
@@ -63,6 +64,7 @@ EXTRAPOLATED = Scheme((WHOLE, Composition((1 / 3, 1 / 3, 1 / 3))), (-1 / 8, 9 / 
 FAST = 1 / 6  # of h: tau from which on the extrapolation is taken
 SLOW = 1 / 30  # of h: tau up to which it is not stable
 HEAVY = 2.8  # alpha h that no scheme takes
+FORGETFUL = 3.0  # h over the shortest relaxation time, likewise
 # omega h up to which the extrapolation amplifies what is undamped by less than 1e-5 in a step
 RESOLVED = 0.5
 
@@ -84,21 +86,19 @@ class Midpoint4(Method):
         return cls()
 
     def longest(self, model: Model) -> Tensor | None:
-        rates = [
-            concrete(load.alpha.detach())
+        longest = [
+            HEAVY / concrete(load.alpha.detach())
             for load in model.scene.loads
             if isinstance(load, MassDamping)
         ]
-        return (
-            torch.stack(torch.broadcast_tensors(*(HEAVY / rate for rate in rates))).amin(0)
-            if rates
-            else None
-        )
+        longest += [FORGETFUL * _shortest(effect) for effect in model.scene.viscoelastic]
+        return torch.stack(torch.broadcast_tensors(*longest)).amin(0) if longest else None
 
     def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
         touching = (x for x in model.scene.loads if x.between_nodes or x.touches)
         lossy = [x.called for x in touching if not x.conservative or x.lossy or x.moves]
         lossy += [f"{x.called} with friction" for x in model.scene.joints if "friction" in x.acts]
+        lossy += [f"{x.called} with hysteresis" for x in model.scene.joints if x.hysteresis]
         lossy += ["Tendon with friction"] * model.tendons.dissipative
         lossy += [f"{x.called} with friction or damping" for x in model.scene.pairs if x.lossy]
         if lossy:
@@ -116,6 +116,14 @@ class Midpoint4(Method):
                     raise ValueError(
                         f"MassDamping of {alpha.max():g} 1/s {said.format(length.max(), wanted)}"
                     )
+        for effect in model.scene.viscoelastic:
+            shortest = _shortest(effect)
+            if (length > FORGETFUL * shortest).any():
+                wanted = f"at least {1 / FORGETFUL:.2g} of a step is wanted"
+                raise ValueError(
+                    f"Viscoelastic with a time of {shortest.min():g} s "
+                    f"{said.format(length.max(), wanted)}"
+                )
         damping = model.scene.damping
         if damping is None:
             return [(SYMMETRIC, None)]
@@ -148,6 +156,12 @@ class Midpoint4(Method):
                         f"a stiff {type(load).__name__} {said.format(length.max(), wanted)}"
                     )
         return [(EXTRAPOLATED, None)] if fast.all() else [(SYMMETRIC, ~fast), (EXTRAPOLATED, fast)]
+
+
+def _shortest(effect: Viscoelastic) -> Tensor:
+    """(...) s: its shortest relaxation time."""
+    times = concrete(effect.times.detach())
+    return times.flatten(-2).amin(-1) if effect.six else times.amin(-1)
 
 
 def _undamped(spring: Spring | RootSpring, model: Model, h: Tensor) -> Tensor:

@@ -28,8 +28,8 @@ def rollout(
 ) -> State:
     """Many steps of a stepper in one call: the states (steps, ...) after each of them.
 
-    It gives the same as so many calls of the stepper, but native code makes all steps at once where
-    the compiled engine takes the scene. It makes no new stepper.
+    It equals a loop of calls of the stepper. Native code makes all steps at once if the compiled
+    engine takes the scene. It makes no new stepper.
 
     Args:
         inputs: by name, in a dictionary or by keyword: (..., size) held throughout; a function of

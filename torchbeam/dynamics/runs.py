@@ -312,11 +312,14 @@ def _energy(
     work = states.work
     kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
     if not model.scene.eigenstrains:
-        return Energy(kinetic, model.strain_energy(states.position, states.rotation), work)
+        strain = model.strain_energy(states.position, states.rotation, crept=states.inelastic)
+        return Energy(kinetic, strain, work)
     if all(map(constant, model.scene.eigenstrains)):
         eigenstrain = model.eigenstrain(states.t, {})
         return Energy(
-            kinetic, model.strain_energy(states.position, states.rotation, eigenstrain), work
+            kinetic,
+            model.strain_energy(states.position, states.rotation, eigenstrain, states.inelastic),
+            work,
         )
     eigenstrain = [
         model.eigenstrain(
@@ -324,8 +327,9 @@ def _energy(
         )
         for k, now in enumerate(t)
     ]
+    crept = [None] * len(eigenstrain) if states.inelastic is None else states.inelastic
     strain = [
         model.strain_energy(*at)
-        for at in zip(states.position, states.rotation, eigenstrain, strict=True)
+        for at in zip(states.position, states.rotation, eigenstrain, crept, strict=True)
     ]
     return Energy(kinetic, torch.stack(strain), work)

@@ -33,17 +33,18 @@ OF_ALL = "form", "inputs", "throw", "accuracy"  # keywords that are no options o
 
 
 class StepOptions:
-    """Options of implicit methods, with steps of a given length or, with `rtol` or `atol`, adaptive
-    ones.
+    """Options of implicit methods. Steps have a fixed length, or are adaptive with `rtol` or
+    `atol`.
 
     Args:
         step: s, of implicit methods; each interval of t is split into ceil(interval/step) equal
             steps. None: the shortest interval, or 1/200 of the whole, whichever is less.
         rtol, atol: of implicit methods: adaptive steps (see `torchbeam.dynamics.adaptive`);
-            numbers, or (...). They bound the largest error over the run: of a position by atol m +
-            rtol times the length of the beam, of a rotation by rtol + atol/length rad (see
-            `Tolerance`). The error is measured on positions; rotations in undamped twist were off
-            by up to 4.1 of it. Of torchdiffeq's methods: numbers, None = 1e-6 and 1e-8.
+            numbers, or (...). They bound the largest error over the run (see `Tolerance`). The
+            bound is atol m + rtol times the length of the beam for a position, and rtol +
+            atol/length rad for a rotation. The error is measured on positions; rotations in
+            undamped twist were off by up to 4.1 times that bound. For torchdiffeq's methods:
+            numbers, None = 1e-6 and 1e-8.
         events: with adaptive steps: a function of the state that returns one number (...) a sample,
             of that sample alone, or a list of such. A sample stops where one crosses zero, and
             `sol.event` says which, when and how.
@@ -132,11 +133,11 @@ def simulate(
             "generalized_alpha" at the end.
         throw: raise if a sample fails; otherwise `sol.status` and a warning say so, and the sample
             keeps its last good state.
-        accuracy: of the whole motion, in place of method and step: relative, as of `converge`, of
-            positions and axes of the middle and the tip; or a result of `converge`. The beam gets a
-            new mesh, so `initial` is None or a function of its scene. The search is made once (it
-            takes some runs; logging shows them). It holds for scenes of the same structure whose
-            numbers differ by no more than half. Of scenes of one beam.
+        accuracy: relative error of the whole motion, in place of method and step: of positions and
+            axes of the middle and the tip, as in `converge`. Or a result of `converge`. The scene
+            has a single beam, which gets a new mesh, so `initial` is None or a function of its
+            scene. A single search (some runs, which logging shows) serves scenes of the same
+            structure whose numbers differ by up to half
 
     Returns:
         `Solution`: the states at t, status (...) of the samples, statistics.

@@ -65,8 +65,8 @@ class Stepper:
             parts; twice as many where contacts have friction)
         halvings: a failed step is made again in 2, 4, ... 2^halvings parts
         engine: "eager": torch operations. "compiled": native code for many samples at once on the
-            CPU (by llvmlite), with the same answers up to rounding and gradients in reverse mode;
-            the first step compiles. Eager even then: forward mode, torch.func, gradients where
+            CPU (by llvmlite). Answers are the same up to rounding; gradients are in reverse mode.
+            The first step compiles. Eager even then: forward mode, torch.func, gradients where
             strains are impossible or nearly so, some parts of a failed step. Values that a user's
             function of the motion reads are taken once, here. "auto": compiled if llvmlite is
             installed and native code takes the scene, user's functions as long as the values that

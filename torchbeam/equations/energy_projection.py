@@ -10,6 +10,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.rigid_moves import Base, moves_of
 from ..nodal.rows import Rows
 from ..state.state import State
@@ -83,15 +84,41 @@ def kinetic_rise(model: Rows, start: State, after: State) -> tuple[Tensor, Tenso
 def strain_rise(
     model: Rows, start: State, after: State, dt: Tensor, eigenstrain: Tensor | float
 ) -> Tensor:
-    """(...) J: what the strain energy rises by, and damping takes."""
-    rise = model.strain_energy(after.position, after.rotation, eigenstrain) - model.strain_energy(
-        start.position, start.rotation, eigenstrain
-    )
-    if not model.law.damped:
-        return rise
+    """(...) J: what the strain energy rises by, and damping and arms that relax take."""
+    law = model.law
+    if law.arms is None:
+        rise = model.strain_energy(after.position, after.rotation, eigenstrain)
+        rise = rise - model.strain_energy(start.position, start.rotation, eigenstrain)
+        if not law.damped:
+            return rise
     before, end = (model.strain(model.kinematics(s.position, s.rotation)) for s in (start, after))
+    if law.arms is not None:
+        rise = (model.length * _work_of_arms(law, start, before, end, dt, eigenstrain)).sum(
+            (-1, -2)
+        )
+        if not law.damped:
+            return rise
     lost = model.law.dissipation(lambda: (end - before) / dt[..., None, None])
     return rise + (model.length * lost).sum((-1, -2)) * dt
+
+
+def _work_of_arms(
+    law: ElasticLaw,
+    start: State,
+    before: Tensor,
+    end: Tensor,
+    dt: Tensor,
+    eigenstrain: Tensor | float,
+) -> Tensor:
+    """(..., N, k) J/m: the work of the mean stress over a step, e C de = (e + de/2) C (e + de/2)/2
+    - (e - de/2) C (e - de/2)/2, which is energy and what is dissipated.
+    """
+    mean, change = (before + end) / 2 - eigenstrain, end - before
+    decay = law.arms.decay(dt[..., None, None])
+    mean = law.arms.relaxed(
+        mean, before - eigenstrain, change, start.inelastic, (decay.mean, decay.rising)
+    )
+    return law.energy(mean + change / 2) - law.energy(mean - change / 2)
 
 
 def projected(defect: Tensor, kinetic: Tensor) -> tuple[Tensor, Tensor]:

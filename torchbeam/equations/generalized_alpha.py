@@ -121,6 +121,7 @@ class GeneralizedAlphaProblem(StepProblem):
             self.eigenstrain,
             self.h,
             start,
+            self.start.inelastic,
             self.start.straining,
             self.method,
         )

@@ -75,7 +75,14 @@ class MidpointProblem(StepProblem):
         model = self.model
         start = self.model.assembly.poses(self.start.position, self.start.rotation)
         return MidpointElement(
-            model.space, model.law, model.length, model.reference, self.eigenstrain, self.h, start
+            model.space,
+            model.law,
+            model.length,
+            model.reference,
+            self.eigenstrain,
+            self.h,
+            start,
+            self.start.inelastic,
         )
 
     def predictor(self) -> MidpointUnknowns:

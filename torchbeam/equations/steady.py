@@ -25,6 +25,7 @@ from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.rest_shape import RestShape
 from ..state.state import State, rest
+from ..state.state_check import with_optional_fields
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
@@ -50,6 +51,24 @@ class Poses(NamedTuple):
 
     position: Tensor
     rotation: Tensor
+
+
+class Past(NamedTuple):
+    """What is remembered when an equilibrium is looked for: `State.joints` (..., J, n) and
+    `State.memory` (..., I, m), without rows where there is none.
+    """
+
+    joints: Tensor
+    memory: Tensor
+
+    @classmethod
+    def of(cls, scene: Any, state: State | None) -> Past | None:
+        """By a state; None where there is none, or nothing in a scene remembers."""
+        if state is None or not (scene.joint_memory or scene.memory[1]):
+            return None
+        state = with_optional_fields(state, scene)
+        none = state.position.new_zeros(*state.position.shape[:-2], 0, 0)
+        return cls(*(none if x is None else x for x in (state.joints, state.memory)))
 
 
 class Relief(NamedTuple):
@@ -78,6 +97,7 @@ class SteadyProblem(BalanceProblem):
               `internal_states`
     begun     where supports are led from; None = from where the beam has their nodes
     relief    None = there is none
+    past      None = nothing has been yet
     """
 
     t: Tensor = leaf(0)
@@ -87,6 +107,7 @@ class SteadyProblem(BalanceProblem):
     near: Tensor | None = leaf(1, default=None, kw_only=True)
     begun: Poses | None = leaf(2, default=None, kw_only=True)
     relief: Relief | None = leaf(2, default=None, kw_only=True)
+    past: Past | None = leaf(2, default=None, kw_only=True)
 
     @cached
     def conditions(self) -> Conditions:
@@ -275,6 +296,7 @@ class SteadyProblem(BalanceProblem):
             share=self.raised,
             moved=moved,
             way=lambda: Way(kinematics.position),
+            state=self.past,
         )
 
     def state(self, x: Configuration, reaction: Tensor, status: Tensor) -> State:
@@ -294,6 +316,7 @@ class SteadyProblem(BalanceProblem):
                 status=status,
                 frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
                 internal=external.internal(model, self.nodes(x), self.conditions, shape),
+                inelastic=self._crept(x, shape),
                 supports=model.constraints.nodes,
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
@@ -302,6 +325,10 @@ class SteadyProblem(BalanceProblem):
                 **model.finished({"stress": x.stress}, self.node_motion(x)),
             )
         )
+
+    def _crept(self, x: Configuration, shape: torch.Size) -> Tensor | None:
+        crept = self.model.crept_at_rest(*x[:2], self.eigenstrain)
+        return None if crept is None else crept.expand(*shape, *crept.shape[-2:])
 
     def apply_supports(self, x: Configuration) -> Configuration:
         if self.known is not None:  # of rows, whose supports are where they have to be

@@ -5,6 +5,9 @@ step has forces at mid step and a mean strain, generalized alpha both at the end
     n, m_i, m_j = h B_mid^T [F; M]
     gap = (strain_n + strain_{n+1})/2 + rate (strain_{n+1} - strain_n)/dt - S [F; M]
     n, m_i, m_j = h B_{n+1}^T [F; M]    gap = strain_{n+1} + rate (strain rate)_{n+1} - S [F; M]
+
+Where a law's stress relaxes, its arms make of that strain what stress answers to: see
+`nodal.maxwell_arms`.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from ..core.leaves import Tree, leaf
 from ..nodal.constitutive_law import ElasticLaw
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.linear_interpolation import Ends
+from ..nodal.maxwell_arms import Decay
 from .alpha_kinematics import GeneralizedAlpha
 
 # eps: strains below are differences of positions that floating point does not hold
@@ -109,13 +113,14 @@ class ElementAtRest(BalancedElement):
 
     def balance(self, stress: Tensor, nodes: Ends) -> ElementBalance:
         kinematics, strain = self._kinematics(nodes)
-        return self._balance(kinematics, kinematics, strain - self.eigenstrain, stress)
+        effective_strain = self.law.at_rest(strain - self.eigenstrain)
+        return self._balance(kinematics, kinematics, effective_strain, stress)
 
     def tangent(
         self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
     ) -> ElementTangent:
         B = self.space.strain_operator(balance.end, self.length)
-        return self._tangent(balance.acting, stress, B, B)
+        return self._tangent(balance.acting, stress, B, self.law.at_rest_by(B))
 
 
 DIGITS = 10.0  # eps of a position, or of a rotation, that a step may leave in it
@@ -123,10 +128,13 @@ DIGITS = 10.0  # eps of a position, or of a rotation, that a step may leave in i
 
 @dataclass(frozen=True)
 class StepElement(BalancedElement):
-    """h (..., 1, 1) s the step, start the nodes then."""
+    """h (..., 1, 1) s the step, start the nodes then; crept (..., N, m k): see `MaxwellArms`, None
+    = nothing relaxes.
+    """
 
     h: Tensor = leaf(2)
     start: Ends = leaf(2)
+    crept: Tensor | None = leaf(2)
 
     @cached
     def strain(self) -> Tensor:
@@ -150,8 +158,39 @@ class StepElement(BalancedElement):
         felt = self.law.effective_strain(error, lambda: self.rate[..., 0].detach().abs() * error)
         return felt.detach().abs().amax(-1)
 
-    def _effective_strain(self, strain: Tensor, rate: Callable[[], Tensor]) -> Tensor:
-        return self.law.effective_strain(strain - self.eigenstrain, rate)
+    @cached
+    def decay(self) -> Decay:
+        """Of the law's arms over the step."""
+        return self.law.arms.decay(self.h)
+
+    @property
+    def lag(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Of the arms' lag where stress is taken: how much is left of that at the start, how much
+        there is of the strain's change, and of that of what the law takes for the strain.
+        """
+        raise NotImplementedError
+
+    def _effective_strain(
+        self, strain: Tensor, after: Tensor, rate: Callable[[], Tensor]
+    ) -> Tensor:
+        """Of the strain where stress is taken; after: the strain at the end."""
+        strain = strain - self.eigenstrain
+        if self.law.arms is not None:
+            start = self.strain - self.eigenstrain
+            change = after - self.strain
+            strain = self.law.arms.relaxed(strain, start, change, self.crept, self.lag[:2])
+        return self.law.effective_strain(strain, rate)
+
+    def _effective_strain_by(self, strain_by_move: Tensor) -> Tensor:
+        E = self.law.effective_strain_by(strain_by_move, self.rate)
+        if self.law.arms is None:
+            return E
+        return E + (self.law.arms.relaxed_by(self.lag[2]) - 1)[..., None] * strain_by_move
+
+    def advanced(self, after: Tensor) -> Tensor:
+        """What has crept at the end, where the strain is `after`, (..., N, m k)."""
+        start = self.strain - self.eigenstrain
+        return self.law.arms.advanced(start, after - self.strain, self.crept, self.decay)
 
 
 @dataclass(frozen=True)
@@ -163,12 +202,16 @@ class MidpointElement(StepElement):
         """2/dt: rate of the strain by its mean."""
         return 2 / self.h[..., None]
 
+    @property
+    def lag(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self.decay.mean, self.decay.rising, 2 * self.decay.rising
+
     def balance(self, stress: Tensor, middle: Ends, end: Ends) -> ElementBalance:
         """stress (..., N, k); nodes at mid step and at the end."""
         acting = self.space.kinematics(*middle, self.length)
         end, after = self._kinematics(end)
         effective_strain = self._effective_strain(
-            (self.strain + after) / 2, lambda: (after - self.strain) / self.h
+            (self.strain + after) / 2, after, lambda: (after - self.strain) / self.h
         )
         return self._balance(acting, end, effective_strain, stress)
 
@@ -180,7 +223,7 @@ class MidpointElement(StepElement):
             space.strain_operator(balance.end, self.length), space.dims.position
         )
         turned = (by @ half_turn for by, half_turn in zip(by_spin, half(), strict=True))
-        E = self.law.effective_strain_by(space.interpolation.by_numbers(by_r, *turned), self.rate)
+        E = self._effective_strain_by(space.interpolation.by_numbers(by_r, *turned))
         return self._tangent(
             balance.acting, stress, space.strain_operator(balance.acting, self.length), E
         )
@@ -199,6 +242,10 @@ class EndElement(StepElement):
     def rate(self) -> Tensor:
         return self.method.ratio / self.method.gamma / self.h[..., None]
 
+    @property
+    def lag(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self.decay.kept, self.decay.mean, self.decay.mean
+
     def rates(self, strain: Tensor) -> tuple[Tensor, Tensor]:
         """(..., N, k) at the end, of the strain there: its rate, and the algorithmic one."""
         method = self.method
@@ -212,7 +259,7 @@ class EndElement(StepElement):
         return self._balance(
             kinematics,
             kinematics,
-            self._effective_strain(strain, lambda: self.rates(strain)[0]),
+            self._effective_strain(strain, strain, lambda: self.rates(strain)[0]),
             stress,
         )
 
@@ -221,5 +268,5 @@ class EndElement(StepElement):
     ) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""
         B = self.space.strain_operator(balance.end, self.length)
-        E = self.law.effective_strain_by(B, self.rate)
+        E = self._effective_strain_by(B)
         return self._tangent(balance.acting, stress, B, E)

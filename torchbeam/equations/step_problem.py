@@ -268,9 +268,21 @@ class StepProblem(BalanceProblem):
         the ends of the step, its start.
         """
         motion = self.node_motion(kinematics)
-        fields = {"stress": stress, "work": after.work}
+        fields = {
+            "stress": stress,
+            "work": after.work,
+            **self.crept(after.position, after.rotation),
+        }
         moves = partial(self.relative_motion, after)
         return replace(after, **self.model.finished(fields, motion, before, moves))
+
+    def crept(self, position: Tensor, rotation: Tensor) -> dict[str, Tensor]:
+        """What elements remember after the step, where their stress relaxes."""
+        model = self.model
+        if not model.station_count or model.law.arms is None:
+            return {}
+        strain = model.strain(model.kinematics(position, rotation))
+        return {"inelastic": self.element.advanced(strain)}
 
     def relative_motion(self, state: State) -> tuple[Tensor, Tensor]:
         """Velocity and spin of the nodes (..., N+1, *), as seen in frame a."""

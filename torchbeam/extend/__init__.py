@@ -11,8 +11,9 @@ Effects           `LoadEffect`, the base of a load that `torchbeam.Load` cannot 
                   both may depend on: `POSITION`, `ROTATION`, `VELOCITY`, `SPIN`,
                   `ACCELERATION`, `ANGULAR_ACCELERATION`; `parameter`, a number that may not be
                   negative; `Obstacle`, the base of a body that a beam may touch, by its signed
-                  distance; `inputs_of`, the inputs that a tree waits for; `trace` tries whether a
-                  function is one for native code, `NotTraceable` says why not
+                  distance; `WindField`, the base of a wind; `inputs_of`, the inputs that a tree
+                  waits for; `trace` tries whether a function is one for native code,
+                  `NotTraceable` says why not
 Arguments         `choice` and `count` refuse what is none; `shown` writes a value into a sentence;
                   `METHODS`, `ODE_METHODS`, `FORMS`, `ENGINES`: what `torchbeam.simulate` takes
 Rotations         `quaternions`, functions of unit quaternions (..., 4), real part first
@@ -54,6 +55,7 @@ from ..scene.effects import (
     LoadEffect,
     LoadPoint,
     Obstacle,
+    WindField,
     inputs_of,
 )
 from ..scene.effects.interaction import Interaction
@@ -64,7 +66,8 @@ __all__ = [
     "POSITION",
     "ROTATION", "SPIN", "VELOCITY", "BatchSubset", "Interaction", "LoadEffect", "LoadPoint",
     "NotTraceable", "Obstacle", "Tree",
-    "Value", "broadcast_shapes", "choice", "count", "detached", "entry_point", "entry_points",
+    "Value", "WindField", "broadcast_shapes", "choice", "count", "detached", "entry_point",
+    "entry_points",
     "inputs_of", "leaf", "leaves", "map_leaves", "own_leaves", "parameter",
     "quaternions", "shown", "trace", "warn", "with_values",
 ]

@@ -19,6 +19,7 @@ from ..nodal.assembly import Assembly
 from ..nodal.between_nodes import BetweenNodes
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.model import Model
+from ..nodal.moves import remembered, remembering
 from ..state.state import State
 from .minimal_moves import pivots
 
@@ -130,7 +131,8 @@ class Chart:
         """
         q, by_moves = self.place(state) if place is None else place
         rate = (by_moves @ self.velocity(state).flatten(-2)[..., None])[..., 0]
-        lags = () if self.own.internal is None else (state.internal - self.own.internal,)
+        own = remembered(self.own)
+        lags = () if own is None else (remembered(state) - own,)
         return stacked(q, rate, *lags, axis=-1)
 
     def moved(self, near: State, by: Tensor, place: Place | None = None) -> State:
@@ -164,7 +166,7 @@ class Chart:
             spin=space.to_section(rotation, spin + own_spin),
             velocity=velocity + reference.velocity + self._carried(own_spin, position),
             joints=joints,
-            internal=None if near.internal is None else near.internal + lags,
+            **remembering(near, lags),
         )
 
     def by_moves(self, position: Tensor, rotation: Tensor, kinematics: Any = None) -> Tensor:

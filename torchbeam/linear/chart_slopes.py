@@ -11,7 +11,7 @@ from torch.nn.functional import pad
 from ..math.dense import inverse_unchecked
 from ..math.shapes import broadcast_shapes, stacked
 from ..nodal.coordinates.spatial import Spatial
-from ..nodal.moves import moved
+from ..nodal.moves import moved, remembered_count
 from ..state.state import State
 from .chart import Chart, Place
 
@@ -38,7 +38,7 @@ def slopes(chart: Chart, state: State, place: Place | None = None) -> tuple[Tens
     if held_rate is not None:
         rows_rate = stacked(rows_rate, held_rate)
     rate, rows_rate = rate - J @ carried, rows_rate - rows @ carried
-    states = 0 if chart.own.internal is None else chart.own.internal.shape[-1]
+    states = remembered_count(chart.own)
     back = inverse_unchecked(rows[..., free])
     after = _triangular(back, -back @ rows_rate[..., free] @ back, states)
     w = J.shape[-1]
@@ -97,9 +97,7 @@ def _by_moves_of_joints(chart: Chart, state: State, u: Tensor) -> tuple[Tensor, 
         pose = joints.pose(after.position, after.rotation)
         return [(rows(pose) @ u)[..., 0] for rows in (joints.coordinate_rows, joints.held_rows)]
 
-    count, start_rates = u.shape[-2], u.shape[-2]
-    if start.internal is not None:
-        start_rates += start.internal.shape[-1]
+    count, start_rates = u.shape[-2], u.shape[-2] + remembered_count(start)
     lead = broadcast_shapes(state.position.shape[:-2], state.rotation.shape[:-2], u.shape[:-2])
     sizes = [x.shape[-1] for x in rates(u.new_zeros(*lead, count))]
     with torch.enable_grad():

@@ -116,15 +116,14 @@ def critical_load(
     """The smallest load factor at which the equilibrium loses its stability: buckling or flutter.
 
     Args:
-        scene: factor -> Scene, for a factor (points, ...) that broadcasts with the batch axes of
-            the scene's own tensors; or a Scene with inputs, whose values are multiplied by the
-            factor
-        lowest, highest: factors between which it is looked for
-        points: factors tried first, evenly spaced; a loss that ends before the next one is
-            overlooked
-        count: eigenvalues computed, the slowest; faster flutter is not seen
-        tolerance: relative, of the bracket, some roundings at least. Interpolation in it leaves
-            about its square
+        scene: a Scene with inputs, whose values the factor multiplies. Or a function factor ->
+            Scene, whose factor (points, ...) broadcasts with the batch axes of the scene's tensors
+        lowest, highest: range of factors to search
+        points: number of factors tried first, evenly spaced. An instability that ends before the
+            next factor is overlooked
+        count: number of eigenvalues computed, the slowest; faster flutter is overlooked
+        tolerance: relative size of the final bracket, some roundings at least. Interpolation within
+            it leaves an error of about its square
         engine: of the equilibria, see `equilibrium`
         inputs: by name, (..., size): at factor 1
 
@@ -132,12 +131,12 @@ def critical_load(
       that grows. Otherwise it is two frequencies that meet (with half as many unknowns). For
       damping of the value 0 the frequency at flutter is one of two that are about to meet, off by
       4e-4.
-    - **Path.** Equilibria are found one from the other, as by `equilibrium`, except where supports
-      turn. Past a point of buckling the path keeps to its branch. At a limit point it ends or
-      leaps; `path` finds such points more quickly.
-    - **Cost.** O(N) a factor along one beam of more than 96 unknowns without damping. Otherwise,
-      and where the few eigenvalues of a long one do not converge, it is dense, O(N^3).
-    - **Precision.** Scenes in single precision are solved in double and the answer is rounded, as
+    - **Path.** Each equilibrium starts from the one before, except where supports turn. Past a
+    point of buckling the path stays on its branch. At a limit point it ends or leaps; `path` finds
+    such points more quickly. - **Cost.** O(N) a factor along a single beam of more than 96 unknowns
+    without damping. Otherwise, and where the few eigenvalues of a long beam do not converge, it is
+    dense, O(N^3). - **Precision.** Scenes in single precision are solved in double and the answer
+    is rounded, as
       in `modes`.
 
     Raises:

@@ -44,11 +44,11 @@ class Linear:
         output: (..., p): readings of the sensors there
         inputs: name -> its columns of B and D
         outputs: each sensor's rows of C and D
-        reads: (..., n, 2 w (N+1) + Z), z of the nodes' moves (m, rad; frame a), their rates, and Z
-            internal states; w is the number of moves a node in `space`
-        moves: (..., 2 w (N+1) + Z, n) the moves of z, with reads @ moves = 1
+        reads: (..., n, 2 w (N+1) + Z) gives z of the nodes' moves (m, rad; frame a), their rates,
+            and Z internal states. A node has w moves, as `space` says
+        moves: (..., 2 w (N+1) + Z, n) gives the moves of z, with reads @ moves = 1
         chart: coordinates of a state as moves of the nodes, see `departure`
-        dt: s, of a model in discrete time; else None
+        dt: s, step of a model in discrete time; else None
         mass: (..., n/2, n/2) if z = [q; q'] and undamped frequencies follow from K - omega^2 mass;
             else None
 
@@ -105,14 +105,14 @@ class Linear:
     def departure(self, state: State) -> Tensor:
         """State vector z (..., n) of a state of the beam: the argument of a state feedback.
 
-        It is measured along the beam, as moves of the linear model. These are turn and place of the
-        node that holds it (the first support's, else node 0), and the strains of the elements. A
-        turn of the whole beam is then a turn of the model, however far, and a strain a strain. To
-        first order z is the difference of the nodes' places and axes. z is exact in the kinematics;
-        A and B belong to the model's own state.
+        It is measured along the beam, as moves of the linear model. These are place and turn of the
+        node of the first support (else node 0), and the strains of the elements. A turn of the
+        whole beam, however far, is a turn of the model, and strain remains strain. To first order,
+        z is the difference of the nodes' places and axes. Its kinematics are exact; A and B belong
+        to the model's own state.
 
-        Linearise about the state that is to be reached. The departure vanishes there, and A and B
-        are right there. If they change on the way (gravity, loads that do not turn with the beam),
+        Linearise about the state that you want to reach. The departure vanishes there, and A and B
+        are exact. If they change on the way (gravity, loads that do not turn with the beam),
         schedule models about several states.
 
         Raises:
@@ -131,7 +131,7 @@ class Linear:
         are zero, as in `State.from_nodes`: a step finds them. First derivatives are exact.
 
         Raises:
-            ValueError: for a z of another size, or a z that no state has.
+            ValueError: for a z of another size, or without a state.
         """
         z = finite("z", as_tensor(z, self.A.dtype, self.A.device))
         axis_last("z", z, self.A.shape[-1])
@@ -234,20 +234,20 @@ class Linear:
         return C.to(s.dtype) @ within + self.D
 
     def save(self, path: str | Path, **more: Any) -> Path:
-        """Write the model for other programs into a file, whole or not at all: .npz, which
-        numpy.load reads, or .mat for MATLAB and Octave (by scipy, extra `control`).
+        """Write the model to a file for other programs: .npz for numpy.load, or .mat for MATLAB and
+        Octave (by scipy, extra `control`). A failed write changes no file.
 
-        It holds A, B, C, D; dt (s), 0 in continuous time; output (..., p), the sensors' readings at
-        the equilibrium, of which dy are departures; reads, z of the nodes' moves; inputs, the name
-        of each column of B and D ("u", or "u[2]" of several numbers); and what is given as `more`,
-        numbers by name: gains, the equilibrium's inputs.
+        The file holds A, B, C, D, and dt (s), 0 in continuous time. `output` (..., p) has the
+        sensors' readings at the equilibrium, from which dy departs. `reads` gives z of the nodes'
+        moves. `inputs` has the name of each column of B and D ("u", or "u[2]" of several numbers).
+        Numbers of `more` follow by name: gains, the inputs at the equilibrium.
 
         Returns:
             The path.
 
         Raises:
-            ValueError: for another ending, a folder that is not there, and a name that is one of
-                these or that MATLAB does not read.
+            ValueError: for another ending, a missing folder, and a name in `more` that is taken or
+                that MATLAB does not read.
             ImportError: for .mat without scipy.
             NotWritten: (an OSError) where the disk is full.
         """

@@ -186,7 +186,7 @@ class LoadPath:
 
     def spectrum(self, factor: Tensor, state: State | None = None) -> Spectrum:
         model, state, (M, D, K), _ = self.matrices(factor, state=state)
-        self.damped, lags = D is not None, model.internal_states > 0
+        self.damped, lags = D is not None, model.lag_count > 0
         value, vectors = slow_values(M, D, K, self.count)
         slow = slow_first(value, self.count, lags)
         if lags:  # and the slowest that decay, which are the next to diverge
@@ -222,6 +222,13 @@ class LoadPath:
         """
         width = high - low
         below, above, beyond = (self.spectrum(x) for x in (low, high, high + width))
+        if self.damped:  # the motion that grows, where others may be nearer to growth
+            near = (below.eigenvalue - above.leading[..., None]).abs().argmin(-1, keepdim=True)
+            same = below.eigenvalue.gather(-1, near)[..., 0]
+            below = below._replace(
+                flutter=torch.where(kind == FLUTTER, same.real, below.flutter),
+                leading=torch.where(kind == FLUTTER, same, below.leading),
+            )
         a, b = (below, above) if self.damped else (above, beyond)
         start = low if self.damped else high
         share = torch.where(

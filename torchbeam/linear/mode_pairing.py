@@ -83,8 +83,8 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
     pair.
 
     Args:
-        modes: of `tb.modes`, (...) of them, at least as many as measured; more, so that none is
-            missed
+        modes: of `tb.modes`, with batch axes (...): at least as many as measured, and some more so
+            that none is missed
         shapes: (k, channels) measured, of any scale, real or complex
         read: Modes.shape (..., count, N+1, 6) -> (..., count, channels): the readings of the
             instruments; `lambda x: x[..., 2::2, 2]` reads the deflection z of every second node
@@ -143,7 +143,7 @@ def pair_modes(modes: Modes, shapes: Any, read: Callable[[Tensor], Tensor]) -> P
         seen = readings.abs().amax(-1) > torch.finfo(
             readings.dtype
         ).eps ** 0.5 * modes.shape.abs().amax((-1, -2))
-        index = _pairs(torch.where(seen[..., None, :], modal_assurance(shapes, readings), 0))
+        index = pairs(torch.where(seen[..., None, :], modal_assurance(shapes, readings), 0))
     readings = torch.take_along_dim(readings, index[..., None], -2)
     squares = _squares(readings)[..., None]
     fitted = (
@@ -165,7 +165,7 @@ def _squares(x: Tensor) -> Tensor:
     return (x.conj() * x).real.sum(-1)
 
 
-def _pairs(mac: Tensor) -> Tensor:
+def pairs(mac: Tensor) -> Tensor:
     """Column (..., k) of each row of mac (..., k, m): the largest entry first, then the largest of
     other rows and columns.
     """

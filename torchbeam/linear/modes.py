@@ -211,7 +211,7 @@ def _modes(
         )
     if pairs is None:
         with no_derivatives():
-            pairs = slowest(M, D, K, count, symmetric, derivatives, model.internal_states)
+            pairs = slowest(M, D, K, count, symmetric, derivatives, model.lag_count)
     _warn_of_rounding(model, pairs, time, inputs)
     value, shape = (
         attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])

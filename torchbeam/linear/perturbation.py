@@ -14,7 +14,7 @@ from torch.nn.functional import pad
 from ..core.derivatives import vjp
 from ..core.functions_of_time import rate_along
 from ..core.validation import concrete
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.loads import advanced_rates
 from ..nodal.model import Model
 from ..state.state import State
@@ -108,11 +108,12 @@ class Perturbation:
 
     def problem(self, inputs: dict[str, Tensor], z: Tensor | None = None) -> SteadyProblem:
         """The balance under these inputs, with internal states of loads moved by z (..., Z)."""
-        held = self.state.internal if z is None or not z.shape[-1] else self.state.internal + z
+        held, count = self.state.internal, self.model.internal_states
+        held = held if z is None or not count else held + z[..., :count]
         ones = torch.ones(self.shape, dtype=self.axes.dtype, device=self.axes.device)
-        return SteadyProblem(
-            self.model, self.t, inputs, ones, internal=held if self.model.internal_states else None
-        )
+        held = held if count else None
+        past = Past.of(self.model.scene, self.state)
+        return SteadyProblem(self.model, self.t, inputs, ones, internal=held, past=past)
 
     def at(
         self,
@@ -133,7 +134,13 @@ class Perturbation:
             x = problem.update(start, move, torch.zeros_like(state.stress))
             return model.multipliers.split(problem.residual(x)[0].strain)[0]
 
-        bent = gap(move)
+        bent, arms = gap(move), model.law.arms
+        crept = state.inelastic
+        if arms is not None:  # the balance is of strains that last
+            bent = arms.unrelaxed(bent)
+            if z is not None:
+                more = z[..., model.internal_states :].unflatten(-1, crept.shape[-2:])
+                bent, crept = arms.now(bent, more), crept + more
         effective_strain = model.law.effective_strain(
             bent, lambda: rate_along(gap, (move,), (rate,))[1]
         )
@@ -152,6 +159,7 @@ class Perturbation:
                 position=x.position,
                 rotation=x.rotation,
                 internal=problem.internal,
+                inelastic=crept,
                 velocity=state.velocity
                 + rate[..., :p]
                 + (space.skew(spin) @ move[..., :p, None])[..., 0],
@@ -178,8 +186,10 @@ class Perturbation:
             problem = self.problem(inputs)
             start = Configuration(self.state.position, self.state.rotation, self.state.stress)
             # zero; an input may be a strain that the beam takes by itself
-            bent = problem.residual(start)[0].strain
-            stress = self.model.law.stress(self.model.multipliers.split(bent)[0])
+            bent = self.model.multipliers.split(problem.residual(start)[0].strain)[0]
+            arms = self.model.law.arms
+            bent = bent if arms is None else arms.unrelaxed(bent)
+            stress = self.model.law.stress(bent)
             start = start._replace(
                 stress=start.stress + self.model.multipliers.with_forces(stress, None)
             )
@@ -190,6 +200,9 @@ class Perturbation:
             )
             if problem.internal is not None:
                 rates = advanced_rates(self.model, problem.nodes(start), problem.conditions)
+                load = torch.cat((load, rates.expand(*self.shape, -1)), -1)
+            if arms is not None:
+                rates = arms.rate(bent, torch.zeros_like(arms.at_rest(bent))).flatten(-2)
                 load = torch.cat((load, rates.expand(*self.shape, -1)), -1)
             return load, self.read(outputs, self.at(zero, zero, inputs))[0]
 
@@ -203,7 +216,7 @@ class Perturbation:
                 columns.append(rate_along(both, held, tuple(tangents))[1])
         if not columns:
             p = self.read(outputs, self.at(zero, zero, {}))[0].shape[-1]
-            rows = len(self.free) + self.model.internal_states
+            rows = len(self.free) + self.model.lag_count
             return zero.new_zeros(*self.shape, rows, 0), zero.new_zeros(*self.shape, p, 0)
         G, Y_u = (torch.stack(c, -1) for c in zip(*columns, strict=True))
         return G, Y_u
@@ -215,7 +228,7 @@ class Perturbation:
         rates, Y_force (..., p, m) by the forces of joints; each sensor's rows.
         """
         zero = self.zero()
-        still = zero.new_zeros(*self.shape, self.model.internal_states)
+        still = zero.new_zeros(*self.shape, self.model.lag_count)
         slack = zero.new_zeros(*self.shape, self.model.multipliers.held_count)
         rows: tuple[slice, ...] = ()
 

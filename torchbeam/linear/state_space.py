@@ -59,10 +59,10 @@ def linearize(
     (nodal form).
 
     Args:
-        state: an equilibrium of the scene under its loads at time t (s) and `inputs`; None = found
-            here
+        state: an equilibrium of the scene under its loads at time t (s) and `inputs`; None = it is
+            computed
         outputs: one sensor or several: state -> (..., p), with at most one sample axis after the
-            batch axes. Stress and reaction are those of the move and its rate (a reaction lacks the
+            batch axes. Stress and reaction follow from the move and its rate (a reaction lacks the
             inertia of the root's own element)
         lumped: as in `Stepper`
         inputs: by name, (..., size), at the equilibrium
@@ -76,13 +76,13 @@ def linearize(
     - **Precision.** A scene in single precision is solved in double, and the model rounded.
 
     Raises:
-        ValueError: for a scene that the nodal form does not take, within torch.func.vmap, and for a
-            state that moves or is no equilibrium (by a force that could bend the beam by 1e-3 rad).
-            For a derivative by a rotary inertia that is 0, or by damping of a coordinate without
-            damping. For an input that is a moment on a turn without inertia, which would follow the
-            input's rate. For a joint's coordinate that is an `Input`, which would act by its
-            acceleration. For damping that leaves a coordinate without inertia undamped, or internal
-            states that follow the rate of one.
+        ValueError: for a scene that the nodal form does not take, within torch.func.vmap, or for a
+            moving state. For a state out of balance, by a force that could bend the beam by 1e-3
+            rad. For a derivative by a rotary inertia that is 0, or by damping of a coordinate
+            without damping. For an input that is a moment on a turn without inertia, which would
+            follow the input's rate. For a joint's coordinate that is an `Input`, which would act by
+            its acceleration. For damping that leaves a coordinate without inertia undamped, or
+            internal states that follow the rate of one.
 
     Examples:
         >>> driven = tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))])
@@ -141,7 +141,7 @@ def _linear(
     moves, forces = near.depends_on(), None
     if G is not None:
         near, massless, moves, forces = _minimal(near, massless, moves, G)
-    free, states = near.axes.shape[-1], model.internal_states
+    free, states = near.axes.shape[-1], model.lag_count
     T = (
         near.axes
         if not states
@@ -170,8 +170,9 @@ def _linear(
             D + Y_force @ by_u[..., : forces.shape[-1], :],
         )
     reads, writes = _by_moves(moves, near.moves() @ C[..., sensed:, :], A, massless, creeps, states)
-    if states:
-        state = replace(state, internal=near.state.internal.expand(*state.batch_shape, states))
+    if model.internal_states:
+        internal = near.state.internal.expand(*state.batch_shape, model.internal_states)
+        state = replace(state, internal=internal)
     return Linear(
         A,
         B,

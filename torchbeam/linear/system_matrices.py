@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from ..core.leaves import wants_gradient
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..math.block_tridiagonal import BlockChain
 from ..math.quadratic_eigen import DENSE
 from ..math.shapes import broadcast_shapes
@@ -38,6 +38,7 @@ from ..state.state import State
 from ..state.state_check import check_state
 from ..statics.balance_check import check_rest
 from ..topology.protocols import Matrix, total
+from .relaxing import with_arms
 
 
 def at_rest(
@@ -49,7 +50,8 @@ def at_rest(
     model = discretise(model.scene) if lumped and model.scene.frame is not None else model
     space = model.space
     reduced = space.start(check_state(state, model.scene, "state"))
-    problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
+    past = Past.of(model.scene, reduced)
+    problem = SteadyProblem(model, t, inputs, torch.ones_like(t), past=past)
     if model.internal_states:
         x = Configuration(reduced.position, reduced.rotation, reduced.stress)
         problem = problem.holding(x, reduced.internal)
@@ -115,16 +117,24 @@ def augmented(
 
 
 def of_nodes(
-    model: Model, state: State, t: Tensor, inputs: dict[str, Tensor]
+    model: Model,
+    state: State,
+    t: Tensor,
+    inputs: dict[str, Tensor],
+    solved: SteadyProblem | None = None,
 ) -> tuple[Matrix, Matrix | None, Matrix, Lags | None]:
-    """The same of all nodes (D None: no damping, rotation), and what internal states add."""
+    """The same of all nodes (D None: no damping, rotation), and what internal states add; solved:
+    the problem whose solution the state is, None = that of the scene.
+    """
     space = model.space
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
-    problem = SteadyProblem(model, t, inputs, torch.ones_like(t))
+    past = Past.of(model.scene, state)
+    problem = SteadyProblem(model, t, inputs, torch.ones_like(t), past=past)
     if model.internal_states:
         problem = problem.holding(x, state.internal)
     kinematics = model.kinematics(x.position, x.rotation)
+    problem = problem if solved is None else solved
     stress, _ = model.multipliers.split(x.stress)
     B = space.strain_operator(kinematics, model.length)
     force_operator = (model.length[..., None] * B).mT
@@ -162,6 +172,7 @@ def of_nodes(
         rate = at - external.tangent(model, nodes, now, moved) if by_rates else 0.0
         if not isinstance(rate, float):
             D = model.topology.diagonal(rate) if D is None else D.plus(rate)
+    lagging = with_arms(model, B, lagging)
     if model.interactions:
         motion = problem.node_motion(x)
         for interaction in model.interactions:

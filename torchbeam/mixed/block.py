@@ -76,7 +76,7 @@ class BlockRate:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The state by name; its rate is what the column multiplies."""
+        """State by name; the column multiplies its rate."""
         N = self.model.count
         elements = [f"{name}_{i}" for name in Fields._fields[:8] for i in range(1, N + 1)]
         return (*elements, "F*_1", "M*_1", f"u^_{N + 1}", f"theta^_{N + 1}")

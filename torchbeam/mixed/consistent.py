@@ -121,9 +121,9 @@ def consistent_state(
     form: str = "minimal",
     inputs: dict[str, Tensor] | None = None,
 ) -> MixedState:
-    """A consistent state for any u m, theta (frame a), V m/s, Omega rad/s (section axes, absolute)
-    of the elements (..., N, 3), and the loads at time t; what is not given is undeformed and at
-    rest in frame a.
+    """A consistent state for any u m, theta (frame a), V m/s, Omega rad/s of the elements (..., N,
+    3), under the loads at t. V and Omega are absolute, in section axes. By default the beam is
+    undeformed and at rest in frame a.
 
     Raises:
         ValueError: for a wrong shape or a scene that the form does not take.

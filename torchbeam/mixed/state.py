@@ -60,14 +60,19 @@ class MixedState(Instant):
     """The beam at one instant in a mixed form. Leading axes are batch axes (time first in a
     trajectory).
 
-    The twelve of `Fields`; and what follows from them:
-    strain    (..., N, 6) [gamma kappa] of the elements, frame B
-    position  (..., N+1, 3) m, velocity (..., N+1, 3) m/s absolute, rotation (..., N+1, 3, 3)
-              section axes -> a, spin (..., N+1, 3) rad/s absolute: of the nodes, frame a. Nodes
-              follow from the elements by the recursion n_{i+1} = 2 q_i - n_i, which hands on every
-              short wave undiminished: velocities of inner nodes are rough
-    reaction  (..., 6) load of the support on the beam, frame a, N and N m
-    t (...) s;  status (...) int, 0 = success, see `torchbeam.core.status.STATUS`
+    The fields of `Fields` stand first, then quantities that follow from them. The recursion
+    n_{i+1} = 2 q_i - n_i gives the nodes from the elements. It does not damp short waves, so
+    velocities of inner nodes are rough.
+
+    Attributes:
+        strain: (..., N, 6) [gamma kappa] of the elements, frame B
+        position: (..., N+1, 3) m, of the nodes, frame a
+        velocity: (..., N+1, 3) m/s, absolute, of the nodes, frame a
+        rotation: (..., N+1, 3, 3) of the nodes, section axes -> a
+        spin: (..., N+1, 3) rad/s, absolute, of the nodes, frame a
+        reaction: (..., 6) load of the support on the beam, frame a, N and N m
+        t: (...) s
+        status: (...) int, 0 = success, see `torchbeam.core.status.STATUS`
 
     Examples:
         >>> state = tb.consistent_state(scene)

@@ -2,6 +2,8 @@
 
     S [F; M] = strain - eigenstrain + retardation (strain rate)
 
+and where it has `arms`, which forget, the strain is what these make of it, see `maxwell_arms`.
+
 S is the section's compliance. A zero on its diagonal makes a strain impossible: residuals keep S as
 it is, and tangents take a small flexibility there, so that Newton's method loses nothing (see
 `ElasticLaw.tangent_stiffness`). Matrices of uncoupled sections are stored as their diagonals,
@@ -11,12 +13,11 @@ it is, and tangents take a small flexibility there, so that Newton's method lose
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.derivatives import untracked
 from ..core.leaves import Tree, leaf
@@ -25,7 +26,9 @@ from ..core.validation import concrete
 from ..scene.beam import Beam
 from ..scene.effects.damping import Damping, geometric_means
 from ..scene.scene import Scene
+from ..scene.taper import residual_bending
 from .coordinates.spatial import Spatial
+from .maxwell_arms import MaxwellArms, arms_of
 
 STIFFENED = 100.0  # by loads, over bending alone: P L^2/EI of that order
 # of the flexibility around it: a strain's least, in a tangent
@@ -36,12 +39,13 @@ REGULARISATION = {torch.float64: 1e-7, torch.float32: 1e-3}
 class ElasticLaw(Tree):
     """S (..., N or 1, k, k) compliance, exact; C its inverse, regularised where a strain is
     impossible; both (..., k, 1) for an uncoupled section. `rigid`: whether any strain is
-    impossible.
+    impossible. arms: what its stress relaxes by, None = it does not.
     """
 
     S: Tensor = leaf(3)
     C: Tensor = leaf(3)
     rigid: bool
+    arms: MaxwellArms | None = field(default=None, kw_only=True)
 
     damped = False
 
@@ -63,7 +67,28 @@ class ElasticLaw(Tree):
         """[F; M] (..., N, k)."""
         return times(self.C, effective_strain[..., None])[..., 0]
 
-    def energy(self, strain: Tensor) -> Tensor:
+    def at_rest(self, strain: Tensor) -> Tensor:
+        """What stress answers to of a strain (..., N, k) that lasts."""
+        return strain if self.arms is None else self.arms.remaining * strain
+
+    def at_rest_by(self, strain_by_move: Tensor) -> Tensor:
+        """Derivative of `at_rest`, (..., N, k, m) being that of the strain."""
+        if self.arms is None:
+            return strain_by_move
+        return self.arms.remaining[..., None] * strain_by_move
+
+    def energy(self, strain: Tensor, crept: Tensor | None = None) -> Tensor:
+        """(..., N, k) J/m, by component: e C e/2, or of arms that have crept by (..., N, m k) that
+        of them and what they are beside. None = they have not.
+        """
+        if self.arms is None or crept is None:
+            return self._energy(strain)
+        energy, crept = self.arms.remaining * self._energy(strain), self.arms.each(crept)
+        for share, q in zip(self.arms.shares.unbind(-1), crept.unbind(-1), strict=True):
+            energy = energy + share * self._energy(strain - q)
+        return energy
+
+    def _energy(self, strain: Tensor) -> Tensor:
         """e C e/2 (..., N, k) J/m, by component; an impossible strain stores none, whatever
         rounding leaves of it.
 
@@ -203,21 +228,23 @@ def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     section with an impossible strain.
     """
     beam, rigid = scene.beam, any(impossible(scene.beam))
-    compliance = _with_residual_bending(beam, beam.compliance)
+    compliance = _element_compliance(beam)
     S = _slim(compliance, beam, space)
-    if rigid or beam.coupled:
+    if rigid or _coupled(beam):
         resistance = _resistance(scene) if rigid else None
         C = _slim(_regular_inverse(beam, compliance, resistance), beam, space)
     else:
         C = S.reciprocal()
+    arms = arms_of(scene, space, _own_flexibility(beam, compliance)) if scene.arms else None
     if scene.damping is None:
-        return ElasticLaw(S, C, rigid)
+        return ElasticLaw(S, C, rigid, arms=arms)
     retardations = [_retardation(damping, beam, space) for damping in scene.dampings]
     return ViscoelasticLaw(
         S,
         C,
         rigid,
         retardations[0] if scene.damping.on is None else _by_part(scene, retardations, S),
+        arms=arms,
     )
 
 
@@ -229,13 +256,25 @@ def times(matrix: Tensor, x: Tensor) -> Tensor:
 
 
 def impossible(beam: Beam) -> tuple[bool, ...]:
-    """Which of an element's strains are impossible. With linked interpolation an element shears as
-    well by bending.
+    """Which of an element's strains are impossible. With linked interpolation, or a taper, an
+    element shears as well by bending.
     """
     extension, shear_y, shear_z, twist, bending_y, bending_z = beam.rigid
-    if beam.linked_interpolation:
+    if beam.linked_interpolation or beam.taper is not None:
         shear_y, shear_z = shear_y and bending_z, shear_z and bending_y
     return extension, shear_y, shear_z, twist, bending_y, bending_z
+
+
+def _coupled(beam: Beam) -> bool:
+    """Whether an element's compliance has more than its diagonal."""
+    return beam.coupled or beam.taper is not None
+
+
+def _element_compliance(beam: Beam) -> Tensor:
+    """S (..., N or 1, 6, 6) that the ends of elements show."""
+    if beam.taper is None:
+        return _with_residual_bending(beam, beam.compliance)
+    return beam.compliance + beam.taper[..., int(beam.linked_interpolation), :, :]
 
 
 def _with_residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
@@ -246,30 +285,31 @@ def _with_residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
         S_FF + h^2/12 ~e1^T S_MM ~e1
     """
     return (
-        flexibility + _residual_bending(beam, flexibility)
+        flexibility + residual_bending(flexibility, beam.length)
         if beam.linked_interpolation
         else flexibility
     )
 
 
-def _residual_bending(beam: Beam, flexibility: Tensor) -> Tensor:
-    across = flexibility.new_tensor(((0, 0, 0), (0, 0, -1), (0, 1, 0)))
-    bent = across.mT @ flexibility[..., 3:, 3:] @ across
-    return pad(beam.length[..., None, None] ** 2 / 12 * bent, (0, 3, 0, 3))
+def _own_flexibility(beam: Beam, flexibility: Tensor) -> Tensor | None:
+    """(..., N or 1, 6): which part of an element's flexibilities is its section's; None = all."""
+    if not beam.linked_interpolation:
+        return None
+    own, whole = (x.diagonal(dim1=-2, dim2=-1) for x in (beam.compliance, flexibility))
+    return torch.where(whole > 0, own / torch.where(whole > 0, whole, 1.0), 1.0)
 
 
 def without_residual_bending(beam: Beam, strain: Tensor, elements: slice = slice(None)) -> Tensor:
     """The strain (..., n, 6) of sections in elements' middles with this one, less eigenstrain."""
-    if not beam.linked_interpolation:
+    if not beam.linked_interpolation and beam.taper is None:
         return strain
-    S = beam.compliance
-    bent = _residual_bending(beam, S)
-    part = (bent @ _regular_inverse(beam, S + bent))[..., elements, :, :]
+    S = _element_compliance(beam)
+    part = ((S - beam.compliance) @ _regular_inverse(beam, S))[..., elements, :, :]
     return strain - (part @ strain[..., None])[..., 0]
 
 
 def _slim(matrix: Tensor, beam: Beam, space: Spatial) -> Tensor:
-    if beam.coupled:
+    if _coupled(beam):
         return space.project_section(matrix)
     return space.project_diagonal(matrix.diagonal(dim1=-2, dim2=-1))[..., None]
 
@@ -352,13 +392,13 @@ def _retardation(damping: Damping, beam: Beam, space: Spatial) -> Tensor:
             "six-valued tau was given for a section with an impossible strain; one value is "
             "wanted there"
         )
-    if not (beam.coupled or beam.linked_interpolation):
+    if not (_coupled(beam) or beam.linked_interpolation):
         return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[
             ..., None, :, None
         ]
-    S = beam.compliance
+    S = beam.compliance if beam.taper is None else _element_compliance(beam)
     retardation = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
-    if not beam.linked_interpolation:
+    if not beam.linked_interpolation or beam.taper is not None:
         return space.project_section(retardation)
     R = _with_residual_bending(beam, retardation @ S)
     return _slim(R @ torch.linalg.inv(_with_residual_bending(beam, S)), beam, space)

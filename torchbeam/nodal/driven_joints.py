@@ -25,9 +25,12 @@ from torch import Tensor
 
 from ..core.leaves import leaf
 from ..math.shapes import stacked
+from ..scene.coordinate_law import Travel
 from ..scene.effects.values import Inputs, scalar_at, value_at
+from ..state.instant import READINGS
 from .balls import BallLaws, Balls, BallStep
 from .between_nodes import NodeMotion, Placed, Rates
+from .coordinate_laws import CoordinateLaws
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
 from .joints import Joints
@@ -38,7 +41,7 @@ from .rotation_vector import Turn
 class Driven(NamedTuple):
     """What acts at one motion: the coordinates over the step; w where forces act and where joints
     are closed, and c there; the effort (..., J, w) along the coordinates, and its derivative by
-    them.
+    them; what joints remember after it (..., J, m), None = nothing.
     """
 
     step: CoordinateStep
@@ -47,19 +50,23 @@ class Driven(NamedTuple):
     offset: Tensor
     effort: Tensor
     effort_by: Tensor
+    memory: Tensor | None = None
 
 
 @dataclass(frozen=True)
 class DrivenJoints(Joints):
-    """With `laws`; prescribed (J, w) 1 where a coordinate is, which `held` counts in."""
+    """With `laws`; prescribed (J, w) 1 where a coordinate is, which `held` counts in; own_laws:
+    of coordinates, that say by themselves what they resist by, None = there are none.
+    """
 
     laws: JointLaws
     prescribed: Tensor = leaf(2)
+    own_laws: CoordinateLaws | None = None
 
     @property
     def dissipative(self) -> bool:
         """Whether there is damping or friction."""
-        return any(laws.dissipative for laws in self._all_laws)
+        return self.own_laws is not None or any(laws.dissipative for laws in self._all_laws)
 
     @property
     def limited(self) -> bool:
@@ -67,7 +74,8 @@ class DrivenJoints(Joints):
 
     @property
     def smooth(self) -> bool:
-        return not self.limited and not self.has_friction
+        remembers = self.own_laws is not None and self.own_laws.memory > 0
+        return not (self.limited or self.has_friction or remembers)
 
     @property
     def has_friction(self) -> bool:
@@ -104,7 +112,10 @@ class DrivenJoints(Joints):
             after = self.coordinate(motion.end, before)
             rate = None if self.laws.friction is None else self.rate(motion.start, *of.moving())
             step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate)
-        effort, by = self.laws.effort(step)
+        effort, by, memory = *self.laws.effort(step), None
+        if self.own_laws is not None:
+            resistance, slope, memory = self._resistance(step, of)
+            effort, by = effort - resistance, by - slope
         if of.dt is None and of.moving is not None and self.laws.dissipative:
             effort = effort - self.laws.damper * self.rate(motion.end, *of.moving())
         if values.effort is not None:
@@ -115,7 +126,36 @@ class DrivenJoints(Joints):
             turn, more = self._beyond(self.prescribed * self.angles * (step.after - goal))
             closing = self.turned(goal * self.angles + turn)
             offset = self.c + goal * self.travels - more
-        return Driven(step, acting, closing, offset, effort, by)
+        return Driven(step, acting, closing, offset, effort, by, memory)
+
+    def _resistance(self, step: CoordinateStep, of: NodeMotion) -> tuple[Tensor, Tensor, Tensor]:
+        """Of `own_laws` (..., J, w), which their work over the step is counted by; the derivative
+        by the coordinates after it; what joints remember then.
+        """
+        rows, travel = self._coordinates, self._travel(step, of)
+        load, slope, memory = self.own_laws.response(travel)
+        load, slope = rows * load[..., None], rows * slope[..., None]
+        if step.dt is not None:
+            ratio, ratio_by = step.arc()
+            load, slope = load * ratio, slope * ratio + load * ratio_by
+        return load, slope, memory
+
+    def _travel(self, step: CoordinateStep, of: NodeMotion) -> Travel:
+        """By the state before, None = joints were as drawn."""
+        rows, state = self._coordinates, of.state
+        after, before = (rows * step.after).sum(-1), (rows * step.before).sum(-1)
+        memory, known = after.new_zeros(self.count, self.own_laws.memory), None
+        if state is not None and state.joints is not None:
+            memory, known = state.joints[..., READINGS:], (rows * self.given(state.joints)).sum(-1)
+        if step.dt is None:
+            before = torch.zeros_like(after) if known is None else known
+        dt = None if step.dt is None else step.dt[..., 0]
+        return Travel(before, after, memory, of.now.t, dt)
+
+    def _with_memory(self, wrench: Tensor, motion: Placed) -> Tensor:
+        if self.own_laws is None or not self.own_laws.memory:
+            return wrench
+        return stacked(wrench, self.driven(motion).memory, axis=-1)
 
     @staticmethod
     def _beyond(off: Tensor) -> tuple[Tensor, Tensor]:
@@ -210,13 +250,21 @@ class DrivenJoints(Joints):
             return None
         placed, w = motion.placed(self.pose), self.space.unknowns
         ends, blocks = torch.block_diag(self.moves, self.moves).mT, 0.0
-        if self.laws.dissipative:
-            by = self.coordinate_by(placed.end, self.driven(placed).step.after) @ ends
-            blocks = by.mT @ (self.laws.damper[..., None] * by)  # (..., J, 2 w, 2 w)
+        step = self.driven(placed).step
+        damper = self.laws.damper if self.laws.dissipative else None
+        if self.own_laws is not None:
+            own = self.own_laws.damper(self._travel(step, motion))
+            own = None if own is None else self._coordinates * own[..., None]
+            damper = own if damper is None else damper if own is None else damper + own
+        if damper is not None:
+            by = self.coordinate_by(placed.end, step.after) @ ends
+            blocks = by.mT @ (damper[..., None] * by)  # (..., J, 2 w, 2 w)
         if self.balls is not None and self.balls.laws.dissipative:
             by = self.balls.spin_rows(placed.end) @ ends
             damper = self.balls.own_laws.damper[..., None, None]
             blocks = blocks + self.balls.to_joints(by.mT @ (damper * by), -3, self.count)
+        if isinstance(blocks, float):
+            return None
         blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
         return self.tied(matrix(), blocks)
 

@@ -203,6 +203,9 @@ def inertia_of(
             (beam.node_count - len(beam.masses), len(beam.masses)), -2
         )
         tributary_length = torch.cat((share, torch.ones_like(own)), -2)
+    if beam.mass_taper is not None:
+        more = 2 * h[..., None] * beam.mass_taper
+        mass = mass + _at_nodes(beam, assembly, (-more, more))
     beam_mass = mass
     for body in bodies:
         at, nodes = body.node % assembly.topology.node_count, assembly.topology.node_count
@@ -245,12 +248,7 @@ def _shared_by_nodes(beam: Beam, assembly: Assembly) -> tuple[Tensor, Tensor]:
     their nodes, which all see the same of them.
     """
     h, interpolation = beam.length[..., None], assembly.interpolation
-    parts = (h[..., None] * beam.mass,) * (interpolation.order + 1)
-    if beam.curved:  # the section's mass, seen from the axes of the element's nodes
-        seen = assembly.ends(beam.frames), interpolation.axes_at_nodes(beam.elements)
-        turns = (quat.multiply(quat.conjugate(q), axes) for q, axes in zip(*seen, strict=True))
-        parts = tuple(_turned(parts[0], turn) for turn in turns)
-    mass = assembly.shared(parts, 2)
+    mass = _at_nodes(beam, assembly, (h[..., None] * beam.mass,) * (interpolation.order + 1))
     if not interpolation.positive:
         diagonal = concrete(mass.diagonal(dim1=-2, dim2=-1))
         if (diagonal < -NEGATIVE * diagonal.abs().amax(-2, keepdim=True)).any():
@@ -259,6 +257,17 @@ def _shared_by_nodes(beam: Beam, assembly: Assembly) -> tuple[Tensor, Tensor]:
                 f"{beam.order} was given; more elements are wanted"
             )
     return mass, assembly.shared((h,) * (interpolation.order + 1))
+
+
+def _at_nodes(beam: Beam, assembly: Assembly, parts: tuple[Tensor, ...]) -> Tensor:
+    """Masses (..., N, 6, 6) of stations, as each of their nodes counts them, about the nodes."""
+    if beam.curved:  # the section's mass, seen from the axes of the element's nodes
+        axes = assembly.interpolation.axes_at_nodes(beam.elements)
+        seen = zip(parts, assembly.ends(beam.frames), axes, strict=True)
+        parts = tuple(
+            _turned(part, quat.multiply(quat.conjugate(q), axes)) for part, q, axes in seen
+        )
+    return assembly.shared(parts, 2)
 
 
 def _along(beam: Beam, rule: Callable[..., Tensor], *densities: Tensor | float) -> list[Tensor]:

@@ -19,6 +19,7 @@ from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
 from .balls import BallLaws, Balls
 from .between_nodes import BetweenNodes
+from .coordinate_laws import coordinate_laws_of
 from .coordinates.spatial import Spatial
 from .driven_joints import DrivenJoints
 from .joint_laws import JointLaws
@@ -116,7 +117,12 @@ def joints_of(scene: Scene, space: Spatial, topology: Any) -> Any:
     names = (field.name for field in dataclasses.fields(JointLaws))
     laws = JointLaws(**{name: _given(scene.joints, name, rows) for name in names})
     held = fields["held"] + prescribed
-    return DrivenJoints(**fields | dict(held=held), laws=laws, prescribed=prescribed)
+    return DrivenJoints(
+        **fields | dict(held=held),
+        laws=laws,
+        prescribed=prescribed,
+        own_laws=coordinate_laws_of(scene.joints, like),
+    )
 
 
 def _without_laws(joint: Joint) -> Joint:

@@ -33,6 +33,7 @@ from torch.nn.functional import pad
 from ..core.leaves import leaf
 from ..math.quaternions import cross, skew
 from ..math.shapes import stacked
+from ..state.instant import READINGS
 from ..topology.framework import Framework
 from .balls import Balls
 from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
@@ -118,28 +119,38 @@ class Joints(BetweenNodes):
         placed = motion.placed(self.pose)
         stress, w = self.acting(fields["stress"], placed)
         wrench = self.wrench(placed, w, self.forces(stress))
-        joints = self._readings(placed.end, self.after(placed), moving and moving(), wrench)
+        numbers = self._with_memory(wrench, placed)
+        joints = self._readings(placed.end, self.after(placed), moving and moving(), numbers)
         return fields | {"stress": stress, "joints": joints}
 
     def reading(
         self, pose: Pose, before: Tensor, moving: tuple[Tensor, Tensor] | None = None
     ) -> Tensor:
-        """(..., J, 12) as in `State`, where nothing is known of forces: turns as `before` has
-        them; velocity and spin of nodes (..., N+1, *), as seen in frame a, None = at rest.
+        """(..., J, 12 or more) as in `State`, where nothing is known of forces: turns and memory as
+        `before` has them; velocity and spin of nodes (..., N+1, *), as seen in frame a, None = at
+        rest.
         """
         q = self.coordinate(pose, self.turns(before))
-        return self._readings(pose, q, moving, torch.zeros_like(before[..., 6:]))
+        wrench, memory = before[..., 6:].split((6, before.shape[-1] - READINGS), -1)
+        numbers = torch.zeros_like(wrench)
+        numbers = torch.cat((numbers, memory), -1) if memory.shape[-1] else numbers
+        return self._readings(pose, q, moving, numbers)
+
+    def _with_memory(self, wrench: Tensor, motion: Placed) -> Tensor:
+        """Wrenches (..., J, 6), and behind them what joints remember, where some do."""
+        return wrench
 
     def _readings(
-        self, pose: Pose, q: Tensor, moving: tuple[Tensor, Tensor] | None, wrench: Tensor
+        self, pose: Pose, q: Tensor, moving: tuple[Tensor, Tensor] | None, numbers: Tensor
     ) -> Tensor:
+        """numbers: those behind coordinates and rates."""
         rate = torch.zeros_like(q) if moving is None else self.rate(pose, *moving)
         turn = spin = None
         if self.balls is not None:
             turn = self.balls.to_joints(self.balls.turn(pose), -2, self.count)
             spin = None if moving is None else self.spin(pose, *moving)
             spin = None if spin is None else self.balls.to_joints(spin, -2, self.count)
-        return stacked(self._three(q, turn), self._three(rate, spin), wrench, axis=-1)
+        return stacked(self._three(q, turn), self._three(rate, spin), numbers, axis=-1)
 
     def _three(self, rows: Tensor, vectors: Tensor | None) -> Tensor:
         """(..., J, 3) of rows (..., J, w) of coordinates, and of what balls have."""

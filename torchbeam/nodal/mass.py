@@ -52,7 +52,9 @@ class LumpedMass(Tree):
         return self.mass * velocity
 
     def matrix(self, Z: Tensor) -> Matrix:
-        """M Z, p by p; Z (..., p, p) is the derivative of a force per mass by a displacement."""
+        """M Z, p by p; Z (..., nodes or 1, p, p) is the derivative of a force per mass by a
+        displacement.
+        """
         return self.topology.diagonal(self.mass[..., None] * Z)
 
 
@@ -78,7 +80,10 @@ class SharedMass(LumpedMass):
         return total
 
     def matrix(self, Z: Tensor) -> Matrix:
-        bent = self.coupling[..., None] * Z
+        of_elements = Z
+        if Z.ndim > 2 and Z.shape[-3] > 1:  # alike within an element
+            of_elements = self.topology.gather(Z, 2)[0]
+        bent = self.coupling[..., None] * of_elements
         products = {
             product: _times(-product, bent)
             for product in {a * b for a in self.difference for b in self.difference}

@@ -129,6 +129,12 @@ class Model(Rows):
         """How many numbers the loads remember."""
         return sum(self.scene.internal_states)
 
+    @property
+    def lag_count(self) -> int:
+        """How many numbers loads and, where their stress relaxes, elements remember."""
+        arms = self.scene.arms
+        return self.internal_states + self.station_count * self.space.dims.strain * arms
+
     @cached
     def prescribed_motion(self) -> PrescribedMotion:
         return PrescribedMotion(self.scene)

@@ -24,6 +24,7 @@ from .element_loads import all_loads
 from .inertia import Inertia
 from .loads import Nodes, added_mass, advanced_rates
 from .model import Model
+from .moves import remembered
 
 
 def forces_between_nodes(scene: Scene) -> str | None:
@@ -155,7 +156,7 @@ class Rates:
         state = model.space.to_reduced(state)
         motion = state.position, state.rotation, state.velocity, state.spin
         parts = [self.unknown(x).flatten(-2) for x in motion]
-        parts += [x for x in (state.frame, state.internal) if x is not None]
+        parts += [x for x in (state.frame, remembered(state)) if x is not None]
         return torch.cat(
             [x.expand(*shape, x.shape[-1]) for x in (*parts, state.work[..., None])], -1
         )
@@ -168,7 +169,7 @@ class Rates:
         *parts, rest = y.split([*self.sizes, y.shape[-1] - sum(self.sizes)], -1)
         r, raw, v, spin = (x.unflatten(-1, (len(self.places[0]), -1)) for x in parts)
         q = space.normalize(raw)
-        z, frame = model.internal_states, None
+        z, frame = model.lag_count, None
         if model.turning:
             width = rest.shape[-1] - 1 - z
             frame = space.normalize(rest[..., :width])
@@ -194,7 +195,9 @@ class Rates:
         return conditions(self.model, t, self.inputs)
 
     def stress(self, nodes: Nodes, now: Conditions) -> Tensor:
-        """[F; M] (..., N, k) of the strain and, where there is damping, of its rate."""
+        """[F; M] (..., N, k) of the strain, of its rate where there is damping, and of what has
+        crept where stress relaxes.
+        """
         model, space = self.model, self.model.space
         kinematics = model.kinematics(nodes.position, nodes.rotation)
 
@@ -203,7 +206,14 @@ class Rates:
             return (space.strain_operator(kinematics, model.length) @ moving[..., None])[..., 0]
 
         strain = model.strain(kinematics) - now.eigenstrain
+        if model.law.arms is not None:
+            strain = model.law.arms.now(strain, self._crept(nodes))
         return model.law.stress(model.law.effective_strain(strain, rate))
+
+    def _crept(self, nodes: Nodes) -> Tensor:
+        """(..., N, m k), behind internal states of loads."""
+        crept = nodes.internal[..., self.model.internal_states :]
+        return crept.unflatten(-1, (self.model.station_count, -1))
 
     def balance(self, now: Conditions, nodes: Nodes) -> tuple[Tensor, Tensor]:
         """(loads less internal forces (..., N+1, w) in frame a, loads)"""
@@ -298,8 +308,12 @@ class Rates:
             nodes = nodes._replace(
                 **dict(zip(INERTIAL, map(self.joined, rates, known), strict=True))
             )
-        if nodes.internal is not None:
+        if model.internal_states:
             parts.append(advanced_rates(model, nodes, now))
+        if model.law.arms is not None:
+            strain = model.strain(model.kinematics(nodes.position, nodes.rotation))
+            rate = model.law.arms.rate(strain - now.eigenstrain, self._crept(nodes))
+            parts.append(rate.flatten(-2))
         if self.carried:
             motion = torch.cat((nodes.velocity, nodes.spin), -1).index_select(-2, self.places[1])
             power = power + (self._clamp_reaction(now, nodes, spin, net) * motion).sum((-1, -2))
@@ -362,7 +376,9 @@ class Rates:
         """The state at time t; stress and reaction are those of the instant."""
         now, (nodes, spin, _) = self.conditions(t), self.unpack(t, y)
         net, _ = self.balance(now, nodes)
-        work = y[..., -1]
+        work, z, internal, inelastic = y[..., -1], self.model.internal_states, nodes.internal, None
+        if self.model.law.arms is not None:
+            internal, inelastic = internal[..., :z] if z else None, self._crept(nodes)
         return self.model.space.to_public(
             State(
                 *nodes[:3],
@@ -374,7 +390,8 @@ class Rates:
                 t.expand(work.shape),
                 status,
                 frame=nodes.frame,
-                internal=nodes.internal,
+                internal=internal,
+                inelastic=inelastic,
                 supports=self.model.constraints.nodes,
                 parts=self.model.scene.beam.parts,
                 rest_shape=RestShape.of(self.model.scene.beam),

@@ -253,9 +253,24 @@ class Rows(Tree):
         """(...) J"""
         return self.inertia.kinetic_energy(rotation, velocity, spin)
 
+    def crept_at_rest(
+        self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float
+    ) -> Tensor | None:
+        """(..., N, m k): see `MaxwellArms`, where the strains last; None = nothing relaxes."""
+        if not self.station_count or self.law.arms is None:
+            return None
+        strain = self.strain(self.kinematics(position, rotation)) - eigenstrain
+        return self.law.arms.at_rest(strain)
+
     def strain_energy(
-        self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float = 0.0
+        self,
+        position: Tensor,
+        rotation: Tensor,
+        eigenstrain: Tensor | float = 0.0,
+        crept: Tensor | None = None,
     ) -> Tensor:
-        """(...) J; an impossible strain stores none, whatever a start or rounding has left."""
+        """(...) J; an impossible strain stores none, whatever a start or rounding has left. crept:
+        see `ElasticLaw.energy`.
+        """
         e = self.strain(self.kinematics(position, rotation)) - eigenstrain
-        return (self.length * self.law.energy(e)).sum((-1, -2))
+        return (self.length * self.law.energy(e, crept)).sum((-1, -2))

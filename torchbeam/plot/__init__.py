@@ -11,6 +11,7 @@ Figures belong to nobody but the caller: pyplot, its state and its windows are n
 from ..core.entry_point import entry_points
 from .animation import animate
 from .canvas import axes, grid, save
+from .cross_sections import cross_section
 from .curves import campbell, energies, history, load_path, tried
 from .diagrams import diagram
 from .identification import correlation, design, fit, profile
@@ -24,7 +25,8 @@ from .uncertainty import bands, convergence, histogram, tornado
 
 # fmt: off
 __all__ = [
-    "animate", "axes", "bands", "campbell", "convergence", "correlation", "design", "diagram",
+    "animate", "axes", "bands", "campbell", "convergence", "correlation", "cross_section", "design",
+    "diagram",
     "energies",
     "fit", "grid", "histogram", "history", "load_path", "mode_film", "mode_shapes", "obstacles",
     "profile", "reactions", "save", "shape", "symbols", "tendons", "tornado", "tried",

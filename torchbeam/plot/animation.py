@@ -40,29 +40,29 @@ def animate(
     beside: Callable[[int], object] | None = None,
     dpi: int = 100,
 ) -> Path:
-    """Animation of a motion, written to a file: the path of that.
+    """Write an animation of a motion to a file. Returns the path of the file.
 
     Args:
-        what: `Solution` with any batch axes; or a `State` whose first batch axis is shown one after
-            the other, as equilibria under a growing load
-        path: ends in .gif (Pillow) or .mp4 (an ffmpeg program, or the one that comes with the
-            package imageio-ffmpeg)
-        ax: to draw on: what is there already stays, and so do limits that are set; None = new ones
+        what: `Solution` with any batch axes, or a `State` whose first batch axis is the film's
+            time, such as equilibria under a growing load
+        path: ends in .gif (Pillow) or .mp4 (by an ffmpeg program, or the package imageio-ffmpeg)
+        ax: axes to draw on. Their contents and the limits that were set stay. None = new axes
         plane: as in `shape`;  frames: with the section axes of the tip;  trail: the path of the tip
-        scene: as in `shape`: all that is solid, in its size
-        fps: 1/s, pictures a second; of a solution each shows the output instant next to its time,
-            so output instants should be as dense
+        scene: as in `shape`: solids are drawn in their size
+        fps: 1/s, pictures a second. A picture of a solution shows the output instant nearest to its
+            time, so output instants should be as dense
         dpi: dots an inch
-        speed: of the film of a solution: 0.1 is ten times slower than the motion
-        beside: called before each picture with the place of its instant, to move what else is in
-            the figure
+        speed: of the film of a solution; 0.1 is ten times slower than the motion
+        beside: function of the number of an instant, called before its picture, to move other
+            things in the figure
 
-    All samples of a batch move together, each in its own colour; with a scene, those of one sample
-    are in the colours of their parts. The file's folder is made where it is missing.
+    All samples of a batch move together, each in its own colour. With a scene, a single sample has
+    the colours of its parts. A missing folder is created.
 
-    Raises ValueError for what is no motion, a state of another scene, another kind of file, and for
-    a folder that cannot be made or written, or lies in none; files.NotWritten (an OSError) where
-    the disk is full.
+    Raises:
+        ValueError: for other types than a motion, a state of another scene, another kind of file,
+            and a folder that cannot be created or written.
+        files.NotWritten: an OSError, where the disk is full.
 
     Examples:
         >>> path = tb.plot.animate(solution, "motion.gif", fps=10, speed=0.2)

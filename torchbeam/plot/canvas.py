@@ -58,9 +58,11 @@ def check_label(label: Any) -> Any:
 def grid(
     rows: int, columns: int, size: tuple[float, float] | None = None, *, three: Sequence[int] = ()
 ) -> list[Axes]:
-    """Axes, rows x columns of them row by row, in one new figure of the given size (inches);
-    `three`: the places, counted from 0, of three-dimensional ones. Raises ImportError without
-    matplotlib.
+    """A list of rows x columns axes, row by row, in one new figure. `size` is (width, height) in
+    inches. `three` lists the numbers, counted from 0, of three-dimensional axes.
+
+    Raises:
+        ImportError: without matplotlib.
 
     Examples:
         >>> left, right = tb.plot.grid(1, 2)
@@ -77,11 +79,13 @@ def grid(
 
 
 def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
-    """Figure of `ax`, written to a file whose ending says of which kind (.png, .pdf, .svg ...),
-    with `dpi` dots an inch: the path of that. Its folder is made where it is missing.
+    """Write the figure of `ax` to a file, with `dpi` dots an inch. The ending of the path chooses
+    the format (.png, .pdf, .svg ...). A missing folder is created. Returns the path.
 
-    Raises ValueError for a kind that matplotlib does not have, and for a folder that cannot be made
-    or written, or lies in none; files.NotWritten (an OSError) where the disk is full.
+    Raises:
+        ValueError: for a format that matplotlib lacks, and for a folder that cannot be created or
+            written.
+        files.NotWritten: an OSError, where the disk is full.
 
     Examples:
         >>> path = tb.plot.save(tb.plot.shape(solution.state), "shapes.png")

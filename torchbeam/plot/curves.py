@@ -24,12 +24,12 @@ def history(
     label: str | None = None,
     **line: Any,
 ) -> Axes:
-    """Readings of a sensor, in its unit, over time (s), one line for each of its numbers; of a
-    batch, thin lines in one colour for each number.
+    """Readings of a sensor, in its unit, over time (s): one line for each number of the reading.
+    Samples of a batch are thin lines, in one colour for each number.
 
     Args:
-        label: in front of the sensor's own labels
-        line: as matplotlib has them for lines
+        label: text in front of the sensor's own labels
+        line: keywords of matplotlib's lines
 
     Examples:
         >>> ax = tb.plot.history(solution, tb.sensors.TipPosition()["z"], label="tip")
@@ -60,7 +60,7 @@ def history(
 
 def energies(solution: Solution, ax: Axes | None = None) -> Axes:
     """Energies (J) of one sample over time (s): kinetic, strain, their sum, and the loads' work.
-    The gap between the sum and the work is what damping took. Raises ValueError for a batch.
+    The gap between the sum and the work is the loss by damping. Raises ValueError for a batch.
 
     Examples:
         >>> ax = tb.plot.energies(solution)
@@ -96,14 +96,14 @@ def load_path(
     name: str = "load factor",
     **line: Any,
 ) -> Axes:
-    """Load-displacement curve: the load factor over a sensor's readings along a path of equilibria,
-    dashed where unstable, with a dot at each limit point and a cross at each branch point; one line
-    for each of the sensor's numbers and each sample of a batch.
+    """Load-displacement curve: the load factor over a sensor's readings along a path of equilibria.
+    Unstable equilibria are dashed. A dot marks a limit point, a cross marks a branch point. Each
+    number of the sensor and each sample of a batch has its line.
 
     Args:
-        path: what `tb.path` returns: factor (P, ...), state, stable, valid and kind, P equilibria
-            in path order
-        name: of the load's axis
+        path: result of `tb.path`: factor (P, ...), state, stable, valid and kind of P equilibria in
+            path order
+        name: label of the load's axis
 
     Examples:
         >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
@@ -145,9 +145,9 @@ def campbell(
     orders: Sequence[int] = (1, 2, 3),
     names: Sequence[str] | None = None,
 ) -> Axes:
-    """Campbell diagram (Campbell 1924): frequencies of a beam over the speed at which it turns,
-    with rays at multiples of that speed; where one crosses a curve, that order of the turning
-    excites that mode.
+    """Campbell diagram (Campbell 1924): frequencies of a beam over its speed of rotation, with rays
+    at multiples of that speed. Where a ray crosses a curve, that order of the rotation excites that
+    mode.
 
     Args:
         speed: (n,) rad/s
@@ -188,7 +188,7 @@ def campbell(
         ax.plot([0, end], [0, order * end], color=GREY, lw=0.8, ls=":")
         look = dict(color="0.4", fontsize=8, va="center" if end == x.max() else "bottom")
         place = dict(textcoords="offset points", annotation_clip=False)
-        ax.annotate(f"{order}/rev", (end, order * end), (2, 0), **place, **look)
+        ax.annotate(f"{order:g}/rev", (end, order * end), (2, 0), **place, **look)
     ax.set(xlabel="speed / (rad/s)", ylabel="frequency / (rad/s)", xlim=(0, x.max()), ylim=(0, top))
     return ax if names is None else _legend(ax)
 
@@ -209,8 +209,8 @@ def _legend(ax: Axes) -> Axes:
 
 
 def tried(best: Any, ax: Axes | None = None) -> Axes:
-    """What `tb.converge` has tried: error against CPU time, one colour for each element and one
-    mark for each method, the chosen one ringed, the wanted error a line.
+    """Settings that `tb.converge` has tried: error against CPU time. Each element has a colour and
+    each method a mark. A ring marks the chosen setting, a line the wanted error.
 
     Examples:
         >>> best = tb.converge(

@@ -39,16 +39,17 @@ def diagram(
 ) -> Axes:
     """Diagram of a stress resultant along all beams of one state, drawn from their axes.
 
-    F1 is the normal force, F2 and F3 are shear forces (N), M1 is the torque, M2 and M3 are bending
-    moments (N m), in section axes. Bending moments stand on the side that they stretch; the others
-    stand on the side of z, F2 on that of y. A resultant that is rounding beside the others is zero.
+    F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
+    moments (N m). All are in section axes. Bending moments stand on the side that they stretch; the
+    others stand on the side of z, F2 on that of y. A resultant that is rounding beside the others
+    is zero.
 
     Args:
         state: one sample, of the nodal form
         scene: whose state it is; the loads along its beams count between nodes (`SectionForces`)
         inputs: values of its inputs, by their names
         plane: "xy", "xz" or "yz", as in `shape`
-        height: of the largest value, as a share of the size of what is drawn
+        height: of the largest value, as a share of the structure's size
         values: write the values at ends of beams and at extremes
         symbols: of supports, joints and loads, see `symbols`
 

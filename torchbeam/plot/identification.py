@@ -14,10 +14,10 @@ LABEL = 20  # letters of a line of a name beside a matrix
 
 
 def fit(fit: Any) -> list[Axes]:
-    """Data and model of a `Fit` over time, with what is left of them below: a column of two axes
-    for each channel of several readings. The band about the model is where 95 % of the readings are
-    expected: parameters' deviations and noise; that about the residuals' zero the noise's alone.
-    Measurements of a single reading are left out.
+    """Data and model of a `Fit` over time, with residuals below: a column of two axes for each
+    channel of several readings. The band about the model holds 95 % of readings: uncertainty of
+    parameters and noise together. The band about zero residual is of noise alone. Measurements of a
+    single reading are left out.
 
     Raises:
         ValueError: for a fit all of whose measurements are single readings.
@@ -65,8 +65,8 @@ def fit(fit: Any) -> list[Axes]:
 
 
 def correlation(fit: Any, ax: Axes | None = None) -> Axes:
-    """Correlation matrix of the parameters of a `Fit`, numbers in colours; parameters that the data
-    do not tell are grey.
+    """Correlation matrix of the parameters of a `Fit`, as coloured numbers. Parameters that the
+    data do not determine are grey.
 
     Examples:
         >>> x = torch.linspace(0, 1, 9)
@@ -93,8 +93,8 @@ def correlation(fit: Any, ax: Axes | None = None) -> Axes:
 
 
 def profile(profile: Any, ax: Axes | None = None) -> Axes:
-    """Profile of one parameter, as `Fit.profile` gives them: the rise of the least misfit over the
-    value at which the parameter is held, with the threshold and the interval.
+    """Profile of one parameter, from `Fit.profile`: the rise of the least misfit over the value at
+    which the parameter is held. The threshold and the interval are drawn.
 
     Examples:
         >>> x = torch.linspace(0, 1, 9)
@@ -125,9 +125,10 @@ def profile(profile: Any, ax: Axes | None = None) -> Axes:
 
 
 def design(plan: Any) -> list[Axes]:
-    """A `Design` as two axes: the criterion after each sensor that was chosen, between that of all
-    candidates and what no choice of as many goes below; and by what factor it rises without each of
-    the candidates that were chosen, or falls with each other.
+    """A `Design` in two pictures. The left picture shows the criterion after each chosen sensor.
+    Lines show the criterion of all candidates, and the lower bound of any choice of as many. The
+    right picture shows the factor by which the criterion rises without a chosen candidate. In grey:
+    the factor with a further candidate.
 
     Examples:
         >>> model = lambda p: (p["F"][:, None] * torch.tensor([1.0, 4.0, 9.0])).unbind(-1)

@@ -35,10 +35,13 @@ def mode_shapes(
     scale: float = 0.15,
     plane: str | None = None,
 ) -> Axes:
-    """Mode shapes about a state, the first `count`, both of one sample: the beam's axis moved by
-    each mode at the instant at which its displacement is largest, then `scale` times the beam's
-    length; frequencies in Hz, of motions that do not oscillate the rate in 1/s. A mode that hardly
-    displaces the axis (torsion) is named, not drawn. Raises ValueError for a batch, and as `shape`.
+    """The first `count` mode shapes about a state, both of one sample. The beam's axis moves by
+    each mode at the instant of its largest displacement, which is `scale` times the beam's length.
+    The legend has frequencies in Hz, or the rate in 1/s of a motion that does not oscillate. A mode
+    that hardly displaces the axis (torsion) is named, not drawn.
+
+    Raises:
+        ValueError: for a batch, and as `shape`.
 
     Examples:
         >>> ax = tb.plot.mode_shapes(tb.rest(scene), tb.modes(tb.Scene(beam), count=3))
@@ -78,18 +81,18 @@ def mode_film(
     fps: float = 25.0,
     dpi: int = 100,
 ) -> Path:
-    """Film of a mode about its equilibrium, written to a file: the path of that. It shows one
-    period, in two seconds, and runs on without a jump; what does not oscillate grows.
+    """Write a film of a mode about its equilibrium to a file. Returns the path. The film shows one
+    period in two seconds, and repeats without a jump. A motion that does not oscillate grows.
 
     Args:
-        modes: of one sample, with the state about which they are
+        modes: of one sample, with their equilibrium
         path: as in `animate`, as are ax, plane, scene, fps and dpi
         mode: its number, the slowest is 1
-        scale: the largest displacement, times the length of all beams; of a mode that hardly
-            displaces the axis (torsion) the largest turn is 0.5 rad, which a `scene` shows
+        scale: the largest displacement, as a share of the length of all beams. A mode that hardly
+            displaces the axis (torsion) turns by 0.5 rad at most, visible with a `scene`
 
     Raises:
-        ValueError: for a batch, a mode that there is not, and as `animate`.
+        ValueError: for a batch, a number beyond the last mode, and as `animate`.
 
     Examples:
         >>> path = tb.plot.mode_film(tb.modes(scene, count=2), "second.gif", mode=2, fps=5)

@@ -34,14 +34,13 @@ def obstacles(
     color: Any = "0.85",
     state: State | None = None,
 ) -> Axes:
-    """What is solid for the contacts of a scene at time t (s), of a batch its first sample, as a
-    surface behind a picture `ax` of the `plane` ("xy", "xz" or "yz"), as far as that reaches: the
-    cut through the middle of the undeformed beam. With a state, the surfaces of bodies as well,
-    where they are in it, each cut through its centre.
+    """Draw the obstacles of a scene's contacts at time t (s) on a picture `ax`, up to its limits.
+    They are cut by the `plane` ("xy", "xz" or "yz") through the middle of the undeformed beam. A
+    batch shows its first sample. A state adds the surfaces of bodies at their places in it, each
+    cut through its centre.
 
     Raises:
-        ValueError: for a plane that is none, for three-dimensional axes, and for a state of another
-            structure.
+        ValueError: for an unknown plane, three-dimensional axes, and a state of another structure.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)

@@ -22,12 +22,12 @@ ROUNDING = 1e-6  # of the largest force, or moment, of sections: a reaction belo
 def reactions(
     state: Any, ax: Axes | None = None, *, scene: Scene, plane: str | None = None
 ) -> Axes:
-    """Loads of the supports on the beam in one state, those that it keeps: forces (N) along the
-    axes of frame a that are seen, and moments (N m), as arrows with numbers.
+    """Draw the loads of the supports on the beam in one state, as arrows with numbers. Forces (N)
+    are along the axes of frame a in the picture; moments are in N m.
 
     Args:
         state: one sample, of the nodal form
-        ax: a picture of the beam; None = a new one, with its axis and its supports
+        ax: axes with a picture of the beam; None = a new picture, with its axis and supports
         scene: whose state it is
         plane: "xy", "xz" or "yz", as in `shape`
 

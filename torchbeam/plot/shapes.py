@@ -38,29 +38,29 @@ def shape(
     magnify: float = 1.0,
     **line: Any,
 ) -> Axes:
-    """Axis of the beam (m, frame a) in a state, or in each of a batch or trajectory, the first
-    darkest. Of a structure all beams, with bodies as squares and joints as rings at the nodes that
-    they connect, with a line between those that are apart.
+    """Axis of the beam (m, frame a) in a state, or in each state of a batch or trajectory, the
+    first darkest. A structure shows all beams. Bodies are squares, joints are rings at the nodes
+    that they connect, with a line between distant nodes. Between nodes the curve is cubic, with the
+    sections' x axes as its tangents.
 
     Args:
         state: of any form, with any leading axes
         plane: "xy", "xz" or "yz": seen along the third axis; None = in space, unless all lies in
             one of these planes
-        scene: that it is a state of: beams are drawn as thick as contacts take them, or else as
-            the rectangle of their EI and EA, with obstacles (of a batch the first sample's), the
-            surfaces of bodies, and tendons, as far as limits say that are set; `color` is that of
-            all, and what else there is for lines has no meaning. A state without the scene's
-            batch axes has the radii of the first sample
+        scene: whose state it is. Beams get the thickness of their contacts, or else the rectangle
+            that has their EI and EA. Obstacles (of the first sample), surfaces of bodies and
+            tendons are drawn within the limits that were set. `color` is the colour of all parts;
+            other keywords of lines have no effect. A state without batch has the first radii
         frames: draw section axes at the nodes, x red, y green, z blue, named at the last node
         symbols: of the scene's supports, joints and loads, see `symbols`
-        undeformed: draw the undeformed axis too, in grey; magnify: displacements times so many
-        nodes: mark the nodes;  color, label and further keywords: as matplotlib has them for lines
-
-    Between nodes the curve is cubic, with the sections' x axes as its tangents.
+        undeformed: draw the undeformed axis too, in grey
+        magnify: factor of the displacements
+        nodes: mark the nodes
+        color, label, **line: as for lines of matplotlib
 
     Raises:
-        ValueError: for what is no state, a plane that is none, flat axes for a beam that lies
-            in no plane, a state of another scene, and one that does not know its undeformed beam.
+        ValueError: for another type than a state, an unknown plane, flat axes for a beam that lies
+            in no plane, a state of another scene, or a missing undeformed beam.
 
     Examples:
         >>> ax = tb.plot.shape(solution.state)  # each instant, the first darkest

@@ -43,10 +43,10 @@ def symbols(
     plane: str | None = None,
     inputs: dict[str, Any] | None = None,
 ) -> Axes:
-    """Symbols on a picture of the beam, of a batch of its first sample: supports by what they hold
-    in the plane seen (clamp, pin, roller, slide), rings at hinges, springs, and all loads that act
-    in the state, with numbers in N, N m and N/m. In space a clamp is a plate, and what holds one
-    or two coordinates has a rod along each.
+    """Draw symbols on a picture of the beam. Supports have the symbol of the motions that they
+    prevent in the plane (clamp, pin, roller, slide). Hinges are rings. Springs and all loads that
+    act in the state follow, with numbers in N, N m and N/m. In space a clamp is a plate, and a
+    support of one or two coordinates has a rod along each. A batch shows its first sample.
 
     Args:
         ax: None = a new one
@@ -55,7 +55,7 @@ def symbols(
         inputs: values of its inputs, by their names
 
     Raises:
-        ValueError: for a state of another scene, without the value of an input, and as `shape`.
+        ValueError: for a state of another scene, a missing value of an input, and as `shape`.
 
     Examples:
         >>> state = tb.equilibrium(scene)

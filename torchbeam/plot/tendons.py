@@ -22,15 +22,16 @@ def tendons(
     label: str | None = None,
     **line: Any,
 ) -> Axes:
-    """The tendons of a scene in a state of it, or in each of a batch or trajectory, as dashed lines
-    on a picture `ax` of its `shape`, with rings at the eyelets.
+    """Draw the tendons of a scene on a picture `ax` of its `shape`, as dashed lines with rings at
+    the eyelets. The state may have batch axes or be a trajectory.
 
-    plane   "xy", "xz" or "yz" of a flat picture; None = in space
-    color, label and further keywords: as matplotlib has them for lines
+    Args:
+        plane: "xy", "xz" or "yz" of a flat picture; None = in space
+        color, label: of the lines, as further keywords of matplotlib
 
     Raises:
-        ValueError: for a scene without tendons, a state that is not one of it, and a plane that is
-            not that of the axes.
+        ValueError: for a scene without tendons, a state of another scene, and another plane than
+            that of the axes.
 
     Examples:
         >>> rope = tb.Tendon([(None, (0, 0, 0.05)), (-1, (0, 0, 0.05))], tension=1.0)

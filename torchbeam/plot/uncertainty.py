@@ -24,11 +24,11 @@ def histogram(
     label: str | None = None,
     name: str = "y",
 ) -> Axes:
-    """Density of y, one number a sample, with its mean and quantiles, each with a strip as wide as
-    its interval.
+    """Density of y, a number for each sample, with its mean and quantiles. Each has a strip as wide
+    as its interval.
 
     Args:
-        samples: what `tb.monte_carlo` or `tb.monte_carlo_stream` return
+        samples: result of `tb.monte_carlo` or `tb.monte_carlo_stream`
         levels: of the quantiles;  interval: confidence level;  name: of y, with its unit
 
     Raises:
@@ -85,8 +85,8 @@ def convergence(
     its latter half.
 
     Args:
-        runs: label -> what `tb.monte_carlo` returns, of replicates or of independent samples; y is
-            one number
+        runs: label -> result of `tb.monte_carlo`, of replicates or of independent samples; y is one
+            number
         reference: the true mean, None = the mean of each run's samples
 
     Raises:
@@ -159,8 +159,8 @@ def bands(
     name: str = "y",
     color: str = "C0",
 ) -> Axes:
-    """Median and band of histories y (n, time) over t (time,) s; thin lines are the ends of the
-    intervals of the band and of the median, instant by instant.
+    """Median and band of histories y (n, time) over t (time,) s. Thin lines are the ends of their
+    confidence intervals, instant by instant.
 
     Args:
         level: share of the samples within the band;  interval: confidence level, None = no thin

@@ -47,27 +47,27 @@ def view(
     host: str = "127.0.0.1",
     port: int = 8080,
 ) -> View:
-    """A motion, a shape or a scene in three dimensions, in a browser: it serves a page at
-    `View.url`, until `View.close` or the end of the process. A notebook shows the page where the
-    view stands last in a cell.
+    """Show a motion, a shape or a scene in three dimensions, in a browser. A server runs at
+    `View.url` until `View.close` or the end of the process. A notebook shows the page if the view
+    is the last value of a cell.
 
     Args:
-        what: a `Solution`, with a slider over its instants; a state of any form, or a `Scene` as
-            drawn
+        what: a `Solution`, with a slider over its instants; a state of any form; or a `Scene`,
+            undeformed
         scene: of a solution or a state: for the sizes of sections, obstacles and tendons
-        samples: of a batch, at most so many of the first, each in its own colour; one that has
-            failed is red
+        samples: number of samples of a batch, from the first on, each in its own colour; a failed
+            sample is red
         speed: of the motion when it plays: 0.1 is ten times slower
-        host: from where the page can be asked for: this machine alone, or "0.0.0.0": from others
-        port: the next free one is taken
+        host: address to serve: by default for this machine alone; "0.0.0.0" serves other machines
+            too
+        port: the next free port is taken
 
-    A beam is drawn as round and thick as its contacts take it, or as the rectangle of its EI and
-    EA, in the axes of its sections, so that a twist is seen; a body as its surface, as the ball by
-    which contacts take it, or as a small one.
+    A beam is a rod of the radius of its contacts, or else the rectangle that has its EI and EA. Its
+    sections' axes show twist. A body is its surface, the ball of its contacts, or a small ball.
 
     Raises:
-        ValueError: for what is none of these, a scene of other nodes, or an address at which this
-            machine cannot serve.
+        ValueError: for another type of `what`, a scene with another number of nodes, or an address
+            at which this machine cannot serve.
         ImportError: without viser: pip install 'torchbeam[view]'.
 
     Examples:
@@ -99,7 +99,7 @@ def view(
 
 
 class View:
-    """What `view` has opened: a page with the motion, a slider over its instants, and "play".
+    """Page that `view` has opened: the motion, a slider over its instants, and "play".
 
     Attributes:
         url: of the page
@@ -146,18 +146,18 @@ class View:
         return f"http://{self._server.get_host()}:{self._server.get_port()}"
 
     def show(self, instant: int) -> None:
-        """The motion at one of its instants, counted from either end."""
+        """Show the motion at one of its instants; negative numbers count from the end."""
         k = range(len(self.t))[instant]
         self._draw(self._states[k], self.t[k].item())
         if self._slider.value != k:
             self._slider.value = k
 
     def update(self, state: Any) -> None:
-        """Another state of the same beams in place of what is shown, as it comes: from a
-        `Stepper`'s loop, or from an environment while a controller learns.
+        """Show another state of the same beams, for instance from a `Stepper`'s loop, or from an
+        environment while a controller learns.
 
         Raises:
-            ValueError: for what is no state of as many nodes.
+            ValueError: for another type than a state, and for another number of nodes.
         """
         instance("a state", state, Instant)
         if state.nodes.shape[-2] != self._states.nodes.shape[-2]:
@@ -169,8 +169,8 @@ class View:
         self._draw(state, state.t.detach().flatten()[0].item())
 
     def save(self, path: str | Path) -> Path:
-        """The motion as one file (.html) that plays in any browser, without Python and the network:
-        about 1 MB. Returns the path.
+        """Write the motion to one file (.html, about 1 MB), which plays in any browser without
+        Python or a network. Returns the path.
 
         Raises:
             ValueError: for another ending, or a folder that is not there.
@@ -191,14 +191,14 @@ class View:
         return path
 
     def wait(self) -> None:
-        """Until `close`, or the keyboard interrupts: at the end of a script."""
+        """Wait until `close` or a keyboard interrupt, at the end of a script."""
         try:
             self._closed.wait()
         except KeyboardInterrupt:
             self.close()
 
     def close(self) -> None:
-        """The page is served no longer."""
+        """Stop the server of the page."""
         if not self._closed.is_set():
             self._closed.set()
             with contextlib.redirect_stdout(io.StringIO()):

@@ -57,7 +57,7 @@ class Ball(Joint):
 
     Raises:
         ValueError: for a negative number, a stiffness that is not symmetric or has a negative
-            eigenvalue, friction without a slip speed, or a limit without a stiffness.
+            eigenvalue, friction without slip speed, or a limit without stiffness.
 
     Examples:
         >>> arms = {"upper": beam, "lower": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}
@@ -93,5 +93,5 @@ class Ball(Joint):
         return None if self.stiffness is None else self.stiffness.abs().amax((-1, -2))
 
     def law(self, coordinate: int) -> CoordinateLaw:
-        """Its torque (..., 3) whichever it is; what it resists by is in `BallLaws`."""
+        """Torque (..., 3) of any coordinate; `BallLaws` has the resistance."""
         return CoordinateLaw(effort=self.torque)

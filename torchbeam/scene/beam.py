@@ -30,8 +30,9 @@ from .beam_arguments import Sections, check_order, dtype_with, intervals, placed
 from .beam_recipe import remembered, with_recipe_of
 from .beam_rows import BeamRows
 from .curve import axes_of_nodes, carried_along, curve, orthonormal, parabolas, places, screws
+from .element_sections import of_elements
 from .section import Section, notes
-from .stations import STATIONS, of_elements
+from .stations import STATIONS
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,9 @@ class Beam(BeamRows):
             two stations an element. Axes of N above then have length 2 N, each station for half of
             its element
         linked_interpolation: see `linked`
+        taper: (..., N, 2, 6, 6), what a section that changes within an element adds to its
+            compliance, of plain elements and of linked ones (see `scene.taper`); None = nothing
+        mass_taper: (..., N, 6, 6), how much more mass one end of such an element has than half
 
     Examples:
         >>> blade = tb.Beam.straight(
@@ -77,6 +81,8 @@ class Beam(BeamRows):
     curved: bool
     order: int = 1
     linked_interpolation: bool = False
+    taper: Tensor | None = leaf(4, default=None)
+    mass_taper: Tensor | None = leaf(3, default=None)
 
     def __repr__(self) -> str:
         mass = (self.mass[..., 0, 0] * self.length).sum(-1)
@@ -114,7 +120,8 @@ class Beam(BeamRows):
         The displacement across an element is quadratic and linked to the rotations of its nodes
         (Tessler and Dong 1981). The shear compliance of an element of length h gets its residual
         bending flexibility h^2/(12 EI) (MacNeal 1978). Gregory's end-corrected rule integrates mass
-        and loads along the beam; mass is lumped.
+        and loads along the beam; mass is lumped. Where a section changes along an element, the
+        flexibility is that of a linear moment, exactly (see `scene.taper`).
 
         Raises:
             ValueError: for elements of order 2, which have a displacement of their own between
@@ -144,9 +151,9 @@ class Beam(BeamRows):
 
         Args:
             length: (...) m
-            section: one `Section`, whose batch axes are the beam's. Along the beam: a sequence of
-                one for each element, `Stations`, or a function of the arc length s (..., m) m that
-                returns one `Section` with a last batch axis m
+            section: a `Section`, whose batch axes are the beam's. Along the beam: a sequence of
+                sections by element, or `Stations`. Or a function of the arc length s (..., m) m
+                that returns a `Section` with a last batch axis m
             direction: (..., 3) of the beam, frame a
             up: (..., 3): the section's z axis is `up` made square to the beam; None = frame a's z
                 (y, if the beam runs along z)
@@ -369,9 +376,14 @@ class Beam(BeamRows):
     ) -> Beam:
         """elements: their axes, None = by those of nodes."""
         uniform = isinstance(section, Section)
-        section = section if uniform else of_elements(section, length, order)
+        changes: dict[str, Tensor | None] = {}
+        if not uniform:
+            section, *more = of_elements(section, length, order)
+            changes = dict(zip(("taper", "mass_taper"), more, strict=True))
         common_dtype(nodes, section.compliance)  # says so where a section lies on another device
         elements = STATIONS[order].axes(frames) if elements is None else elements
         both = (x[..., None, :, :] if uniform else x for x in (section.compliance, section.mass))
         has = section.rigid, section.coupled, section.offset, section.rotary
-        return cls(nodes, frames, elements, length, *both, *has, curved=curved, order=order)
+        return cls(
+            nodes, frames, elements, length, *both, *has, curved=curved, order=order, **changes
+        )

@@ -108,6 +108,8 @@ def _straight(beam: Any, elements: int, order: int) -> Any:
     axes = beam.frames[..., :1, :]
     return replace(
         beam,
+        taper=None,
+        mass_taper=None,
         nodes=root + s * (tip - root),
         frames=axes.expand(*axes.shape[:-2], N + 1, 4),
         elements=axes.expand(*axes.shape[:-2], N, 4),
@@ -133,6 +135,8 @@ def _divided(beam: Any, elements: int, order: int) -> Any:
     axes = beam.elements.repeat_interleave(parts, -2)
     return replace(
         beam,
+        taper=None,
+        mass_taper=None,
         nodes=torch.cat((inner.flatten(-3, -2), beam.nodes[..., -1:, :]), -2),
         frames=axes_of_nodes(axes),
         elements=axes,

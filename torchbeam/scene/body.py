@@ -27,8 +27,8 @@ class Body(Tree):
             which something must keep from turning
         position: (..., 3) m of the centre at rest, frame a
         rotation: (..., 3, 3) the body's axes at rest as columns, frame a; None = frame a's axes
-        surface: solid shape for a `Contact`, moving with the body: a `Sphere`, `Capsule`,
-            `Cylinder` or `Box` in the body's axes; None = a ball of the contact's radius
+        surface: solid shape for a `Contact`, fixed to the body, in its axes: a `Sphere`, `Capsule`,
+            `Cylinder` or `Box`. None = a ball of the contact's radius
 
     Raises:
         ValueError: for a mass that is not positive, an impossible inertia, or axes that are no

@@ -99,6 +99,8 @@ class Joint(Tree):
     rotation: ClassVar[str] = "xyz"
     meets: ClassVar[bool] = True  # whether the points of both parts are one, as drawn
     distance: ClassVar[bool] = False  # whether a distance is held, from a point of a to one of b
+    hysteresis = None  # law with memory of its coordinate
+    drive = None  # `Drive` along its coordinate
 
     in_words = "a {}'s {}"
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from ..core.declared import sized, together
-from ..core.leaves import leaf
-from ..core.validation import Value, concrete, shown
+from ..core.leaves import leaf, option
+from ..core.validation import Value, concrete, refusal, shown
 from .curve import axes_along
+from .effects.drive import Drive, effort_of
 from .effects.values import OfTime, scalar_value
+from .hysteresis import HystereticLaw
 from .joint import MET, VECTOR, CoordinateLaw, Joint
 from .structure import Structure
 
@@ -38,6 +40,12 @@ class Weld(Joint):
     """
 
     meets = False
+
+
+def _law(name: str, value: Any) -> HystereticLaw:
+    if not isinstance(value, HystereticLaw):
+        raise refusal(f"{name} = {shown(value)}", "an ElastoPlastic or a BoucWen")
+    return value
 
 
 def _second(joint: DrivenJoint) -> int:
@@ -120,8 +128,16 @@ class DrivenJoint(Joint):
             *map(own, (self.stiffness, self.damping, self.friction, self.slip_speed)),
             *limits,
             own(self.limit_stiffness),
-            *(getattr(self, name) for name in self.GIVEN[coordinate if several else 0]),
+            *(
+                None if isinstance(value := getattr(self, name), Drive) else value
+                for name in self.GIVEN[coordinate if several else 0]
+            ),
         )
+
+    @property
+    def drive(self) -> Drive | None:
+        value = getattr(self, self.GIVEN[0][0])
+        return value if isinstance(value, Drive) else None
 
 
 @dataclass(frozen=True)
@@ -129,8 +145,10 @@ class Hinge(DrivenJoint):
     """Revolute joint: b turns about an axis of a.
 
     Args:
-        torque: N m about the axis on b, its opposite on a: a number, a function of t, or an `Input`
+        torque: N m about the axis on b, its opposite on a: a number, a function of t, an `Input`,
+            or a function of angle, rate and t by these names, see `Drive`
         angle: rad, prescribed likewise
+        hysteresis: law with memory of the angle, `ElastoPlastic` or `BoucWen`
 
     Examples:
         >>> arms = {"upper": beam, "lower": tb.Beam.straight(1.0, 4, strip, root=(1.0, 0, 0))}
@@ -147,8 +165,9 @@ class Hinge(DrivenJoint):
 
     axis: Value = leaf(1, default=(0.0, 1.0, 0.0), size=3, copied=True, name=VECTOR)
     _: KW_ONLY
-    torque: OfTime = leaf(0, default=None, check=scalar_value)
+    torque: OfTime | Drive = leaf(0, default=None, check=effort_of("angle"))
     angle: OfTime = leaf(0, default=None, check=scalar_value)
+    hysteresis: HystereticLaw | None = option(_law, default=None)
 
 
 @dataclass(frozen=True)
@@ -156,8 +175,10 @@ class Slider(DrivenJoint):
     """Prismatic joint: b slides along an axis of a, and does not turn.
 
     Args:
-        force: N along the axis on b, its opposite on a: a number, a function of t, or an `Input`
+        force: N along the axis on b, its opposite on a: a number, a function of t, an `Input`, or a
+            function of travel, rate and t by these names, see `Drive`
         travel: m, prescribed likewise
+        hysteresis: law with memory of the travel, `ElastoPlastic` or `BoucWen`
 
     Examples:
         >>> rail = tb.Slider(("cart", 0), None, axis=(1, 0, 0), force=tb.Input("motor", 1))
@@ -171,8 +192,9 @@ class Slider(DrivenJoint):
     GIVEN = (("force", "travel"),)
 
     _: KW_ONLY
-    force: OfTime = leaf(0, default=None, check=scalar_value)
+    force: OfTime | Drive = leaf(0, default=None, check=effort_of("travel"))
     travel: OfTime = leaf(0, default=None, check=scalar_value)
+    hysteresis: HystereticLaw | None = option(_law, default=None)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from ..topology.protocols import Topology
 from .beam import Beam
 from .beam_recipe import with_recipe_of
 from .body import Body
-from .effects import Damping, Effect, Inputs, PerElement, inputs_of
+from .effects import Damping, Effect, Inputs, PerElement, Viscoelastic, inputs_of
 from .effects.contact_defaults import with_defaults
 from .effects.contact_terms import ContactTerms
 from .effects.effect import of_library
@@ -46,7 +46,7 @@ from .structure import Structure
 from .supports import Frame, RootMotion, Support, supports_of
 
 PLANES = (None, "xy", "xz", "auto")
-KINDS = ("load", "strain", "inertia", "eigenstrain", "tendon", "pair", "interaction")
+KINDS = ("load", "strain", "memory", "inertia", "eigenstrain", "tendon", "pair", "interaction")
 
 
 class Precision(Sorted["torch.dtype | None", torch.dtype]):
@@ -163,15 +163,16 @@ class Scene(Tree):
         supports = SceneSupports(supports_of(self, asked))
         supports.given = asked
         set_(self, "supports", self._bound(supports))
-        damped = [damping.on for damping in self.dampings]
-        if len(damped) > 1 and (None in damped or len(set(damped)) < len(damped)):
-            of = ", or one on each beam" if self.beam.parts else ""
-            raise ValueError(f"{len(damped)} dampings were given; at most one is wanted{of}")
+        for name, effects in (("dampings", self.dampings), ("Viscoelastic", self.viscoelastic)):
+            damped = [effect.on for effect in effects]
+            if len(damped) > 1 and (None in damped or len(set(damped)) < len(damped)):
+                of = ", or one on each beam" if self.beam.parts else ""
+                raise ValueError(f"{len(damped)} {name} were given; at most one is wanted{of}")
         _ = self.inputs, self.batch_shape  # say so where sizes or axes do not fit
 
     @property
     def summary(self) -> dict[str, str]:
-        """What there is, in words, by headings."""
+        """Description in words, by headings."""
         held = [
             f"{'clamp' if s.clamp else 'support'} of node {s.node}{', moving' * s.moves}"
             for s in self.supports
@@ -197,8 +198,8 @@ class Scene(Tree):
         return lines("Scene", next(iter(said.values())), *named, said["moves"], said["batch"])
 
     def to(self, *args: Any, **kwargs: Any) -> Scene:
-        """On another device, or in another floating dtype, as `Tensor.to`; differentiable. What
-        functions close over stays.
+        """On another device, or in another floating dtype, as `Tensor.to`; differentiable. Values
+        inside functions stay.
 
         Raises:
             ValueError: for a dtype that is neither float32 nor float64.
@@ -245,6 +246,12 @@ class Scene(Tree):
         return len(sizes), max(sizes, default=0)
 
     @cached
+    def joint_memory(self) -> int:
+        """How many numbers a joint remembers at most."""
+        laws = (joint.hysteresis for joint in self.joints)
+        return max((law.memory for law in laws if law is not None), default=0)
+
+    @cached
     def stress_count(self) -> int:
         """How many rows a state's stress has: the beam's, then own unknowns of interactions."""
         return self.beam.stress_count + sum(
@@ -258,6 +265,15 @@ class Scene(Tree):
     @property
     def damping(self) -> Damping | None:
         return next(iter(self.dampings), None)
+
+    @cached
+    def viscoelastic(self) -> tuple[Viscoelastic, ...]:
+        return self._of("memory")
+
+    @cached
+    def arms(self) -> int:
+        """How many numbers each strain remembers."""
+        return max((effect.shares.shape[-1] for effect in self.viscoelastic), default=0)
 
     def _of(self, kind: str) -> tuple[Effect, ...]:
         return tuple(e for e in self.effects if e.kind == kind)

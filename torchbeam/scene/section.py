@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.leaves import Tree, leaf, with_values
+from ..core.leaves import leaf, with_values
 from ..core.summary import kind, lines, span
 from ..core.validation import (
     Value,
@@ -24,9 +24,11 @@ from ..core.validation import (
     positive,
     present,
     refusal,
+    shown,
 )
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
+from .solved_shapes import SolvedShapes
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
@@ -37,7 +39,7 @@ ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 
 
 @dataclass(frozen=True)
-class Section(Tree):
+class Section(SolvedShapes):
     """A cross-section, per unit length, in its own axes: x along the beam, y and z across.
 
     Args:
@@ -265,6 +267,32 @@ class Section(Tree):
         G = E / (2 * (1 + nu))
         I = math.pi * radius**4 / 4
         return cls._solid(E, G, rho, math.pi * radius**2, SHEAR_FACTOR_CIRCLE, I, I, 2 * I)
+
+    @classmethod
+    def from_cross_section(cls, cross: Any) -> Section:
+        """Section of a `CrossSection`, about the origin of its coordinates.
+
+        Terms that the symmetry of the shape excludes are absent: a tube, a box and an I have no
+        coupled stiffness, and only a polygon, a laminate and walls have their centre of mass off
+        the origin.
+
+        Examples:
+            >>> cross = tb.CrossSection.angle(
+            ...     width=0.05, height=0.05, thickness=5e-3, E=70e9, nu=0.3, rho=2700.0
+            ... )
+            >>> y, z = cross.shear_centre
+            >>> section = tb.Section.from_cross_section(cross).shifted(y, z)
+        """
+        if not all(hasattr(cross, name) for name in ("mesh", "compliance", "mass")):
+            raise refusal(f"a cross-section {shown(cross)}", "a CrossSection")
+        coupled, offset = cross.mesh.coupled, cross.mesh.offset
+        S, mass = cross.compliance, cross.mass
+        if not coupled:
+            S, mass = (torch.diag_embed(x.diagonal(dim1=-2, dim2=-1)) for x in (S, mass))
+        elif not offset:
+            top, low = mass[..., :3, :3], mass[..., 3:, 3:]
+            mass = _blocks(top, torch.zeros_like(top), torch.zeros_like(top), low)
+        return cls(S, mass).declared(coupled, offset, True)
 
     @classmethod
     def _solid(cls, E, G, rho, A, shear_factor, I_y, I_z, J) -> Section:

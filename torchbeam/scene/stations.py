@@ -1,26 +1,21 @@
 """Stations, where strain and stress are told and sections stand, by the elements' order (another
-element is a class here); section properties at places along a beam, and their averages over
-elements.
+element is a class here); section properties at places along a beam.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.arguments import count, instance, listed
-from ..core.arguments import function as check_function
 from ..core.leaves import Tree, leaf, option
-from ..core.validation import as_tensor, broadcast, common_dtype, concrete, finite, refusal
-from ..core.warning import warn
+from ..core.validation import as_tensor, broadcast, common_dtype, finite, refusal
 from ..math import quaternions as quat
 from ..math.element_shapes import X, at_points, threes
-from ..math.shapes import broadcast_shapes
 from ..topology.framework import within_elements
 from .section import STRUCTURE, Section
 
@@ -73,12 +68,6 @@ class GaussPoints:
 STATIONS = {1: Middle, 2: GaussPoints}  # by the order of the elements
 
 
-# Gauss-Legendre points and weights on [0, 1], exact to the seventh power
-POINTS = (0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263)
-SHARP = 5.0  # times that a stiffness changes within an element: a height by 1.7; 7 % at the tip
-WEIGHTS = (0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.17392742256872692)
-
-
 @dataclass(frozen=True)
 class Table(Tree):
     """A number along the beam, from a table: linear between its places, constant outside.
@@ -117,8 +106,8 @@ class Table(Tree):
         return values_at_s[..., 0] if self.width is None else values_at_s
 
     def ramps(self, s: Tensor) -> Tensor:
-        """The same (..., m) of one number at each place, as a sum of ramps: nothing is looked up,
-        so that native code can be made of it.
+        """The same table (..., m) of a number at each place, as a sum of ramps. It needs no
+        look-up, so native code can evaluate it.
         """
         share = (s[..., None] - self.s[..., None, :-1]) / self.s.diff(dim=-1)[..., None, :]
         share = share.clamp(0, 1)
@@ -209,99 +198,6 @@ def stacked(sections: Sequence[Section]) -> Section:
     )
     return Section(compliance, mass).declared(
         *(any(getattr(s, what) for s in sections) for what in STRUCTURE)
-    )
-
-
-def of_elements(
-    section: Sequence[Section] | Callable[[Tensor], Section], length: Tensor, order: int = 1
-) -> Section:
-    """The sections of N elements of the given length (..., N) m, N (or 1) their last batch axis. A
-    function of s, `Stations` among them, is averaged over each element, compliance and mass: the
-    bending of an element under a constant moment and its weight are then those of the beam. The
-    average is taken at four Gauss points of each element, of `Stations` at four between the
-    stations in it, where their lines have corners; one that changes much within an element is
-    warned of. Of order 2 those of the stations of stress, (..., 2 N); a function is taken there.
-    """
-    N = length.shape[-1]
-    if callable(section):
-        if not STATIONS[order].averaged:
-            return _sections_at(section, STATIONS[order].places(length))
-        corners = section.s if isinstance(section, Stations) else None
-        places, weights, element = _quadrature(length, corners)
-        element_sections = _sections_at(section, places)
-        _warn_of_sharp_tapers(element_sections.compliance, element, N)
-        both = (element_sections.compliance, element_sections.mass)
-        return element_sections.like(*(_gathered(x, weights, element, N) for x in both))
-    sections = tuple(section)
-    known = sections and all(isinstance(s, Section) for s in sections)
-    if not known or len(sections) not in (1, N // order):
-        raise ValueError(
-            f"{len(sections)} sections were given for {N // order} elements; one Section or one "
-            "each is wanted"
-        )
-    return stacked([s for s in sections for _ in range(order if len(sections) > 1 else 1)])
-
-
-def _sections_at(function: Callable[[Tensor], Section], places: Tensor) -> Section:
-    sections = check_function("section", function, "s")(places)
-    if not isinstance(sections, Section) or sections.batch_shape[-1:] != places.shape[-1:]:
-        kind = type(sections).__name__
-        if isinstance(sections, Section):
-            kind = f"of batch shape {tuple(sections.batch_shape)}"
-        raise refusal(
-            f"a function of s that gave a section {kind} for {places.shape[-1]} places",
-            "one Section with a last batch axis of that many",
-        )
-    return sections
-
-
-def _quadrature(length: Tensor, corners: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-    """Places (..., m) m along elements of length (..., N) m, the share of its element that each
-    stands for, and that element's number (..., m): four Gauss points between neighbours among the
-    elements' ends and `corners` (..., n) m.
-    """
-    ends = pad(length.cumsum(-1), (1, 0))
-    if corners is not None:
-        inside = torch.maximum(torch.minimum(corners, ends[..., -1:]), ends[..., :1])
-        shape = broadcast("stations and elements", inside.shape[:-1], ends.shape[:-1])
-        ends = torch.cat([x.expand(*shape, x.shape[-1]) for x in (ends, inside)], -1)
-        ends = ends.sort(-1).values
-    size, (points, weights) = ends.diff(dim=-1), (length.new_tensor(x) for x in (POINTS, WEIGHTS))
-    places = ends[..., :-1, None] + size[..., None] * points
-    inner = length.cumsum(-1)[..., :-1].detach().expand(*size.shape[:-1], -1).contiguous()
-    middle = (ends[..., :-1] + size / 2).detach().contiguous()
-    element = torch.searchsorted(inner, middle, right=True)
-    share = size / length.expand(*size.shape[:-1], -1).gather(-1, element)
-    shares = (share[..., None] * weights).flatten(-2)
-    return places.flatten(-2), shares, element.repeat_interleave(len(POINTS), -1)
-
-
-def _warn_of_sharp_tapers(S: Tensor, element: Tensor, N: int) -> None:
-    """A warning of compliances S (..., m or 1, 6, 6) that change too much in one of N elements."""
-    S = concrete(S.detach()).diagonal(dim1=-2, dim2=-1)
-    if S.shape[-2] == 1:
-        return
-    S = S.expand(*broadcast_shapes(S.shape[:-1], element.shape), 6)
-    index = concrete(element)[..., None].expand(S.shape)
-    most, least = (
-        S.new_zeros(*S.shape[:-2], N, 6).scatter_reduce(-2, index, S, of, include_self=False)
-        for of in ("amax", "amin")
-    )
-    change = torch.where(least > 0, most / least, 1.0).amax(-1).reshape(-1, N).amax(0)
-    if change.amax() > SHARP:
-        at = int(change.argmax())
-        warn(
-            f"a section whose stiffness changes {change[at].item():.3g}-fold within element {at} "
-            f"of 0 to {N - 1} was given: its mean compliance may be far from what bends there; "
-            "more elements, short ones where it tapers (Beam.from_nodes), or order=2 are wanted"
-        )
-
-
-def _gathered(x: Tensor, weights: Tensor, element: Tensor, N: int) -> Tensor:
-    """Sums (..., N, 6, 6) by element of weights (..., m) times x (..., m or 1, 6, 6)."""
-    parts = weights[..., None, None] * x
-    return parts.new_zeros(*parts.shape[:-3], N, 6, 6).scatter_add(
-        -3, element[..., None, None].expand(parts.shape), parts
     )
 
 

@@ -21,9 +21,11 @@ from .effects.effect import Effect
 from .effects.obstacle import Obstacle
 from .effects.point_mass import PointMass
 from .parts import FLAGS, Part, Row, Span, part_of, row_of
+from .taper import without_taper
 
 # of the tensors of a `Beam`
-AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3)
+AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3, taper=4, mass_taper=3)
+TAPERS = ("taper", "mass_taper")  # which a beam may have none of
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,12 +61,13 @@ class Structure(Beam):
                     "alike are wanted in one structure"
                 )
         bodies = {name: bound(body, dtype, device) for name, body in bodies.items()}
-        by_name = {name: [_own(beam, name) for beam in beams.values()] for name in AXES}
+        names = [name for name in AXES if any(_has(beam, name) for beam in beams.values())]
+        names += [name for name in AXES if name not in names and name not in TAPERS]
+        by_name = {name: [_own(beam, name) for beam in beams.values()] for name in names}
         by_name["nodes"] += [body.position[..., None, :] for body in bodies.values()]
         by_name["frames"] += [body.frame[..., None, :] for body in bodies.values()]
         tensors = {
-            name: _joined(parts, axes, dtype, device)
-            for (name, axes), parts in zip(AXES.items(), by_name.values(), strict=True)
+            name: _joined(parts, AXES[name], dtype, device) for name, parts in by_name.items()
         }
         parts, node, station = [], 0, 0
         for name, beam in beams.items():
@@ -173,6 +176,8 @@ class Structure(Beam):
         part = part_of(self.parts, name)
         rows = {}
         for name, axes in AXES.items():
+            if not _has(self, name):
+                continue
             places = part.nodes if name in ("nodes", "frames") else part.stations
             rows[name] = getattr(self, name)[(..., places, *(slice(None),) * (axes - 1))]
         has = dict(zip(FLAGS, part.declared, strict=True))
@@ -208,7 +213,7 @@ class Structure(Beam):
 
 def unstressed(beam: Beam) -> Beam:
     """With all that says where a beam is, and its mass, and nothing that it resists by."""
-    return with_values(beam, compliance=beam.mass[..., :0], rigid=(), coupled=False)
+    return with_values(beam, compliance=beam.mass[..., :0], taper=None, rigid=(), coupled=False)
 
 
 def _sorted(given: dict[str, Beam | Body]) -> tuple[dict[str, Beam], dict[str, Body]]:
@@ -228,9 +233,16 @@ def _sorted(given: dict[str, Beam | Body]) -> tuple[dict[str, Beam], dict[str, B
     )
 
 
+def _has(beam: Beam, name: str) -> bool:
+    return getattr(beam, name) is not None
+
+
 def _own(beam: Beam, name: str) -> Tensor:
     """A beam's tensor, with a row for each station."""
     x, axes = getattr(beam, name), AXES[name]
+    if x is None:  # of a beam among others that taper
+        x = 0 * beam.mass
+        x = without_taper(beam.compliance, beam.length) if name == "taper" else x
     if name in ("nodes", "frames") or x.shape[-axes] != 1:
         return x
     return x.expand(*x.shape[:-axes], beam.station_count, *x.shape[x.ndim - axes + 1 :])

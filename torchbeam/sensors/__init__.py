@@ -25,7 +25,14 @@ from .contact import (
     ContactPressure,
     ContactSlip,
 )
-from .interactions import JointCoordinate, JointLoad, JointRate, TendonLength, TendonTension
+from .interactions import (
+    JointCoordinate,
+    JointHysteresis,
+    JointLoad,
+    JointRate,
+    TendonLength,
+    TendonTension,
+)
 from .node import Angles, NodePosition, NodeRotation, NodeVelocity, Spin, TipPosition, TipVelocity
 from .position import Position
 from .root import Reaction, RootForce, RootMoment, RootReaction, RootSpringLoad
@@ -36,7 +43,8 @@ from .sensor import Component, Sensor, Stack
 __all__ = [
     "Angles", "Component", "ContactForce", "ContactForces", "ContactGap", "ContactPoints",
     "ContactPressure",
-    "ContactSlip", "Curvature", "Gauge", "JointCoordinate", "JointLoad", "JointRate",
+    "ContactSlip", "Curvature", "Gauge", "JointCoordinate", "JointHysteresis",
+    "JointLoad", "JointRate",
     "NodeAcceleration", "NodePosition", "NodeRotation", "NodeVelocity", "Position",
     "Reaction", "RootForce", "RootMoment", "RootReaction", "RootSpringLoad", "SectionForces",
     "Sensor", "Spin", "Stack", "Strain", "Stress", "TendonLength", "TendonTension",

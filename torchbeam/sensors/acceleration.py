@@ -44,8 +44,8 @@ class NodeAcceleration(_OfNode):
         scene: whose loads act
         inputs: by name, (..., size), if the scene has some
         body: in the axes of the node's section
-        proper: gravity g (..., 3) m/s^2, which is subtracted as an accelerometer does, in inertial
-            axes as in `Gravity`, which turn against a frame that turns; None = no subtraction
+        proper: gravity g (..., 3) m/s^2, subtracted as an accelerometer does; None = no
+            subtraction. It is in inertial axes, as in `Gravity`, also in a turning frame
         lumped: as in `Stepper`
 
     Raises:

@@ -327,8 +327,8 @@ class ContactSlip(OfContact):
 class ContactPoints(OfContact):
     """Place, force and gap at each place of a contact, (..., n, 7).
 
-    The first three numbers are the surface's place (x, y, z in m), the next three the force there
-    (N) on the beam or the first part. The last is the gap (m) to the nearest surface, inf if
+    The first three numbers are the surface's place (x, y, z in m). The next three are the force
+    there (N) on the beam or the first part. The last is the gap (m) to the nearest surface, inf if
     nothing is across. Places of an obstacle are the points of each element, of a body its own or
     its corners. Of two beams they are places along the first, then along the second, with half of
     the force on each. Forces sum up to `ContactForce`.

@@ -111,6 +111,35 @@ class JointLoad(_OfJoint):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class JointHysteresis(_OfJoint):
+    """What the law with memory of a joint keeps (..., 2): its variable, and the energy J that it
+    has lost since the start.
+
+    The variable of `ElastoPlastic` is the plastic rotation, rad, of a slider m; of `BoucWen` it is
+    z. ValueError where no joint has such a law.
+
+    Examples:
+        >>> law = tb.ElastoPlastic(stiffness=100.0, yield_moment=2.0)
+        >>> door = tb.Scene({"door": beam}, joints=[tb.Hinge(None, ("door", 0), hysteresis=law)])
+        >>> tb.sensors.JointHysteresis(0)(tb.rest(door))  # rad, J
+        tensor([0., 0.])
+    """
+
+    name = property(lambda self: f"hysteresis of joint {self.joint}")
+    unit = "rad, m or 1, J"
+    labels = ("variable", "lost")
+
+    def read(self, state: Any) -> Tensor:
+        memory = self.reading(state).memory
+        if memory is None:
+            raise ValueError(
+                f"the {self.name} was asked for, whose scene has no law with memory; one of a "
+                "joint with hysteresis= is wanted"
+            )
+        return memory
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class _OfTendon(Sensor):
     """tendon: its place among the scene's tendons. ValueError for one that is not there."""
 

@@ -189,12 +189,11 @@ class Angles(_Turned):
     """A node's rotation as three angles (..., 3) rad.
 
     Args:
-        kind: "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll): turn about z,
-            then about the new y, then about the section's own x, along the beam. Yaw and roll are
-            in (-pi, pi], pitch in [-pi/2, pi/2]. If the section's x points along z (pitch =
-            +-pi/2), yaw and roll turn about the same axis; yaw is then zero, and derivatives mean
-            nothing. "vector": the rotation vector, axis times angle, |.| <= pi; it jumps where the
-            angle passes pi
+        kind: "tait-bryan": yaw, pitch and roll of R = Rz(yaw) Ry(pitch) Rx(roll). These turn about
+            z, then the new y, then the section's own x along the beam. Yaw and roll are in (-pi,
+            pi], pitch in [-pi/2, pi/2]. If the section's x points along z (pitch = +-pi/2), yaw and
+            roll turn about the same axis; yaw is then zero, and derivatives mean nothing. "vector":
+            the rotation vector, axis times angle, |.| <= pi; it jumps where the angle passes pi
 
     Examples:
         >>> tb.sensors.Angles(-1)(solution.state).shape  # rad: roll, pitch, yaw of the tip

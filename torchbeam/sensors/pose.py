@@ -23,8 +23,8 @@ class Pose(NamedTuple):
     """Pose of a rigid body, by `pose_from_points`.
 
     The body's point p is at rotation p + position, with rotation (..., 3, 3) and position (..., 3)
-    m. residual (..., points, 3) m is the distance of measured points from it (NaN for a missing
-    one).
+    m. The third field, residual (..., points, 3) m, is the distance of measured points from the
+    pose; NaN for a missing point.
 
     Examples:
         >>> corners = torch.tensor([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])

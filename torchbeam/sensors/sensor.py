@@ -22,6 +22,7 @@ from ..nodal.coordinates.spatial import Spatial
 from ..nodal.discretise import discretise
 from ..nodal.loads import Nodes
 from ..nodal.model import Model
+from ..nodal.moves import remembered
 from ..scene.parts import part_of
 from ..scene.scene import Scene
 from ..state.state_check import of_mesh
@@ -38,8 +39,8 @@ class Sensor:
     Attributes:
         on: name of the part of a structure that it is on; None = the whole state is read
         of_part: whether `on` has to name a part of a structure
-        transforms_as: "point" or "vector" if the reading is such three numbers in the axes of frame
-            a, which a `SensorFrame` turns; None = other axes, or no vector
+        transforms_as: "point" or "vector", if the reading is a point or vector in the axes of frame
+            a, which a `SensorFrame` turns. None = other axes, or no vector
 
     Examples:
         >>> class Reach(tb.sensors.Sensor):
@@ -81,7 +82,7 @@ class Sensor:
         return self.read(self.seen(state))
 
     def seen(self, state: Any) -> Any:
-        """What of a state is read. Raises ValueError where it has no such part."""
+        """Part of a state that the sensor reads. Raises ValueError where it has no such part."""
         if self.of_part and self.on is None and (parts := getattr(state, "parts", ())):
             names = ", ".join(repr(part.name) for part in parts)
             raise ValueError(
@@ -246,4 +247,4 @@ def nodes_of(space: Spatial, state: Any) -> Nodes:
     """The same of a state in the coordinates of a space."""
     spin = space.to_frame(state.rotation, state.spin)
     motion = state.position, state.rotation, state.velocity, spin
-    return Nodes(*motion, state.frame, state.internal)
+    return Nodes(*motion, state.frame, remembered(state))

@@ -58,7 +58,7 @@ class SensorFrame:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of those that it wants."""
+        """Names of the parameters that it needs."""
         return tuple(v for v in (self.origin, self.tilt) if isinstance(v, str))
 
     def of(self, sensor: Sensor, parameters: Mapping[str, Tensor] | None = None) -> Sensor:

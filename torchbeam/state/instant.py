@@ -67,7 +67,7 @@ class Reaction(NamedTuple):
     moment: Tensor
 
 
-READINGS = 12  # numbers of a joint in a state
+READINGS = 12  # numbers of a joint in a state; what it remembers comes behind
 
 
 class JointReading(NamedTuple):
@@ -75,17 +75,20 @@ class JointReading(NamedTuple):
     (..., 2) in their order, zero as drawn; of a `Ball` (..., 3) the rotation vector, as seen from
     its first part; None = it has none; the rate, of a `Ball` the spin of the second part against
     the first, likewise; force (..., 3) N and moment (..., 3) N m of the joint on its second part,
-    at its point there, frame a (after an implicit step their mean over it).
+    at its point there, frame a (after an implicit step their mean over it); memory (..., 2) of a
+    law with memory: its hysteretic variable (of `ElastoPlastic` the plastic part of the coordinate,
+    of `BoucWen` z), and the energy J that it has lost; None where no joint has such a law.
     """
 
     coordinate: Tensor | None
     rate: Tensor | None
     force: Tensor
     moment: Tensor
+    memory: Tensor | None = None
 
     @classmethod
     def of(cls, row: Tensor, coordinates: tuple[int, ...]) -> JointReading:
-        """row (..., READINGS): coordinates, rates, force, moment; coordinates: which it has."""
+        """row (..., 12 or more): coordinates, rates, force, moment; coordinates: which it has."""
 
         def own(first: int) -> Tensor | None:
             if not coordinates:
@@ -94,7 +97,8 @@ class JointReading(NamedTuple):
                 return row[..., first + coordinates[0]]
             return row[..., first : first + len(coordinates)]
 
-        return cls(own(0), own(3), row[..., 6:9], row[..., 9:])
+        memory = row[..., READINGS : READINGS + 2] if row.shape[-1] > READINGS else None
+        return cls(own(0), own(3), row[..., 6:9], row[..., 9:READINGS], memory)
 
 
 def where(parts: tuple[Any, ...], nodes: Tensor) -> list[str]:
@@ -113,7 +117,7 @@ class Instant(Tree):
 
     @property
     def summary(self) -> dict[str, str]:
-        """What there is, in words, by headings."""
+        """Description in words, by headings."""
         return {
             "time": f"t = {span(self.t)} s",
             "nodes": f"{self.nodes.shape[-2]} nodes",

@@ -14,7 +14,13 @@ from ..math.shapes import broadcast_shapes
 from .instant import Point, Reaction
 
 AT_NODES = ("position", "rotation", "velocity", "spin")
-REMEMBERED = ("internal", "joints", "tendons", "memory")  # beside motion, None = there is none
+REMEMBERED = (
+    "internal",
+    "joints",
+    "tendons",
+    "memory",
+    "inelastic",
+)  # beside motion, None = there is none
 
 
 @entry_point

@@ -125,7 +125,7 @@ class Solution:
 
     @property
     def summary(self) -> dict[str, str]:
-        """What there is, in words, by headings."""
+        """Description in words, by headings."""
         counts = {"step": self.stats.steps, "evaluation": self.stats.evaluations}
         done = [counted(n, noun) for noun, n in counts.items() if n is not None]
         nodes = self.nodes

@@ -34,11 +34,10 @@ class State(Instant):
             `axes` are the same as matrices
         velocity: (..., N+1, 3) m/s, absolute, frame a
         spin: (..., N+1, 3) rad/s, absolute angular velocity Omega in section axes (frame B)
-        stress: (..., N, 6) [F1 F2 F3 M1 M2 M3] N and N m, frame B, or (..., 2 N, 6) (see `Beam`):
-            of an equilibrium; after an implicit step its mean over that step
-        reaction: (..., K, 6) load of each support on the beam, in the order of `scene.supports`,
-            force N and moment N m, frame a: of an equilibrium; after an implicit step its mean over
-            that step
+        stress: (..., N, 6), or (..., 2 N, 6) (see `Beam`): [F1 F2 F3 M1 M2 M3] N and N m, frame B.
+            After an implicit step it is the mean over that step
+        reaction: (..., K, 6) load of each support on the beam, in the order of `scene.supports`:
+            force N and moment N m, frame a. After an implicit step it is the mean over that step
         work: (...) J, done by the loads and by supports that move since the start
         defect: (...) J, gained by the time integration itself since the start; kept where
             `conserve` asks for it, else 0
@@ -47,14 +46,16 @@ class State(Instant):
             `torchbeam.core.status.STATUS`. A failed sample keeps its last good state.
         frame: (..., 4) unit quaternion w x y z, frame a -> inertial axes, which coincide at t = 0;
             None where frame a does not turn
-        internal: (..., z) internal states of user loads, one load after the other, those of a load
-            along the beam node by node; None without
-        joints: (..., J, 12) of the joints of a structure, see `joint`; None without
+        internal: (..., z) internal states of user loads, load after load; a load along the beam has
+            them node by node; None without
+        joints: (..., J, 12 or more) of the joints of a structure, see `joint`; None without
         tendons: (..., K, 3) of the scene's tendons: tension N of the first stretch and of the last,
             length m; None without
         coordinates: which coordinates each joint has, see `Joint.coordinates`
-        memory: (..., I, m) what the scene's interactions remember, in its order, zeros behind; None
-            = nothing
+        memory: (..., I, m) memory of the scene's interactions, in their order, filled with zeros;
+            None = no memory
+        inelastic: (..., N, 6 m) strains that the m arms of `Viscoelastic` have crept by, one arm
+            after the other, in the order of the stress; None = nothing relaxes
         supports: nodes of the supports that `reaction` is of; None where the state was made without
             a scene
         parts: of a structure, whose nodes and stations stand one part after the other; see
@@ -87,6 +88,7 @@ class State(Instant):
     joints: Tensor | None = leaf(2, default=None, kw_only=True)
     tendons: Tensor | None = leaf(2, default=None, kw_only=True)
     memory: Tensor | None = leaf(2, default=None, kw_only=True)
+    inelastic: Tensor | None = leaf(2, default=None, kw_only=True)
     supports: tuple[int, ...] | None = field(default=None, kw_only=True)
     parts: tuple[Part, ...] = field(default=(), kw_only=True)
     coordinates: tuple[tuple[int, ...], ...] = field(default=(), kw_only=True)
@@ -114,9 +116,9 @@ class State(Instant):
                 the beam's axes, carried to the curve without twist. Carrying is parallel transport
                 by second-order tangents, from a root that turns only with its tangent. The
                 undeformed nodes give the undeformed axes
-            twist: rad, a further turn of the axes about the curve: a number (...) at the tip,
-                growing evenly from zero at the root; or a function of s (..., N+1) m that returns
-                (..., N+1)
+            twist: rad, a further turn of the axes about the curve. A number (...) is the turn of
+                the tip, which grows evenly from zero at the root. A function of s (..., N+1) m
+                returns (..., N+1)
             velocity: (..., N+1, 3) m/s, absolute, frame a. None = at rest in frame a
             spin: (..., N+1, 3) rad/s, absolute, section axes. None = as the axes follow moving
                 nodes, without `frames`; else at rest in frame a
@@ -187,6 +189,9 @@ class State(Instant):
         supports = tuple(self.supports[k] - part.first_node for k in held)
         shape = self.rest_shape and self.rest_shape.of_nodes(part.nodes)
         none = dict.fromkeys(REMEMBERED)
+        if self.inelastic is not None:
+            rows["inelastic"] = self.inelastic[..., part.stations, :]
+            none.pop("inelastic")
         none |= dict.fromkeys(("parts", "coordinates", "joined"), ())
         return replace(self, **rows, **none, supports=supports, rest_shape=shape)
 
@@ -328,6 +333,7 @@ def resting(scene: Any, shape: tuple[int, ...], time: Tensor, distinct: bool = F
         internal=zero.expand(*shape, states) if states else None,
         **no_motion(scene, zero.expand(shape)),
         memory=no_memory(scene, zero.expand(shape)),
+        inelastic=nothing_crept(scene, zero.expand(shape)),
         supports=supported(scene),
         parts=beam.parts,
         joined=beam.joined,
@@ -346,12 +352,18 @@ def no_memory(scene: Any, like: Tensor) -> Tensor | None:
     return like.new_zeros(*like.shape, rows, size) if size else None
 
 
+def nothing_crept(scene: Any, like: Tensor) -> Tensor | None:
+    """What sections remember where their stress has not relaxed, of the batch axes of `like`."""
+    rows, size = scene.beam.station_count, 6 * scene.arms
+    return like.new_zeros(1).expand(*like.shape, rows, size) if size else None
+
+
 def no_motion(scene: Any, like: Tensor) -> dict[str, Any]:
     """Fields of a state whose joints stand as drawn, of the batch axes of `like`; or none."""
     if not scene.joints:
         return {}
     return {
-        "joints": like.new_zeros(*like.shape, len(scene.joints), READINGS),
+        "joints": like.new_zeros(*like.shape, len(scene.joints), READINGS + scene.joint_memory),
         "coordinates": tuple(joint.coordinates for joint in scene.joints),
     }
 

@@ -8,12 +8,14 @@ from dataclasses import replace
 from typing import Any
 
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.validation import broadcast, refusal
 from ..core.warning import warn
 from ..scene.prescribed_motion import orientation, turning
+from .instant import READINGS
 from .rest_shape import RestShape
-from .state import State, no_memory, no_motion, supported, with_tendons
+from .state import State, no_memory, no_motion, nothing_crept, supported, with_tendons
 
 
 def check_state(state: Any, scene: Any, name: str = "initial") -> State:
@@ -81,12 +83,30 @@ def with_optional_fields(state: State, scene: Any) -> State:
         state = replace(state, internal=state.position.new_zeros(*state.batch_shape, sizes))
     if scene.joints and state.joints is None:
         state = replace(state, **no_motion(scene, state.position.new_zeros(state.batch_shape)))
+    if scene.joints and (more := READINGS + scene.joint_memory - state.joints.shape[-1]):
+        state = replace(state, joints=pad(state.joints, (0, more)))  # of a scene with other laws
     kept = None if state.memory is None else tuple(state.memory.shape[-2:])
     if scene.memory[1] and kept != scene.memory:
         memory = no_memory(scene, state.position.new_zeros(state.batch_shape))
         state = replace(state, memory=memory)
+    state = _with_crept(state, scene)
     count = 0 if state.tendons is None else state.tendons.shape[-2]
     return state if count == len(scene.tendons) else with_tendons(state, scene)
+
+
+def _with_crept(state: State, scene: Any) -> State:
+    """With strains that arms have crept by: zero where the state is of a scene without them."""
+    if not scene.arms:
+        return state if state.inelastic is None else replace(state, inelastic=None)
+    if state.inelastic is None:
+        none = nothing_crept(scene, state.position.new_zeros(state.batch_shape))
+        return replace(state, inelastic=none)
+    if state.inelastic.shape[-1] != 6 * scene.arms:
+        raise ValueError(
+            f"a state of {state.inelastic.shape[-1] // 6} arms that relax was given; the scene's "
+            f"Viscoelastic has {scene.arms}"
+        )
+    return state
 
 
 def _of_this_beam(state: State, beam: Any) -> State:

@@ -18,7 +18,7 @@ from ..core.derivatives import cached, vjp
 from ..core.functions_of_time import rate_along
 from ..core.leaves import Tree, leaf
 from ..engine.chain.path_balance import native_balance
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.balance import Linearisation, Residual
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -65,7 +65,8 @@ class PointBalance(Protocol):
 class LoadedProblem(Tree):
     """The balance as a function of the load factor (...): of all loads, or of the input `load`
     beside loads that stay; braces: see `mechanism`, None = there are none; native: finds it at a
-    point of the path by (position, rotation, stress, factor), None = eagerly.
+    point of the path by (position, rotation, stress, factor), None = eagerly; past: what is
+    remembered there, None = nothing is.
     """
 
     model: Model
@@ -74,9 +75,10 @@ class LoadedProblem(Tree):
     load: str | None = None
     braces: Tensor | None = leaf(3, default=None)
     native: Callable[..., PointBalance] | None = leaf(None, default=None)
+    past: Past | None = leaf(2, default=None)
 
     def __call__(self, factor: Tensor) -> SteadyProblem:
-        problem = SteadyProblem(self.model, self.t, self.inputs, factor)
+        problem = SteadyProblem(self.model, self.t, self.inputs, factor, past=self.past)
         return with_braces(problem.under(factor, self.load), self.braces)
 
     def braced(self, start: Configuration) -> LoadedProblem:
@@ -230,6 +232,8 @@ class ArcLengthTangent(NamedTuple):
 
 def where(mask: Tensor, a: Any, b: Any) -> Any:
     """Tensors, or tuples of tensors, by sample."""
+    if a is None:
+        return None
     if isinstance(a, Tensor):
         return torch.where(mask[(...,) + (None,) * (a.ndim - mask.ndim)], a, b)
     parts = [where(mask, x, y) for x, y in zip(a, b, strict=True)]

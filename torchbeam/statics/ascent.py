@@ -8,6 +8,7 @@ from torch import Tensor
 
 from ..core.validation import concrete
 from ..engine.chain import load_climb as compiled
+from ..engine.chain.coverage import refused
 from ..equations.load_steps import climb
 from ..equations.steady import Configuration, Poses, SteadyProblem
 from ..scene.scene import Scene
@@ -28,7 +29,10 @@ def ascend(
     load. Native code then tries it in one step alone, and what is left is done eagerly.
     """
     states = None
-    if engine != "eager" and type(problem) is SteadyProblem:
+    if problem.past is not None:
+        if engine == "compiled":
+            raise ValueError(refused("an initial state that remembers"))
+    elif engine != "eager" and type(problem) is SteadyProblem:
         native = compiled.climb if engine == "compiled" else compiled.automatic_climb
         of = problem.model, problem.t, problem.inputs
         states = native(*of, start, tolerance, judged, loaded)

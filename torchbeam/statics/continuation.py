@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -23,15 +23,17 @@ from torch import Tensor
 from ..core.status import DIVERGED
 from ..core.validation import unmapped
 from ..equations.load_steps import WOUND, turn_of_supports
-from ..equations.steady import Configuration
+from ..equations.steady import Configuration, Past
 from ..math.shapes import broadcast_shapes
 from ..nodal.model import Model
 from ..solvers.newton import newton
+from ..state.state import rest
 from .arc_length import ArcLengthProblem, EagerPoint, LoadedProblem, PathPoint, where
 from .stability import NEUTRAL, conservative, eigenvalues, sign
 
 REGULAR, LIMIT_POINT, BRANCH_POINT = range(3)
 TURN = 1.0  # rad that a node may turn in one step
+START = 0.5  # rad that a node may turn in the start of a step
 ITERATIONS = 12  # in a step: one that takes more is quicker in two
 EASY = 4  # iterations after which the step stays as it is; fewer, and it grows
 LEAST = 1e-4  # smallest step, as a share of the first
@@ -53,6 +55,7 @@ class PathState(NamedTuple):
     move       (..., N+1, w) and by_factor (...): tangent of the path, of unit length
     least      (...) N/m, the softest pivot at the start
     sound      (...) bool: whether all pivots are finite
+    past       what was remembered where the way there began, None = nothing is
     """
 
     place: PathPoint
@@ -64,6 +67,7 @@ class PathState(NamedTuple):
     by_factor: Tensor
     least: Tensor
     sound: Tensor
+    past: Past | None
 
     @property
     def factor(self) -> Tensor:
@@ -113,7 +117,10 @@ class Continuation:
         start = Configuration(*(v.expand(*shape, *v.shape[-2:]) for v in start))
         none, no = zero.expand(shape), torch.zeros(shape, dtype=torch.bool, device=zero.device)
         zero_move = zero.expand(*start.position.shape[:-1], self.model.space.unknowns)
-        now = self.settle(PathPoint(*start, none[..., None, None], zero_move), none - 1, None, None)
+        place = PathPoint(*start, none[..., None, None], zero_move)
+        past = self.loaded.past or Past.of(self.model.scene, rest(self.model.scene))
+        past = past and Past(*(x.expand(*shape, *x.shape[-2:]) for x in past))
+        now = self.settle(place, none - 1, None, None, past)
         first = None if self.control is None else self.led(start, shape)
         # in which no support turns by more than WOUND
         whole = turn_of_supports(self.loaded(none + self.span[1]), start) * self.span[1]
@@ -127,9 +134,11 @@ class Continuation:
                 break
             width = None if first is None else self.target - first
             goal = None if first is None else first + width * (at + step).clamp(max=1)
-            problem, guess = self.problem(
-                now, behind, step, final, leap, goal, None if first is None else width.abs() * step
-            )
+            past = self.remembered(now)
+            reach = None if first is None else width.abs() * step
+            problem, guess = self.problem(now, behind, step, final, leap, goal, reach, past)
+            if past is not None:
+                guess = where(leap, guess, self.led_on(problem, guess, now))
             outcome = newton(
                 problem, guess, going, self.tolerance, ITERATIONS, trust_start=False, foresee=~final
             )
@@ -139,7 +148,7 @@ class Continuation:
             calm = space.cosine(turn).abs().amin(-1) > math.cos(TURN / 2)
             good = going & (outcome.status == 0) & calm
             beyond = no
-            after = self.settle(x, now.factor, outcome.reaction, now.least)
+            after = self.settle(x, now.factor, outcome.reaction, now.least, past)
             good = good & after.sound
             kind = torch.where(after.by_factor * now.by_factor < 0, LIMIT_POINT, BRANCH_POINT)
             kind = torch.where(~leap & self.passed(now, after), kind, REGULAR)
@@ -148,6 +157,7 @@ class Continuation:
             if first is None:
                 beyond = good & ~final & ((factor > self.span[1]) | (factor < self.span[0]))
                 sharp = sharp | (~final & ((self.alike(after, now) < ALIKE) | (chord < ALONG)))
+            sharp = sharp if past is None else no  # where something yields, a path has a corner
             good = good & ~beyond & ~(sharp & ~leap & (step > LEAST * self.step))
             kind = torch.where(good, kind, REGULAR)
             leaps = good & (kind == BRANCH_POINT) & self.branch
@@ -173,20 +183,20 @@ class Continuation:
         leap: Tensor,
         goal: Tensor | None,
         width: Tensor | None,
+        past: Past | None,
     ) -> tuple[ArcLengthProblem, PathPoint]:
         """What the next point has to satisfy, and where Newton's method starts."""
+        loaded = replace(self.loaded, past=past)
         start = now.place._replace(way=torch.zeros_like(now.place.way))
         zero = torch.zeros_like(now.factor)
         if goal is not None:
             row = torch.zeros_like(now.move)
-            return ArcLengthProblem(
-                self.loaded, row, zero, now.factor, goal, width, self.control
-            ), start
+            return ArcLengthProblem(loaded, row, zero, now.factor, goal, width, self.control), start
         move, by_factor = now.move, now.by_factor / self.span[1] ** 2
         if leap.any():
             mode = self.mode(now, behind)
             branch_move = step[..., None, None] * mode
-            there = self.loaded(now.factor).update(
+            there = loaded(now.factor).update(
                 start.shape, branch_move, torch.zeros_like(start.stress)
             )
             start = where(
@@ -200,16 +210,44 @@ class Continuation:
         )
         bound = torch.where(now.by_factor < 0, *now.factor.new_tensor(self.span))
         goal = torch.where(final, bound - now.factor, step)
-        return ArcLengthProblem(self.loaded, row, by_factor, now.factor, goal, goal.abs()), start
+        return ArcLengthProblem(loaded, row, by_factor, now.factor, goal, goal.abs()), start
+
+    def led_on(self, problem: ArcLengthProblem, start: PathPoint, now: PathState) -> PathPoint:
+        """A start further along the tangent, as far as the step goes: what yields at the start goes
+        on in the tangent's direction, where Newton's method may take it for elastic else.
+        """
+        _, _, row, missing = problem.residual(start)
+        along = (row * now.move).sum((-1, -2)) + problem.by_factor * now.by_factor
+        turn = now.move[..., self.model.space.dims.position :].abs().amax((-1, -2))
+        share = missing / torch.where(along == 0, torch.inf, along)
+        share = share.clamp(-START / turn, START / turn)
+        move = share[..., None, None] * now.move
+        change = (share * now.by_factor)[..., None, None]
+        return problem.update(start, move, torch.zeros_like(start.stress), change)
+
+    def remembered(self, now: PathState) -> Past | None:
+        """At an equilibrium."""
+        if now.past is None:
+            return None
+        problem = replace(self.loaded, past=now.past)(now.factor)
+        fields, past = {"stress": now.place.stress}, now.past
+        fields = self.model.finished(fields, problem.node_motion(now.place.shape), None, None)
+        return Past(fields.get("joints", past.joints), fields.get("memory", past.memory))
 
     def settle(
-        self, x: PathPoint, before: Tensor, reaction: Tensor | None, least: Tensor | None
+        self,
+        x: PathPoint,
+        before: Tensor,
+        reaction: Tensor | None,
+        least: Tensor | None,
+        past: Past | None,
     ) -> PathState:
-        """Stability and tangent at an equilibrium that was come to from the factor `before`, its
-        supports where that of `x` has them; the tangent leads on.
+        """Stability and tangent at an equilibrium that was come to from the factor `before`, where
+        `past` was remembered, its supports where that of `x` has them; the tangent leads on.
         """
-        x = PathPoint(*self.loaded(x.factor[..., 0, 0]).apply_supports(x.shape), x.factor, x.way)
-        point = self.loaded.balance(x)
+        loaded = replace(self.loaded, past=past)
+        x = PathPoint(*loaded(x.factor[..., 0, 0]).apply_supports(x.shape), x.factor, x.way)
+        point = loaded.balance(x)
         # where one is not, the point is no place to stop at
         blocks, sound = point.pivots(self.model.unit)
         shape = point.residual.measure().shape
@@ -229,11 +267,12 @@ class Continuation:
             reaction,
             negative,
             sign(blocks).long().expand(shape),
-            conservative(self.loaded(x.factor[..., 0, 0]), x.shape).expand(shape),
+            conservative(loaded(x.factor[..., 0, 0]), x.shape).expand(shape),
             move / length[..., None, None],
             1 / length,
             least,
             sound.expand(shape),
+            past,
         )
 
     def led(self, start: Configuration, shape: torch.Size) -> Tensor:
@@ -276,7 +315,7 @@ class Continuation:
         """The critical shape, by inverse iteration, of unit length, to the side to which the beam
         went before.
         """
-        point = EagerPoint(self.loaded, now.place)
+        point = EagerPoint(replace(self.loaded, past=now.past), now.place)
         number = torch.arange(now.move.shape[-2:].numel()).to(now.move)
         # of several shapes, that which the beam leans to
         any_ = torch.cos(1.7 * number + 0.3).unflatten(0, (-1, now.move.shape[-1]))

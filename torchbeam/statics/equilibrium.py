@@ -19,7 +19,7 @@ from ..core.status import DIVERGED
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
-from ..equations.steady import Configuration, SteadyProblem
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.balance import Linearisation
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -65,55 +65,55 @@ def equilibrium(
     inputs: dict[str, Any] | None = None,
     accuracy: Any = None,
 ) -> State:
-    """Static equilibrium under the scene's loads at time t (s); steady in a frame that moves, which
-    stands as it does at t (its axes are the inertial ones at t = 0).
+    """Static equilibrium under the scene's loads at time t (s). In a moving frame it is the steady
+    state, with the frame as it is at t (its axes are the inertial axes at t = 0).
 
     Args:
-        initial: the start; None = undeformed, without load. Forces that are out of balance there
-            are taken away in steps. Supported nodes go from there to their supports, turned the
-            shorter way
+        initial: start of the solution; None = undeformed, without load. Unbalanced forces there are
+            removed in steps. Supported nodes move from there to their supports, by the shorter
+            rotation
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
         throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds
             the last shape on the way
-        branch: "first": the one that the way up leads to; "stable": a sample that is unstable there
-            is followed again from no load on, by arc length (see `path`), along the branches that
-            bifurcate, to the side to which it leans
-        relax: come there by a motion without inertia in a viscous fluid instead of by load steps,
-            then by Newton's method: for what is far from where it starts and hardly stiff on the
-            way, as a slack cable or a hinged beam that swings down. Loads grow first, or act at
-            once on `initial`, then supports move. Under conservative loads it ends in the minimum
-            of the energy that this leads to, is pushed evenly along each axis, to both sides, and
-            let go: a RuntimeWarning says where that leads to a lower one, and by what push
+        branch: "first": the branch to which load steps lead. "stable": an unstable sample is
+            followed again from zero load by arc length (see `path`). At a bifurcation it takes the
+            new branch, to the side to which it leans
+        relax: replace load steps by a motion without inertia in a viscous fluid, then use Newton's
+            method. It is for large motions of little stiffness: a slack cable, a hinged beam that
+            swings down. Loads grow first, or act at once on `initial`, then supports move. Under
+            conservative loads it ends in a minimum of the energy. An even push along each axis, to
+            both sides, tests this minimum: a RuntimeWarning names a push to a lower minimum
         engine: "eager": torch operations. "compiled": the load is raised by native code, many
-            samples at once; gradients and `branch` are eager. "auto": compiled where samples times
-            elements are 32,768 or more (all of a `monte_carlo` count), llvmlite is installed and
-            the scene is taken; else eager, with a SlowPathWarning. TORCHBEAM_ENGINE says otherwise
+            samples at once; gradients and `branch` are eager. "auto": compiled for 32,768 or more
+            samples times elements (all samples of a `monte_carlo` count). It needs llvmlite and a
+            scene that native code takes; else eager, with a warning. TORCHBEAM_ENGINE overrides it
         inputs: of the scene by name, (..., size)
-        accuracy: relative, of positions and axes of the middle and the tip: the state is on a mesh
-            of its own choice, see `simulate`
+        accuracy: relative error of positions and axes of the middle and the tip. The mesh is chosen
+            by the function, see `simulate`
 
-    The load is raised in steps, per sample, where Newton's method needs it: a step in which it
-    fails, or a node turns by more than 1 rad, is halved, and so is a long one that takes more than
-    six iterations. Infinite stiffness is taken as it is. Differentiable by the implicit function
-    theorem. A scene in single precision is solved in double, and the state rounded.
+    Where Newton's method needs it, the load of a sample is raised in steps. A step is halved if the
+    method fails, or a node turns by more than 1 rad. A long step of more than six iterations is
+    halved too. Infinite stiffness is exact. Differentiable by the implicit function theorem. A
+    scene in single precision is solved in double, and the state rounded. Returns a `State` at rest,
+    with stress and reaction.
 
-    Past a point of buckling the way up may keep to an unstable branch. A RuntimeWarning names the
-    samples whose tangent is not positive definite, where loads are conservative or others next to
-    nothing; under others (followers, moments in space, a frame that turns) those whose tangent has
-    a negative determinant, which diverge whatever their mass and damping are: of the rest `modes`
-    says it (`unstable`). Where a derivative is recorded at a limit point, a RuntimeError says that
-    there is none (with throw=False the sample is a constant); at a bifurcation a RuntimeWarning
-    says that some do not exist.
+    Past a point of buckling, load steps may stay on an unstable branch. Under conservative loads, a
+    RuntimeWarning names the samples whose tangent is not positive definite. Under other loads
+    (followers, moments in space, a turning frame) it names samples whose tangent has a negative
+    determinant. These diverge, whatever their mass and damping; `modes` tells the others
+    (`unstable`). A derivative does not exist at a limit point: a RuntimeError says so, or with
+    throw=False the sample is a constant. At a bifurcation some derivatives do not exist: a
+    RuntimeWarning says so.
 
-    What swings, as a pendulum, is held by its loads once these have stressed it; where that leads
-    further than 0.5 rad, relax=True is wanted. It follows by itself where load steps fail and
-    joints have limits. A rigid motion that nothing holds and no load drives stays as it starts, and
-    derivatives are those with it held at the first support (node 0 where there is none).
+    A pendulum is held by its loads once they stress it; a swing of more than 0.5 rad needs
+    relax=True. Relaxation starts by itself where load steps fail and joints have limits. A free
+    rigid motion without a load stays as it starts. Derivatives then hold it at the first support
+    (node 0 without support).
 
-    Returns a `State` at rest with stress and reaction. Raises ValueError for what the nodal form
-    does not take and RuntimeError for a sample without equilibrium; where nothing holds a rigid
-    motion of it, the sentence says which.
+    Raises:
+        ValueError: for a scene that the nodal form does not take.
+        RuntimeError: for a sample without equilibrium; it names a free rigid motion.
 
     Examples:
         >>> state = tb.equilibrium(scene)
@@ -162,7 +162,8 @@ def _equilibrium(
     # with those, the tangent of what is held is not that of what comes to rest
     judged = not model.internal_states
     begun = None if initial is None else poses_of_supports(model.scene, initial)
-    problem = SteadyProblem(model, time, given, time.new_ones(()), begun=begun)
+    past = Past.of(model.scene, initial)
+    problem = SteadyProblem(model, time, given, time.new_ones(()), begun=begun, past=past)
     if initial is None:  # at no load
         start = replace(problem, load_factor=time.new_zeros(())).apply_supports(start)
     whole, begin = problem, start
@@ -198,7 +199,8 @@ def _equilibrium(
         if concrete(unstable).any():
             doubtful = None
             with no_derivatives():
-                loaded = LoadedProblem(model, time, given).braced(start).by(engine)
+                loaded = LoadedProblem(model, time, given, past=past)
+                loaded = loaded.braced(start).by(engine)
                 *stable, states = stable_branch(model, loaded, start, unstable, tolerance)
             x, reaction = where(states, tuple(stable), (x, reaction))
     if model.internal_states:

@@ -103,7 +103,8 @@ def _pushed(
 def _below(whole: SteadyProblem, a: Configuration, b: Configuration) -> Tensor:
     """(...) J, by how much the energy of b is below that of a; 0.0 where quadratures differ."""
     model = whole.model
-    strain = [model.strain_energy(at.position, at.rotation, whole.eigenstrain) for at in (a, b)]
+    about = [(at.position, at.rotation, whole.eigenstrain) for at in (a, b)]
+    strain = [model.strain_energy(*at, model.crept_at_rest(*at)) for at in about]
     rough, fine = (_work(whole, a, b, points) + strain[0] - strain[1] for points in POINTS)
     return torch.where((fine - rough).abs() <= SURE * fine, fine, 0.0)
 

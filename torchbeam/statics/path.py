@@ -24,7 +24,7 @@ from ..core.validation import concrete, shown
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..equations.load_steps import climb
-from ..equations.steady import Configuration
+from ..equations.steady import Configuration, Past
 from ..math.shapes import largest
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -45,22 +45,23 @@ STEP, STEPS = 0.1, 200  # of the way to a stable branch
 
 @dataclass(frozen=True)
 class Path:
-    """Equilibria in path order, P of them; leading axes (P, ...). A sample that ended early repeats
-    its last one.
+    """P equilibria in path order; leading axes (P, ...). A sample that ended early repeats its last
+    equilibrium.
 
     Args:
-        factor: of the load
-        state: `State`, its status that of the whole path
-        negative: int: negative pivots of the tangent, 0 = stable (where the loads are
-            conservative); one that is less than 1e-4 of the softest at the start does not count: a
-            round column turns about its axis at no cost
-        sign: int: of the tangent's determinant, for loads that are not
-        kind: int, of the way from the equilibrium before: BRANCH_POINT = 2 where a pivot (under
-            loads that are not conservative the determinant) changed sign without the factor turning
-            back, LIMIT_POINT = 1 where it turned back, REGULAR = 0. The event is anywhere on that
-            way: its factor is that of `critical_load`, or of `path` with a smaller `step`
-        valid: bool: False where the last one is repeated, or loads that stay have no equilibrium
-        reached: (...) bool: whether the end asked for was reached
+        factor: load factor
+        state: `State`; its status is the status of the whole path
+        negative: int: number of negative pivots of the tangent; 0 = stable under conservative
+            loads. Pivots below 1e-4 of the softest one at the start do not count: a round column
+            turns freely about its axis
+        sign: int: sign of the tangent's determinant, for loads that are not conservative
+        kind: int, of the segment from the equilibrium before: LIMIT_POINT = 1: the factor turned
+            back. BRANCH_POINT = 2: a pivot changed sign while the factor went on (the determinant,
+            under loads that are not conservative). Else REGULAR = 0. The event is anywhere on the
+            segment; `critical_load`, or a smaller `step`, finds its factor
+        valid: bool: False for a repeated equilibrium, or without an equilibrium under the constant
+            loads
+        reached: (...) bool: whether the path reached its end: `highest`, `lowest` or `target`
 
     Examples:
         >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
@@ -114,6 +115,9 @@ class Path:
             *(chosen(list(values)) for values in zip(*(p.place for p in points), strict=True))
         )
         factor = place.factor[..., 0, 0]
+        if points[0].past is not None:
+            pasts = (chosen(list(values)) for values in zip(*(p.past for p in points), strict=True))
+            loaded = replace(loaded, past=Past(*pasts))
         state = loaded.at(place).state(
             place.shape, chosen([p.reaction for p in points]), status.expand(valid.shape)
         )
@@ -153,36 +157,35 @@ def path(
     inputs: dict[str, Any] | None = None,
     engine: str = "auto",
 ) -> Path:
-    """The equilibria of a scene from no load on, as its load factor changes.
+    """Path of equilibria of a scene from zero load on, as its load factor changes.
 
     Args:
         highest: the path of a sample ends where its factor reaches this, or `lowest`
-        load: name of the input that is multiplied by the factor, beside loads that stay; None = all
-            loads are
-        step: length of a step along the path: 1 is a node's mean move by L, a mean turn by 1 rad,
-            or the whole `highest`; the first and the longest. Halved where Newton's method fails or
-            a node turns by more than 1 rad
+        load: name of the input that the factor multiplies, beside constant loads; None = all loads
+        step: first and longest step along the path. A length of 1 is a mean move of nodes by L, a
+            mean turn by 1 rad, or the whole `highest`. A step is halved where Newton's method fails
+            or a node turns by more than 1 rad
         steps: at most this many attempts
-        control: q: state -> (...), the path then goes in equal steps of q from where it is to
-            `target` (...), whatever the factor does; `step` is a share of that way. It reads
+        control: q: state -> (...). The path then goes in equal steps of q from its start to
+            `target` (...); the factor follows, and `step` is a share of that change. q reads
             positions and rotations
-        branch: where a pivot changes sign and the factor does not turn back, go on along the branch
-            that leaves there: by a `step` in the critical shape, to the side to which the beam had
-            been going, however little
-        initial: an equilibrium at factor 0; None = the one under the loads that stay, come to from
-            the undeformed beam
+        branch: follow the branch that leaves a bifurcation (a pivot changes sign, the factor goes
+            on). It begins with a `step` in the critical shape, to the side of the previous motion,
+            however small
+        initial: an equilibrium at factor 0; None = the equilibrium under the constant loads, found
+            from the undeformed beam
         inputs: by name, (..., size)
-        engine: "auto", "eager" or "compiled": what finds the balance at each point. "auto" takes
-            native code for all but tendons, loads between nodes, supports that turn with the
-            factor, and loads with internal states
+        engine: "auto", "eager" or "compiled": engine that solves each point. "auto" is native code,
+            except with tendons, loads between nodes, supports that turn with the factor, and loads
+            with internal states
 
-    Each sample goes its own way at its own pace. Without derivatives: `equilibrium` has those. A
+    Each sample has its own path and steps. A path has no derivatives; `equilibrium` has them. A
     scene in single precision is solved in double, and the path rounded.
 
     Raises:
-        ValueError: for what the nodal form does not take, an unknown `load`, `control` without
-            `target`, a `control` of more than one number a sample, or an `initial` that is no
-            equilibrium.
+        ValueError: for a scene that the nodal form does not take, an unknown `load`, or an
+            `initial` that is no equilibrium. For `control` without `target`, or with more than one
+            number a sample.
 
     Examples:
         >>> arch = tb.Scene(tb.Beam.arc(1.0, 1.0, 8, strip), [tb.TipLoad(force=(0, 0, -2.0))])
@@ -268,7 +271,8 @@ def _path(
     with no_derivatives():
         start = model.space.start(rest(model.scene) if initial is None else initial)
         start = Configuration(start.position, start.rotation, start.stress)
-        loaded = LoadedProblem(model, time, inputs, load)
+        past = Past.of(model.scene, initial)
+        loaded = LoadedProblem(model, time, inputs, load, past=past)
         loose = held_by_loads_alone(loaded(time + 1), loaded(time * 0), start)
         loaded, failed = loaded.braced(start).by(engine), None
         if initial is None and load is not None:

@@ -128,6 +128,7 @@ def relax(
                 viscosity / step[..., None, None],
                 led=(now - 1).clamp(min=0) if led else now,
                 begun=whole.begun,
+                past=whole.past,
             )
             x, good, turned, longer = advance(fluid, x, going & ~stuck, tolerance)
             reached, step = torch.where(good, reached + step, reached), longer * step

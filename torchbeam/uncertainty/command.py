@@ -27,7 +27,7 @@ ROWS = 40  # of the table on the terminal
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Monte Carlo run of a configuration file: samples in a folder, answers with their errors."""
+    """Run Monte Carlo from a configuration file: samples in a folder, results with errors."""
     parser = argparse.ArgumentParser(
         prog="python -m torchbeam montecarlo",
         description=(

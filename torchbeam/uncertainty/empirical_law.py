@@ -14,7 +14,7 @@ from .parametric_laws import TwoTails, set_fields
 
 @dataclass(frozen=True)
 class Empirical(TwoTails):
-    """Values that were observed, each as likely as the others, or by `weights`.
+    """Observed values, equally likely, or weighted by `weights`.
 
     Args:
         values: (K,)

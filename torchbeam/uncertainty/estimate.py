@@ -29,13 +29,14 @@ Statistic = Callable[[Tensor], Tensor]  # samples (n, ...) -> (...)
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate with an interval that covers the true value in `level` of all runs:
-    `estimate, low, high = ...`. An index takes some of the numbers: `e[0]`, `e[..., 2]`.
+    """Estimate with an interval that covers the true value in `level` of all runs: `estimate, low,
+    high = ...`. An index selects numbers: `e[0]`, `e[..., 2]`.
 
     Args:
         estimate, low, high: tensors of one shape
-        samples: good ones that it is of;  failed: samples left out, by reason in `reasons`
-        method: how the interval was found
+        samples: number of good samples
+        failed: number of samples left out, by reason in `reasons`
+        method: method of the interval
 
     Examples:
         >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
@@ -54,7 +55,7 @@ class Estimate:
 
     @classmethod
     def about(cls, centre: Tensor, half: Tensor, *rest: Any) -> Estimate:
-        """With an interval of that half width."""
+        """Estimate with an interval of that half width."""
         return cls(centre, centre - half, centre + half, *rest)
 
     @property

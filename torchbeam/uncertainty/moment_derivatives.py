@@ -28,11 +28,10 @@ CARRIED, SEEN = 0.1, 1e-3
 
 @dataclass(frozen=True)
 class MomentDerivatives:
-    """Moments of y (...) and their derivatives by the parameters q (m,) of laws, each an
-    `Estimate`.
+    """Moments of y (...) and their derivatives by the parameters q (m,) of the laws: `Estimate`s.
 
     Args:
-        mean, deviation: (...) and (...)
+        mean, deviation: (...) moments
         mean_by, deviation_by: (m, ...) their derivatives
 
     Examples:
@@ -73,19 +72,20 @@ def moment_derivatives(
     the deviation of a stiffness.
 
     Args:
-        function: as `monte_carlo` has it, and differentiable by theta: y carries gradients
-        laws: q (m,) -> dict of laws, differentiable: such as lambda q: {"EI":
+        function: as in `monte_carlo`, and differentiable by theta
+        laws: q (m,) -> dict of laws, differentiable, such as lambda q: {"EI":
             torch.distributions.Normal(q[0], q[1])}, or a function of u
-        q: (m,) where the derivatives are taken
-        n, replicates, correlation, seed, chunk, by_name: as `monte_carlo` has them; n is a multiple
-            of the replicates
+        q: (m,) point of the derivatives
+        n, replicates, correlation, seed, chunk, by_name: as in `monte_carlo`; n is a multiple of
+            the replicates
 
-    theta = F^-1(u; q) at fixed u, so that d mean/dq = mean(dy/dtheta dtheta/dq) (pathwise
-    derivatives; Glasserman 2003, section 7.2): y has to be continuous in theta. Computed here, in
-    the dtype of q, without an executor: gradients do not travel. Samples that failed count neither
-    in values nor in derivatives. Raises ValueError as `monte_carlo` does, for a y without gradient,
-    and where the gradient of the first samples is not that of their values, by differences: laws or
-    functions that compute with NumPy carry a part of it.
+    theta = F^-1(u; q) at fixed u, so that d mean/dq = mean(dy/dtheta dtheta/dq): pathwise
+    derivatives (Glasserman 2003, section 7.2). y must be continuous in theta. It is computed in
+    this process, in the dtype of q. Failed samples count neither in values nor in derivatives.
+
+    Raises:
+        ValueError: as `monte_carlo`, and for a y without gradient. Also for a wrong gradient of
+            the first samples, by differences: a part of a law or the function computes with NumPy.
 
     Examples:
         >>> def scatter(q):

@@ -32,31 +32,30 @@ Until = float | tuple[float, Callable[[Samples], Estimate]]
 
 
 class EvaluationOptions:
-    """Of a function at samples of its parameters, chunk by chunk.
+    """Options of a function's evaluation at samples of its parameters, chunk by chunk.
 
     Args:
-        chunk: samples a call. Chunk i is a function of (seed, i) alone: who computes it, when, or
-            how often does not matter. None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on.
-            "auto": measured, from throughput and memory. With either a folder keeps its own
+        chunk: number of samples a call. Chunk i is a function of (seed, i) alone, whichever process
+            computes it, and when. None: 256; 512 from 32,768 samples on, 1,024 from 65,536 on.
+            "auto": measured, from throughput and memory. A folder keeps its own number in both
+            cases
         executor: any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's
-            Client.get_executor(); None = here, one after the other. Function and laws must then
-            pickle; other processes compute on one thread
-        out: a folder: each chunk is a file there, and what is there already is not computed again;
-            a run that was killed continues, and so does one with a larger n (with `replicates`,
-            more of them of the same size; with `theta` of one's own, none). A chunk that is damaged
-            is computed again, with a warning. A folder of another run is refused: of other laws or
-            another order of them, correlation, design, seed, chunk, dtype, release of this library,
-            or function
+            Client.get_executor(); None = this process, chunk after chunk. With an executor,
+            function and laws must pickle; other processes compute on one thread
+        out: a folder with a file for each chunk. Existing chunks are not computed again: a killed
+            run continues, and so does a run with a larger n. (With `replicates`, n grows by more
+            replicates of the same size; with your own `theta` it cannot grow.) A damaged chunk is
+            computed again, with a warning. A folder of another run is refused: of other laws or
+            their order, correlation, design, seed, chunk, dtype, release of this library, or
+            function
         dtype: of theta; None = torch.float64
-        version: of the function, a text or number of your own that changes with it; asked for with
-            `out`. None: the function is known by its code and by what it finds around it, with a
-            FutureWarning where some of that cannot be seen. What it changes itself while it runs
-            does not count
-        by_name: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as (N,
-            places)
-        sentences: what a status of the function means, {3: "buckled"}: reasons of samples that
-            failed
-        progress: a function that is given the `Progress` after each chunk, or True: a line on the
+        version: your text or number that changes with the function, for `out`. None: its code, and
+            the values that its code refers to, identify the function; a FutureWarning tells where
+            some of these are out of sight. Values that the function itself changes do not count
+        by_name: True: the function takes its parameters by name: f(EI=(N,), mass=(N,)), a field as
+            (N, places)
+        sentences: meaning of each status of the function, {3: "buckled"}: reasons of failed samples
+        progress: a function of the `Progress`, called after each chunk; or True: a line on the
             terminal
     """
 
@@ -86,37 +85,37 @@ def monte_carlo(
 
     Args:
         function: theta (N, p) -> y (N, ...), batched: sample i of y depends on sample i of theta
-            alone (a mean or norm over the batch is not seen, and would depend on `chunk`); or (y,
-            status (N,)), with a status other than 0 for samples that failed
-        laws: by name, in the order of theta's columns: (least, largest) for a uniform law; one of
-            `tb.laws`, where a `RandomField` is a column for each of its places; anything with
-            `icdf`, such as torch.distributions.Normal(1.0, 0.1); or a function of u (N,), uniform
-            in (0, 1), that gives (N,)
-        n: samples: those of one scrambled Sobol sequence (Matousek 1998), best a power of two. The
-            first n of a longer run with the same seed are the same (y but for rounding, where so
-            many make native code worth while)
+            alone. (A mean over the batch would depend on `chunk`, and is not detected.) Or the
+            function returns (y, status (N,)), with a status other than 0 for failed samples
+        laws: by name, in the order of theta's columns. A law is (least, largest) for a uniform law,
+            a law of `tb.laws`, or any object with `icdf`, such as torch.distributions.Normal(1.0,
+            0.1). It may also be a function of u (N,), uniform in (0, 1), that returns (N,). A
+            `RandomField` has a column for each place
+        n: number of samples of a scrambled Sobol sequence (Matousek 1998), best a power of two. A
+            longer run with the same seed has the same first n samples. (y differs by rounding if
+            the longer run uses native code)
         correlation: (p, p) of the laws, or {("EI", "mass"): 0.5}: of their normal scores, by a
             Gaussian copula
-        theta: (n, p) samples of your own in place of a design; `laws` are then names alone, or laws
-            that are not used
+        theta: (n, p) your own samples in place of a design; `laws` are then names, or laws that are
+            not used
         design: "sobol", or "plain": independent samples
-        seed: a whole number, by which samples are the same again
-        replicates: independent Sobol sequences that the n are shared out to, from whose scatter
-            intervals come: 16 are a good number, and each best a power of two. None: one sequence,
-            whose intervals are those of independent samples, too wide
-        until: relative error: replicates (64 of them, if not said otherwise) are computed until
-            half the 95 % interval of the mean is within this part of it, in each number of y; n is
-            the most. Or (error, lambda samples: Estimate) for another quantity, such as (0.02,
-            lambda samples: samples.quantile(0.99, 0.95)). It is looked at after 8, 12, 16, 24 ...
-            replicates; looking often makes the interval a little too short
+        seed: a whole number; the same seed gives the same samples
+        replicates: number of independent Sobol sequences, which share n; their scatter gives
+            intervals. 16 are a good number, each best with a power of two samples. None: a single
+            sequence, with the intervals of independent samples, which are too wide
+        until: relative error of the mean: half its 95 % interval over the mean, in each number of
+            y. Replicates (64 by default) are computed until it is reached; n is the most. Or
+            (error, lambda samples: Estimate) for another quantity, such as (0.02, lambda samples:
+            samples.quantile(0.99, 0.95)). Each check, at 8, 12, 16 ..., shortens intervals a bit
 
     A sample with a y that is not finite has the status 1 and keeps its place. y and status are
     detached and on the CPU.
 
-    Raises ValueError for laws that are none, a function whose y does not fit, a folder of another
-    run or one that cannot be written; files.NotWritten (an OSError) where the disk is full: what
-    was written stays, and the same call continues; MemoryError where samples are more than there is
-    memory for (`tb.monte_carlo_stream` keeps none).
+    Raises:
+        ValueError: for invalid laws, a function whose y does not fit, and a folder of another run
+            or that cannot be written.
+        files.NotWritten: an OSError, where the disk is full. The same call continues later.
+        MemoryError: for more samples than fit in memory (`tb.monte_carlo_stream` keeps none).
 
     Examples:
         >>> samples = tb.monte_carlo(deflection, laws, 256, by_name=True)

@@ -47,18 +47,20 @@ def monte_carlo_stream(
     sentences: Mapping[int, str] | None = None,
     progress: Report | bool | None = None,
 ) -> Stream:
-    """Evaluate a function at n samples as `monte_carlo` does, and keep a summary of y in place of
-    the samples.
+    """Evaluate a function at n samples, as `monte_carlo`, and keep a summary of y in place of the
+    samples.
 
-    n         a multiple of `replicates`, independent Sobol sequences from whose scatter intervals
-              come. Memory does not grow with it: 70 kB for each number of y in each replicate
-    out       a folder: the summary is written there every ten seconds, with the place in the
-              sequence, and at the end; the same call goes on from it and ends with the same numbers
-    function, laws, correlation, design, seed, chunk, executor, dtype, version, by_name, sentences,
-    progress   as `monte_carlo`
-              has them
+    Args:
+        n: a multiple of `replicates`, independent Sobol sequences whose scatter gives intervals.
+            Memory does not grow with n: 70 kB for each number of y in each replicate
+        out: a folder for the summary and the place in the sequence, written every ten seconds and
+            at the end. The same call continues from it, and ends with the same numbers
+        function, laws, correlation, design, seed, chunk, executor, dtype, version, by_name: as in
+            `monte_carlo`
+        sentences, progress: as in `monte_carlo`
 
-    Raises what `monte_carlo` raises.
+    Raises:
+        ValueError: as `monte_carlo`.
 
     Examples:
         >>> stream = tb.monte_carlo_stream(deflection, laws, 1024, by_name=True)

@@ -66,7 +66,7 @@ class ByScore(ByParameters):
 
 @dataclass(frozen=True)
 class Constant(ByParameters):
-    """Always the same value: a column of theta that is not random.
+    """A constant: a column of theta that is not random.
 
     Examples:
         >>> fixed = {"EI": tb.laws.Constant(1.0), "P": tb.laws.Normal(1.0, 0.1)}
@@ -133,8 +133,8 @@ class Normal(ByScore):
 
 @dataclass(frozen=True)
 class LogNormal(ByScore):
-    """exp of a normal variable, with the `mean` and standard `deviation` of the variable itself,
-    both positive.
+    """exp of a normal variable. `mean` and standard `deviation` belong to the lognormal variable
+    itself; both are positive.
 
     sigma^2 = ln(1 + (deviation/mean)^2), mu = ln(mean) - sigma^2/2
 
@@ -244,8 +244,8 @@ class Weibull(TwoTails, ByParameters):
 
 @dataclass(frozen=True)
 class Gumbel(TwoTails, ByParameters):
-    """Largest of many: P(X <= x) = exp(-exp(-(x - location)/scale)); the mean is location + 0.57722
-    scale.
+    """Law of the largest of many: P(X <= x) = exp(-exp(-(x - location)/scale)); the mean is
+    location + 0.57722 scale.
 
     Examples:
         >>> gust = tb.laws.Gumbel(location=1.0, scale=0.1)  # the largest of a year

@@ -20,25 +20,23 @@ LOST = 0.01  # share of the variance that the terms which are left out would hav
 
 @dataclass(frozen=True)
 class RandomField:
-    """A quantity that varies along the beam, at places s: as a law, one column of theta for each
-    place.
+    """Law of a quantity that varies along the beam, at places s. Each place is a column of theta.
 
     Args:
         s: (m,) m, places such as the middles of elements, increasing
         mean, deviation: of the quantity, the same everywhere
         correlation_length: c, m: the correlation at a distance r is exp(-r/c) ("exponential":
-            rough, no slope) or exp(-(r/c)^2) ("gaussian": smooth). Of a lognormal field it is that
-            of the logarithm
+            rough, no slope) or exp(-(r/c)^2) ("gaussian": smooth). A lognormal field has this
+            correlation of its logarithm
         marginal: "lognormal" (positive) or "normal"
-        terms: of the expansion; None: so many that they hold 99 % of the variance, on average over
-            the length
+        terms: number of terms of the expansion; None: enough for 99 % of the variance, on average
+            over the length
 
-    At s a normal field is mean + deviation sum_k sqrt(lambda_k) phi_k(s) z_k, z independent and
-    standard normal, where lambda and phi are the eigenvalues and eigenfunctions of the correlation
-    on [s_0, s_m] (Loeve 1978; Ghanem and Spanos 1991, section 2.3). They are found by
-    Gauss-Legendre quadrature and Nystrom's interpolation. What is left out makes the deviation a
-    little smaller, not the mean: `captured` (m,) is the share of the variance that is there at each
-    place.
+    At s a normal field is mean + deviation sum_k sqrt(lambda_k) phi_k(s) z_k, with independent
+    standard normal z. lambda and phi are the eigenvalues and eigenfunctions of the correlation on
+    [s_0, s_m] (Loeve 1978; Ghanem and Spanos 1991, section 2.3). They come from Gauss-Legendre
+    quadrature and Nystrom's interpolation. Truncation reduces the deviation a little, not the mean:
+    `captured` (m,) is the share of the variance that remains at each place.
 
     Examples:
         >>> E = tb.laws.RandomField(

@@ -34,12 +34,12 @@ class RareEvent:
 
     Attributes:
         method: "subset" or "importance"
-        evaluations: of the function failed: of them, by reason in `reasons`: they count as not the
-            event
-        thresholds: (levels,) of y that the runs of subset simulation passed on the way, on average
+        evaluations: number of evaluations of the function
+        failed: number of failed ones, by reason in `reasons`; they count as no event
+        thresholds: (levels,) intermediate thresholds of subset simulation, the mean of its runs
         points: (k, p) theta at the design points, the likeliest first
         beta: (k,) their distances from the medians in normal scores
-        form: the first-order probability Phi(-beta) of the likeliest, of importance sampling
+        form: first-order probability Phi(-beta) of the likeliest point, for importance sampling
 
     Examples:
         >>> event = tb.rare_event(deflection, laws, 2.0, 256, method="importance", by_name=True)
@@ -97,28 +97,29 @@ def rare_event(
     """Probability that a function of random parameters exceeds a threshold.
 
     Args:
-        function: as `monte_carlo` has it, y (N,): one number a sample
-        n: samples: of each level of subset simulation, all runs together; of importance sampling
-        method: "subset": subset simulation (Au and Beck 2001), which asks nothing of the function;
-            about n (1 + 0.9 levels) evaluations, a level for each factor of ten. Best 500 or more
-            of n a run: of 100 the estimate is too large by a fifth at 1e-4, and by a third at 1e-6.
-            "importance": importance sampling around design points, which are found by gradients
-            (FORM): fewer evaluations, for a y that is smooth, and a few regions of failure; a
-            region that no start leads to is missed. Samples that are likelier by the laws than
-            around any point are starts too; where they lead to none, a RuntimeWarning says what
-            they count for
-        replicates: independent runs from whose scatter the interval comes: 10 of subset simulation,
-            16 of importance sampling
-        starts: of the search for design points: the medians, and random ones in pairs z, -z; as
-            many again, up to four times, as long as one alone leads to a point
-        laws, correlation, seed, chunk, executor, dtype, by_name: as `monte_carlo` has them;
-            gradients are taken here
+        function: as in `monte_carlo`, with y (N,): a number for each sample
+        n: number of samples: of each level of subset simulation, all runs together; or of
+            importance sampling
+        method: "subset": subset simulation (Au and Beck 2001), for any function. It takes about n
+            (1 + 0.9 levels) evaluations, with a level for each factor of ten. Use 500 or more
+            samples a run: with 100 the estimate is too large by a fifth at 1e-4, and by a third at
+            1e-6. "importance": importance sampling around design points, which gradients find
+            (FORM). It takes fewer evaluations, but needs a smooth y and few regions of failure; it
+            misses a region to which no start leads. Samples that are likelier by the laws than
+            around any point are starts too. If they lead to no point, a RuntimeWarning names their
+            share
+        replicates: number of independent runs, whose scatter gives the interval: by default 10 for
+            subset simulation, 16 for importance sampling
+        starts: number of starts of the search for design points: the medians, and random pairs z,
+            -z. The same number follows again, up to four times, while only a single start leads to
+            a point
+        laws, correlation, seed, chunk, executor, dtype, by_name: as in `monte_carlo`; gradients are
+            computed in this process
 
     Raises:
-        ValueError: as `monte_carlo` does, for a y of several numbers, and where nothing leads to
-            the threshold: a y that is one value for a tenth of the samples, or more, on the way is
-            none for subset simulation, and a law whose values are steps (`Empirical`) for
-            importance sampling.
+        ValueError: as `monte_carlo`, for a y of several numbers, and where no sample or start leads
+            to the threshold. For a y with the same value in a tenth of the samples on the way
+            ("subset"), or a law with steps, `Empirical` ("importance").
 
     Examples:
         >>> event = tb.rare_event(deflection, laws, 2.0, 256, method="importance", by_name=True)

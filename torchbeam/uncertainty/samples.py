@@ -23,15 +23,15 @@ NOT_FINITE = "y is not finite"
 
 @dataclass(frozen=True)
 class Samples(Tables):
-    """theta (n, p), its columns by `names`; y (n, ...); status (n,): 0 = good. Statistics are of
-    the good ones, and say how many failed, and why.
+    """Samples of a Monte Carlo run: theta (n, p), with columns by `names`, y (n, ...), and status
+    (n,), 0 = good. Statistics use the good samples, and tell how many failed, and why.
 
     Args:
-        replicates: the samples are that many independent designs of equal size, one after the other
-        independent: whether samples are independent: of plain sampling. Those of a Sobol sequence
-            are not; in one replicate their intervals are those of independent ones: too wide, as a
-            rule
-        sentences: by status: why samples failed
+        replicates: number of independent designs of equal size, in which the samples stand one
+            after the other
+        independent: whether samples are independent (plain sampling). Samples of a Sobol sequence
+            are not. A single replicate of them has intervals as if they were, usually too wide
+        sentences: by status: the reason of failure
 
     Examples:
         >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
@@ -68,7 +68,7 @@ class Samples(Tables):
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Failed samples by reason, those of most first."""
+        """Failed samples by reason, the most frequent first."""
         return reasons_of(self.y, self.status, self.sentences)
 
     @property
@@ -77,8 +77,8 @@ class Samples(Tables):
 
     @property
     def deviation(self) -> Tensor:
-        """Standard deviation (...): of n independent samples over n - 1, of a Sobol sequence, whose
-        mean is that of the law but for little, over n.
+        """Standard deviation (...): over n - 1 for n independent samples; over n for a Sobol
+        sequence, whose mean hardly differs from the law's.
         """
         return self._deviation(self._numbers())
 
@@ -89,8 +89,9 @@ class Samples(Tables):
     def quantile(self, levels: Any, interval: float) -> Estimate: ...
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
-        """Quantiles, (...) of one level and (levels, ...) of several; with `interval`, a confidence
-        level, an `Estimate` of them: from replicates, or else between order statistics (binomial).
+        """Quantiles: (...) of a single level, (levels, ...) of several. With `interval`, a
+        confidence level, they are an `Estimate`: from replicates, or else between order statistics
+        (binomial).
         """
         wanted = probabilities(levels)
         several = wanted.reshape(-1)
@@ -130,8 +131,8 @@ class Samples(Tables):
         """Probability that y > x, for thresholds x that broadcast with one sample's y.
 
         Args:
-            failed_exceed: None: of the good samples; True or False: samples that failed are taken
-                to exceed, or not to
+            failed_exceed: None: good samples count; True or False: failed samples count as
+                exceeding, or not
         """
         x = finite("x", converted(x, self.y.dtype if self.y.is_floating_point() else torch.float64))
         broadcast("the thresholds and y of a sample", x.shape, self.y.shape[1:])
@@ -150,17 +151,16 @@ class Samples(Tables):
         )
 
     def bands(self, level: float = 0.9, interval: float = 0.95) -> Estimate:
-        """Bands of histories (3, ...): at each instant the quantile below which (1 - level)/2 lie,
-        the median, and that above which as many lie; each with its interval, which holds instant by
-        instant.
+        """Bands of histories (3, ...): at each instant the (1 - level)/2 quantile, the median and
+        the (1 + level)/2 quantile. Each has an interval, which holds instant by instant.
         """
         level = level_of("level", level)
         return self.quantile(((1 - level) / 2, 0.5, (1 + level) / 2), interval)
 
     def convergence(self, reference: Value | None = None) -> tuple[Tensor, Tensor]:
-        """Numbers of samples (K,), doubling, and the error (K, ...) of the mean of so many: the RMS
-        over replicates, or over 16 parts of independent samples, of the distance from the
-        `reference`, or from the mean of all. Good samples count.
+        """Numbers of samples (K,), doubling, and the error (K, ...) of their means: the RMS
+        distance from the `reference`, or from the mean of all samples. The RMS is over replicates,
+        or over 16 parts of independent samples. Good samples count.
         """
         groups = self._groups()
         if len(groups) == 1 and not self.independent:

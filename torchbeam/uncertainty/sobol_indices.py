@@ -25,15 +25,18 @@ from .samples import reasons_of
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Shares of the variance of y (...) by law, p of them by `names`.
+    """Shares of p laws in the variance of y (...).
 
-    first     (p, ...) S_i = Var(E(y | x_i))/Var(y): what knowing parameter i would take away
-    total     (p, ...) T_i = E(Var(y | all but x_i))/Var(y): what would be left if all others were
-              known
-    low, high (2, p, ...) intervals of first, low[0] to high[0], and of total, low[1] to high[1]
-    level     of the intervals;  variance (...) of y
-    evaluations of the function; failed: groups of them left out, because one failed, by reason in
-    `reasons`
+    Attributes:
+        first: (p, ...) S_i = Var(E(y | x_i))/Var(y): the share that disappears if x_i is known
+        total: (p, ...) T_i = E(Var(y | all but x_i))/Var(y): the share that remains if all others
+            are known
+        low, high: (2, p, ...) intervals of first, low[0] to high[0], and of total, low[1] to
+            high[1]
+        level: of the intervals
+        variance: (...) of y
+        evaluations: number of evaluations of the function
+        failed: number of groups left out because an evaluation failed, by reason in `reasons`
 
     Examples:
         >>> indices = tb.sobol_indices(deflection, laws, 256, by_name=True)
@@ -90,23 +93,25 @@ def sobol_indices(
     """First and total Sobol indices of a function of independent random parameters.
 
     Args:
-        n: points of each of the two samples A and B, shared out to the replicates: a multiple of
-            them, best by a power of two. The function is evaluated n (p + 2) times, p laws that are
-            random; a `RandomField` is one of them
-        replicates: independent Sobol sequences, from whose scatter the intervals come (Student's,
-            of jackknife values)
+        n: number of points of each of the two samples A and B, which the replicates share: best a
+            power of two times their number. The function is evaluated n (p + 2) times for p random
+            laws; a `RandomField` is a single law
+        replicates: number of independent Sobol sequences, whose scatter gives the intervals
+            (Student's, of jackknife values)
         function, laws, seed, chunk, executor, out, dtype, version, by_name, progress: as
             `monte_carlo` has them
 
-    With y_A, y_B and y_i of A, of B, and of A with parameter i exchanged for B's, and V the
-    variance of y_A and y_B together:
+    y_A and y_B are the values at A and B, with the variance V together. y_i are the values at A
+    with parameter i from B. Then
         first = mean((y_B - mean)(y_i - y_A))/V        (Saltelli et al. 2010)
         total = mean((y_A - y_i)^2)/(2 V)              (Jansen 1999)
 
-    A group of p + 2 in which one failed is left out. Indices of a y that does not vary are NaN;
-    intervals are infinite where one replicate alone has good groups. Raises ValueError as
-    `monte_carlo` does, for a `correlation`, with which indices do not share out the variance, and
-    where all groups failed.
+    A group of p + 2 evaluations with a failure is left out. Indices of a constant y are NaN.
+    Intervals are infinite if only a single replicate has good groups.
+
+    Raises:
+        ValueError: as `monte_carlo`, and where all groups failed. For a `correlation`: indices do
+            not divide the variance of correlated parameters.
 
     Examples:
         >>> indices = tb.sobol_indices(deflection, laws, 256, by_name=True)

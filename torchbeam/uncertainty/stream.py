@@ -55,15 +55,15 @@ def summarised(sentences: Mapping[int, str], chunk: tuple[Tensor, Tensor, Tensor
 
 @dataclass
 class Stream(Summary):
-    """What is kept of a stream of samples: moments and a sketch of each number of y, by replicate;
+    """Summary of a stream of samples: moments and a sketch of each number of y, by replicate, and
     failed samples by reason.
 
     Attributes:
         names: of theta's columns
-        shape: of one y
-        moments: of each replicate, None of one without good samples
-        sketches: of each replicate, one for each number of y
-        samples: how many were seen
+        shape: of y of a sample
+        moments: of each replicate; None without good samples
+        sketches: of each replicate, a sketch for each number of y
+        samples: number of samples
 
     Examples:
         >>> stream = tb.monte_carlo_stream(deflection, laws, 1024, by_name=True)
@@ -132,12 +132,12 @@ class Stream(Summary):
 
     @property
     def error(self) -> float:
-        """Largest relative error of a value that a sketch gives."""
+        """Largest relative error of a value from a sketch."""
         return max(sketch.error for sketch in self._pooled())
 
     def mean_interval(self, level: float = 0.95) -> Estimate:
-        """Mean (...), with Student's interval: of the means of replicates, or of the samples. (Of a
-        y of yes and no take the exceedance of 0.5, whose interval is that of a probability.)
+        """Mean (...), with Student's interval: of the means of replicates, or of the samples. (For
+        a y of 0 and 1 use the exceedance of 0.5, with the interval of a probability.)
         """
         known, whole, level = self._known(), self.all, level_of("level", level)
         if self._groups > 1:
@@ -158,8 +158,8 @@ class Stream(Summary):
     def quantile(self, levels: Any, interval: float) -> Estimate: ...
 
     def quantile(self, levels: Any, interval: float | None = None) -> Tensor | Estimate:
-        """Quantiles, (...) of one level and (levels, ...) of several, to the relative `error`; with
-        `interval` an `Estimate` of them, its interval wider by that error.
+        """Quantiles to the relative `error`: (...) of a single level, (levels, ...) of several.
+        With `interval` they are an `Estimate`, its interval wider by that error.
         """
         wanted = probabilities(levels)
         several, pooled, n = wanted.reshape(-1), self._pooled(), self._good
@@ -189,9 +189,8 @@ class Stream(Summary):
         return self._estimate(*(self._shaped(x, wanted) for x in (centre, low, high)), level, few)
 
     def exceedance(self, x: Value, interval: float = 0.95) -> Estimate:
-        """Probability that y > x, for thresholds x that broadcast with one y. Samples of a bin that
-        x lies inside of, between its least and its largest one, are taken half: the interval is
-        wider by them.
+        """Probability that y > x, for thresholds x that broadcast with y of a sample. If x lies
+        inside a bin, half of the bin's samples count, and the interval is wider by them.
         """
         level, n, pooled = level_of("interval", interval), self._good, self._pooled()
         groups = self._groups
@@ -215,8 +214,9 @@ class Stream(Summary):
         return self._estimate(*(part.reshape(shape) for part in parts), level, torch.tensor(fews))
 
     def histogram(self, edges: Value) -> Tensor:
-        """Shares (..., bins) of the good samples between edges (bins + 1,): those at an edge lie
-        below it, but for the least of all; a sketch's bins that an edge cuts go half to each side.
+        """Shares (..., bins) of the good samples between edges (bins + 1,). A sample at an edge
+        lies below it, except at the least edge. An edge inside a bin of the sketch divides the bin
+        in halves.
         """
         edges = finite("edges", converted(edges, torch.float64))
         if edges.ndim != 1 or len(edges) < 2 or not (edges.diff() > 0).all():

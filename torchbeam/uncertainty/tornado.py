@@ -18,14 +18,15 @@ from .laws import Law
 
 @dataclass(frozen=True)
 class Tornado:
-    """y (...) with one parameter at its low or high quantile and the others at their medians; laws
-    by `names`, those of the largest swing (of the largest number of y) first.
+    """Values y (...) with a parameter at its low or high quantile and the others at their medians.
+    `names` has the laws, the largest swing (of the largest number of y) first.
 
     Attributes:
-        base: (...) all at their medians
+        base: (...) with all parameters at their medians
         low, high: (p, ...) the parameter at its low and its high quantile
-        at: (p, 2) where it was (NaN for a field) swing: (p, ...) |high - low|
-        status: (2 p + 1,) of the base, of low and high by turns, as they were computed
+        at: (p, 2) the two quantiles (NaN for a field)
+        swing: (p, ...) |high - low|
+        status: (2 p + 1,) of the base, then of low and high in turns, in the order of evaluation
 
     Examples:
         >>> table = tb.tornado(deflection, laws, by_name=True)
@@ -69,14 +70,17 @@ def tornado(
     by_name: bool = False,
 ) -> Tornado:
     """Effect of each parameter by itself, from its (1 - level)/2 to its (1 + level)/2 quantile, in
-    one batch of 2 p + 1.
+    a batch of 2 p + 1 samples.
 
     Args:
-        function, laws, dtype, by_name: as `monte_carlo` has them. A `RandomField` moves as a whole:
-            all of its first term
+        function, laws, dtype, by_name: as in `monte_carlo`. A `RandomField` moves as a whole, by
+            its first term
 
-    A screening, not a share of the variance: interactions do not show. Failed samples are NaN.
-    Raises ValueError as `monte_carlo` does.
+    It is a screening, not a share of the variance: interactions do not show. Failed samples are
+    NaN.
+
+    Raises:
+        ValueError: as `monte_carlo`.
 
     Examples:
         >>> print(tb.tornado(deflection, laws, by_name=True))

@@ -40,6 +40,7 @@ SCENES = {
     "without rotary inertia": scene(inertia=0.0),
     "without rotary inertia, damped": scene(tb.Damping(0.01), inertia=0.0),
     "internal states": scene(tb.Load(drag, node=-1, internal=3, rate=lag, of=("velocity",))),
+    "relaxing": scene(tb.Viscoelastic((0.3, 0.2), (0.01, 0.5)), N=2),
     "a batch of beams": scene(EI=torch.tensor([1.0, 2.0])),
 }
 

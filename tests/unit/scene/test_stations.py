@@ -79,8 +79,9 @@ def test_a_constant_table_is_the_section():
 @pytest.mark.parametrize("given", ["function", "stations"])
 def test_tapered_cantilever(given):
     """EI = EI0 (1 - a s/L), a width that tapers; tip force P, linear: w = P L^3/EI0 int
-    (1 - x)^2/(1 - a x) dx, whose closed form is here (by division). Second order in the elements:
-    the error of 8 is a quarter of that of 4, within 5 %.
+    (1 - x)^2/(1 - a x) dx, whose closed form is here (by division). Elements that do not shear show
+    the flexibility of a linear moment: exact but for the quadrature, 2e-7 of two elements, and the
+    geometry.
     """
     a, EI0, P = 0.5, 2.0, 1e-4  # P L^2/EI = 5e-5: geometry takes 1e-9
 
@@ -96,13 +97,9 @@ def test_tapered_cantilever(given):
         if given == "function"
         else tb.Stations((0.0, 1.0), section(torch.tensor([0.0, 1.0])))
     )
-    errors = [
-        moved(tb.Beam.straight(1.0, N, along), (0, 0, P))[2].item() / exact - 1 for N in (4, 8, 16)
-    ]
-    assert abs(errors[-1]) < 1e-3
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05) and errors[1] / errors[
-        2
-    ] == pytest.approx(4, rel=0.05)
+    for N in (2, 4, 8):
+        w = moved(tb.Beam.straight(1.0, N, along), (0, 0, P))[2].item()
+        assert abs(w / exact - 1) < 1e-6
 
 
 def wedge(end, like=1.0):
@@ -112,12 +109,10 @@ def wedge(end, like=1.0):
 
 @pytest.mark.parametrize("end", [1e-6, 0.1])
 def test_a_sharp_taper_is_told(end):
-    """To a point eight plain elements bend 7 times as far by their weight (closed form: curvature
-    g rho b h L^2/(6 EI) throughout), the mean compliance of the last of them being that of its end;
-    to a tenth 8 %.
-    """
-    with pytest.warns(RuntimeWarning, match="within element 7 of 0 to 7 was given"):
-        tb.Beam.straight(1.0, 8, wedge(end))
+    """To a point, or with two elements to a tenth."""
+    last = 7 if end < 0.1 else 1
+    with pytest.warns(RuntimeWarning, match=f"within element {last} of 0 to {last} was given"):
+        tb.Beam.straight(1.0, last + 1, wedge(end))
     places = torch.linspace(0, 1, 3)
     with pytest.warns(RuntimeWarning, match="within element 1 of 0 to 1 was given"):
         tb.Beam.straight(1.0, 2, tb.Stations(places, wedge(0.1)(places)))
@@ -137,14 +132,14 @@ def test_a_section_next_to_nothing_is_as_it_was_given():
     torch.testing.assert_close(
         ends.compliance, torch.stack((thick.compliance, thin.compliance)), rtol=1e-12, atol=0
     )
-    with pytest.warns(RuntimeWarning, match="e[+]17-fold within element 7"):
-        tb.Beam.straight(1.0, 8, taper)
+    last = tb.Beam.straight(1.0, 8, taper).compliance[-1]
+    assert torch.linalg.eigvalsh(last).min() > 0
 
 
 def test_what_tapers_little_within_an_element_is_not_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        tb.Beam.straight(1.0, 8, wedge(0.2))
+        tb.Beam.straight(1.0, 8, wedge(0.1))
         tb.Beam.straight(1.0, 8, wedge(1.0))
         tb.Beam.straight(1.0, 16, wedge(0.2), order=2)
         tb.Beam.straight(1.0, 2, [wedge(0.1)(torch.tensor(s)) for s in (0.1, 0.9)])
@@ -524,14 +519,17 @@ def test_the_corners_of_a_table_are_integrated():
 
 
 def test_a_table_with_corners_converges_evenly():
-    """The first frequency, with elements that are longer than the stations are apart: second order
-    from the first mesh on.
+    """The first frequency, with elements that are longer than the stations are apart, against that
+    of 64 linked ones: second order from the first mesh on, 0.53, 0.16, 0.034 and 0.009 %. With
+    means alone 2.2, 0.49, 0.12 and 0.015 %.
     """
-    frequency = [
-        tb.modes(tb.Scene(tb.Beam.straight(1.0, N, corners()[0]), plane="xz"), count=1)
-        .frequency[0]
-        .item()
-        for N in (4, 8, 16, 32)
-    ]
-    errors = torch.tensor(frequency).diff().abs()
-    assert (errors[:-1] / errors[1:]).min() > 3.3 and (errors[:-1] / errors[1:]).max() < 5.0
+
+    def frequency(N, linked=False):
+        beam = tb.Beam.straight(1.0, N, corners()[0])
+        scene = tb.Scene(beam.linked() if linked else beam, plane="xz")
+        return tb.modes(scene, count=1).frequency[0].item()
+
+    known = frequency(64, linked=True)
+    errors = torch.tensor([abs(frequency(N) / known - 1) for N in (4, 8, 16, 32)])
+    ratios = errors[:-1] / errors[1:]
+    assert errors[0] < 5.5e-3 and ratios.min() > 3.1 and ratios.max() < 5.0

@@ -106,37 +106,38 @@ def converge(
     engine: str = "auto",
     progress: bool | Report = False,
 ) -> Convergence:
-    """The cheapest element, mesh, method and step by which a quantity is known to `rtol`.
+    """Find the cheapest element, mesh, method and step that give a quantity to `rtol`.
 
     Args:
-        scene: on any mesh that `remesh` can make anew; or a function (elements, order) -> scene,
-            for structures and whatever else it cannot
+        scene: on any mesh that `remesh` can replace; otherwise (structures) a function (elements,
+            order) -> scene
         t: (time,) s of the motion; None = `solve(scene)` takes the place of `simulate`
-        read: a sensor, or a function of the solution, or of the solution and its scene, that gives
-            a tensor: (time, ..., *), a history, or (..., *), numbers, with the batch's axes at
-            `...`; as many numbers as instants are a history if with one instant more there are
-            more of them. Its node is a place: another mesh has it at the same arc length
-        rtol: relative error: RMS over instants and numbers, over the RMS by which the quantity
-            moves from its first instant (of numbers over their RMS)
-        size: in place of that RMS, in the quantity's units: a number, or (...)
-        solve: of a scene without t: `tb.equilibrium` (None), `lambda scene: tb.modes(scene,
-            count=3)`, anything that depends on the mesh alone
+        read: a sensor, or a function of the solution, or of the solution and its scene. It returns
+            a history (time, ..., *) or numbers (..., *), with the batch's axes at `...`. An axis as
+            long as t is time if it grows with t. A node means its arc length, also on other meshes
+        rtol: relative error: RMS over instants and numbers, divided by the RMS change of the
+            quantity from its first instant (for numbers, by their RMS)
+        size: divisor in place of that RMS, in the quantity's units: a number, or (...)
+        solve: function of the scene, without t: None = `tb.equilibrium`; `lambda scene:
+            tb.modes(scene, count=3)`; anything that depends on the mesh alone
         initial, inputs, engine: as in `simulate`; initial may be a function of the scene
         progress: called with the number of runs so far and the next one's setting; True: a line
             each
 
-    A setting is run, and by twice its elements, and by half its step: what these change, each
-    apart, is its error, so that none is accepted where mesh and step cancel. Errors fall by powers
-    whose orders are observed; the cheapest setting by measured CPU time that should do is next.
-    Runs serve again: what a mesh is off by may be told by other steps, what a step is off by on
-    another mesh, where the error of these is below 5 %. Equally cheap settings may take turns from
-    call to call, as times do.
+    Each setting runs three times: as it is, with twice the elements, and with half the step. The
+    two changes are its errors, which cannot cancel each other. Errors fall with observed orders;
+    the next setting is the cheapest, by measured CPU time, that should suffice. Runs are shared:
+    the mesh error may come from other steps, and the step error from another mesh, if that error is
+    below 5 %. Equally cheap settings may alternate from call to call, because CPU times scatter.
 
-    Returns `Convergence`: where the error is not reached it is the best that was tried, with
-    `converged` False and sentences on what would be needed.
+    Returns:
+        `Convergence`. If no setting reaches the error, it is the best one that was tried, with
+        `converged` False and sentences that name the settings needed.
 
-    Raises ValueError for what `remesh` refuses, unknown names, or a reading whose shape depends on
-    the mesh; RuntimeError where no setting's run succeeds.
+    Raises:
+        ValueError: for a scene that `remesh` refuses, unknown names, or a reading whose shape
+            depends on the mesh.
+        RuntimeError: where no setting's run succeeds.
 
     Examples:
         >>> best = tb.converge(

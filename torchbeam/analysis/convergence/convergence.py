@@ -36,17 +36,20 @@ COLUMNS = "element", "elements", "method", "step", *[f.name for f in fields(Trie
 
 @dataclass(frozen=True)
 class Convergence:
-    """Result of `converge`. Printed, it is a table of what was tried, and what is to be known.
+    """Result of `converge`. Printed, it is a table of the settings that were tried, with notes.
 
     Attributes:
-        solution: at the settings, without gradient: a `Solution`, or what `solve` gives
-        settings: `Setting`: element, elements, method, step code: the same to be pasted
-        scene: the scene on the mesh of the settings, differentiable options: those of `simulate`,
-            so that `tb.simulate(best.scene, t, **best.options)` is the run error: estimated,
-            relative: the sum of mesh_error and step_error
-        rtol: what was wanted converged: whether the error is no more
-        notes: sentences on what was observed: orders that were not reached, what was refused, what
-            would be needed
+        solution: solution with these settings, without gradient: a `Solution`, or the result of
+            `solve`
+        settings: a `Setting`: element, elements, method, step
+        code: the settings as Python code
+        scene: the scene on the mesh of the settings, differentiable
+        options: keywords of `simulate`: `tb.simulate(best.scene, t, **best.options)` is the run
+        error: estimated, relative: the sum of mesh_error and step_error
+        rtol: the wanted error
+        converged: whether the error is at most rtol
+        notes: sentences: orders that were not reached, settings that were refused, settings that
+            are needed
         table: the settings that were tried, in the order in which they were run
         seconds: CPU time of the search, compiling included
 

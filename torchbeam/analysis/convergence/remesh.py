@@ -33,17 +33,17 @@ def remesh(
     """A scene of the same physics on a mesh of `elements` elements. Differentiable.
 
     Args:
-        order, linked: of the elements, see `Beam.straight` and `Beam.linked`; None = as they are
+        order, linked: of the elements, see `Beam.straight` and `Beam.linked`; None = unchanged
 
-    The beam is made again as it was made: functions of s are evaluated anew, tables are integrated
-    anew. Of a chain through given nodes, and of a beam that was copied since, elements are divided.
-    Loads, supports, masses, eyelets at nodes stay at their arc lengths, which have to be those of
-    ends of the new elements. Values of single elements (`PerElement`, `Actuation.elements`, a
-    `Load`'s values) are those of the element that a part lies in.
+    The beam is built again by its own constructor: functions of s are evaluated anew, tables are
+    integrated anew. The elements of a beam through nodes, or of a modified copy, are divided.
+    Loads, supports, masses and eyelets at nodes keep their arc lengths, where the new mesh needs
+    nodes. Values of single elements (`PerElement`, `Actuation.elements`, a `Load`'s values) pass to
+    the parts of these elements.
 
     Raises:
-        ValueError: where the new mesh has no node at a place, elements that have values of their
-            own are not divided evenly, or the scene is a structure.
+        ValueError: for a new mesh without a node at such an arc length, an uneven division of
+            elements with their own values, or a structure.
 
     Examples:
         >>> finer = tb.remesh(scene, 16, order=2)

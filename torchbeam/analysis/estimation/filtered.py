@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,9 +12,11 @@ from torch import Tensor
 from ...core.arguments import choice, instance, level_of
 from ...core.status import STATUS, SUCCESS
 from ...core.summary import kind, lines
+from ...core.validation import refusal
 from ...math.square_root import Conditioned
 from ...sensors.sensor import Sensor
 from ...state.state import State
+from .interval import Moved
 
 MEMORY = 50  # intervals over which the readings' errors are judged
 DOUBT = 5.0  # deviations of their sum of squares, from which on the model is doubted
@@ -26,13 +28,13 @@ class Filtered:
 
     Attributes:
         state: of the structure
-        x: (..., size) z, then what is estimated beside it (`unknowns.names`; parameters by their
-            coordinates), then readings on their way
+        x: (..., size) z, then the other unknowns (`unknowns.names`; parameters by their
+            coordinates), then delayed readings
         factor: (..., size, size): factor^T factor is the covariance of x
-        nis: (...) normalised innovation squared: the squares of the last readings' errors in units
-            of what was to be expected, whose mean is `readings` where the model is right
-        readings: (...) how many were read
-        log_likelihood: (...) of all readings: what models and delays are compared by
+        nis: (...) normalised innovation squared: the squares of the last readings' errors, in units
+            of their expected deviations. The mean is `readings` if the model is right
+        readings: (...) number of readings
+        log_likelihood: (...) of all readings: compares models and delays
 
     Examples:
         >>> pushed = tb.Scene(beam, [tb.TipLoad(force=tb.Input("push", 3)), tb.Damping(0.01)])
@@ -56,6 +58,13 @@ class Filtered:
     about: Tensor | None = None  # (..., p): parameters' coordinates at which the structure stands
     window: Any = None  # of a `MovingHorizon`
 
+    def of(self, size: int) -> Filtered:
+        """Itself. Raises ValueError for another size than a filter has."""
+        if self.x.shape[-1] != size:
+            numbers = self.x.shape[-1]
+            raise refusal(f"an estimate of {numbers} numbers", f"one of the {size} of this filter")
+        return self
+
     def __repr__(self) -> str:
         names = ", ".join(self.filter.unknowns.names) or "none"
         said = filter(None, [self.doubt])
@@ -76,9 +85,8 @@ class Filtered:
         return dict(zip(own.names, theta.unbind(-1), strict=True))
 
     def interval(self, name: str, level: float = 0.95) -> Tensor:
-        """(..., 2): between which what is called so lies with this probability, by its coordinate.
-
-        Raises ValueError for no such name, and a level that is not between 0 and 1.
+        """(..., 2) ends of the interval that holds the unknown of this name with probability
+        `level`, by its coordinate.
         """
         own = self.filter.unknowns
         i = own.names.index(choice("name", name, own.names))
@@ -88,8 +96,8 @@ class Filtered:
         return own.theta(ends)[..., i] if i < own.of_model else ends[..., i]
 
     def reading(self, sensor: Sensor) -> tuple[Tensor, Tensor]:
-        """What a sensor reads of the state, (..., r), and its deviation; of sensors of places,
-        turns, speeds and strains.
+        """Reading (..., r) of a sensor, and its deviation. The sensor may read places, turns,
+        speeds and strains.
         """
         instance("sensor", sensor, Sensor)
         y, by_z = self.filter.interval.slope_of(sensor.flat, self.state)
@@ -98,12 +106,12 @@ class Filtered:
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Names of what the readings have said nothing of, in any sample."""
+        """Names of unknowns that the readings do not determine, in any sample."""
         return self.filter.unknowns.unseen(self._own(self.factor.norm(dim=-2)))
 
     @property
     def doubt(self) -> str | None:
-        """One sentence on why not to believe it, or None."""
+        """A sentence with a reason to doubt the estimate, or None."""
         failed = self.state.status != SUCCESS
         if failed.any():
             code = int(self.state.status[failed].flatten()[0])
@@ -135,3 +143,20 @@ class Filtered:
         """Of x (..., size) what stands beside z."""
         n = self.filter.moves
         return x[..., n : n + len(self.filter.unknowns.names)]
+
+
+class Predicted(NamedTuple):
+    """What is expected of an interval's end, before it is read: what was known at its begin, under
+    which inputs (..., inputs) it goes on; about, after, readings, x, columns  as `_moved` has them;
+    more (..., n)  what z is beyond that state;  rows  further sources of readings and x.
+    """
+
+    before: Filtered
+    inputs: Tensor
+    about: Tensor | None = None
+    after: Moved | None = None
+    readings: Tensor | None = None
+    x: Tensor | None = None
+    columns: Tensor | None = None
+    more: Tensor | None = None
+    rows: Tensor | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
 from ...core.arguments import boolean, count, function, instance, number, step_size
-from ...core.validation import as_tensor, axis_last, positive
+from ...core.validation import as_tensor, axis_last, positive, refusal
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
 from ...linear.chart import Place
@@ -22,7 +22,7 @@ from ...math.shapes import broadcast_shapes, stacked
 from ...math.square_root import Conditioned, Later, conditioned, root_of
 from ...scene.scene import Scene
 from ...state.state import State
-from .filtered import Filtered
+from .filtered import Filtered, Predicted
 from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .modal_start import modal_root
@@ -32,60 +32,41 @@ from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
 
-class Predicted(NamedTuple):
-    """What is expected of an interval's end, before it is read: what was known at its begin, under
-    which inputs (..., inputs) it goes on; about, after, readings, x, columns  as `_moved` has them;
-    more (..., n)  what z is beyond that state;  rows  further sources of readings and x.
-    """
-
-    before: Filtered
-    inputs: Tensor
-    about: Tensor | None = None
-    after: Moved | None = None
-    readings: Tensor | None = None
-    x: Tensor | None = None
-    columns: Tensor | None = None
-    more: Tensor | None = None
-    rows: Tensor | None = None
-
-
 class KalmanFilter:
-    """Extended Kalman filter in square-root form: the motion z of a structure, with parameters,
-    offsets of readings and forces as further unknowns; each sample of a batch has its own.
+    """Extended Kalman filter in square-root form for the motion z of a structure. Parameters,
+    offsets of readings and forces are further unknowns. Each sample of a batch has its own filter.
 
     Args:
-        scene: a `Scene`; or parameters (name -> (..., *shape)) -> Scene, of the same mesh and
-            reference shape whatever they are
-        sensors: one or several; or (scene, inputs) -> these, where they hold what is of the scene:
-            with the inputs of the interval at whose end they are read
-        rate: which readings are the mean rate of their sensor's over the interval (one bool, or one
-            a sensor): of `NodeVelocity` an accelerometer's, without weight
+        scene: a `Scene`; or a function of parameters (name -> (..., *shape)) that returns a Scene,
+            always of the same mesh and reference shape
+        sensors: a sensor or several. Or a function (scene, inputs) -> sensors, if they depend on
+            the scene; the inputs are those of the interval that ends with the reading
+        rate: whether readings are the mean rate of the sensor's value over the interval: a bool, or
+            a bool for each sensor. The rate of `NodeVelocity` is an accelerometer's, less gravity
         dt: s, the interval between readings
-        noise: deviation of the readings, one or (m,); white
-        process: name of an input of the scene -> deviation of an unknown force (one number, or as
-            many as the input has) on top of what is given: another one in each interval; or a pair
-            (deviation, time): a force that changes within so many s (of Ornstein and Uhlenbeck),
-            and is estimated; one of math.inf s is a constant
+        noise: deviation of the readings, a number or (m,); white noise
+        process: name of an input of the scene -> deviation of an unknown force that adds to it, of
+            the input's size or a number. The force is independent in each interval. A pair
+            (deviation, time) is an estimated force that changes within that time in s
+            (Ornstein-Uhlenbeck process); with math.inf s it is constant
         parameters: name -> (mean, deviation), or a `Parameter` with a prior
-        walk: name of a parameter -> deviation by which its coordinate changes in a second
-        shaking: m, deviation of the slowest mode's amplitude that forces of another kind bring
-            about within a second: white, and of the same energy in each mode of z
-        bias: deviation of a constant offset of the readings, one or (m,); 0 = none
-        delay: intervals by which readings come late
-        drive: (parameters, u (..., k)) -> name -> (..., size): the inputs that act where `u` is
-            given, by actuators that are unknown, too; None = those of `u` itself
+        walk: name of a parameter -> deviation of its coordinate's change in a second
+        shaking: m, deviation of the slowest mode's amplitude by other forces within a second. They
+            are white, with the same energy in each mode of z
+        bias: deviation of a constant offset of the readings, a number or (m,); 0 = none
+        delay: number of intervals by which readings are late
+        drive: (parameters, u (..., k)) -> name -> (..., size): inputs that act for commands `u`,
+            with unknown actuators; None = `u` itself
         steps: of the structure in an interval
-        model: whose coordinates are z; a reduced one: amplitudes of modes, the rest follows. None =
-            that of `linearize`, about the equilibrium of the mean parameters without inputs
-        method: as in `Stepper`, but for one that remembers more than z
-        second_order: whether products of deviations of z and of the parameters count in mean and
-            covariance of what is expected; their derivatives are those about `model`'s own state
+        model: linear model with the coordinates z. A reduced model has amplitudes of modes; the
+            rest follows. None = `linearize` about equilibrium, by mean parameters, without inputs
+        method: as in `Stepper`, except methods with a memory beyond z
+        second_order: whether the predicted mean and covariance include products of the deviations
+            of z and of the parameters. The derivatives are taken at `model`'s own state
 
-    Derivatives of the motion and of the readings are exact, by one interval of as many samples as z
-    and the readings have numbers. Readings may depend on the force in their interval; one that is
-    missing is NaN.
-
-    Raises ValueError for what is no such thing, or does not fit.
+    Derivatives of the motion and of the readings are exact: an interval is stepped with as many
+    samples as z and the readings have numbers. Readings may depend on the force in their interval.
+    A missing reading is NaN. Raises ValueError for arguments that do not fit.
 
     Examples:
         >>> wind = tb.LineLoad(force=tb.Input("wind", 3))
@@ -172,16 +153,16 @@ class KalmanFilter:
         modes: int = 4,
         covariance: Any = None,
     ) -> Filtered:
-        """What is known before the first reading.
+        """Estimate before the first reading.
 
         Args:
             batch: samples
-            state: of the structure; None = the one that z is about
-            amplitude: m, deviation of the slowest mode by the node that it moves most; with it
-                up to `modes` of them swing with the same mean energy
-            covariance: (..., n, n) of z, in its place
+            state: of the structure; None = the state at z = 0
+            amplitude: m, deviation of the slowest mode, at the node that it moves most. Up to
+                `modes` modes have the same mean energy
+            covariance: (..., n, n) of z, in place of `amplitude`
 
-        Raises ValueError for a covariance that is none, and for both.
+        Raises ValueError for an invalid covariance, and for both `amplitude` and `covariance`.
         """
         state = self.interval.model.state if state is None else instance("state", state, State)
         batch = (batch,) if isinstance(batch, int) else batch
@@ -223,7 +204,7 @@ class KalmanFilter:
 
         It is most of the work of a call, and can be done during the interval. u: as in a call.
         """
-        instance("before", before, Filtered)
+        before = instance("before", before, Filtered).of(self.size)
         inputs, about = self.interval.side_by_side(u), self._about(before)
         after, expected, x, columns = self._moved(before.state, before.x, inputs, about)
         more, rows = after.more[..., : self.moves], None
@@ -238,6 +219,9 @@ class KalmanFilter:
         before, _, about, after, expected, x, columns, more, rows = instance(
             "predicted", predicted, Predicted
         )
+        before.of(self.size)
+        if after is None:
+            raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
         error = self._readings(y, expected) - expected
         by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
         read = (~torch.isnan(error)).sum(-1).to(error)
@@ -255,7 +239,9 @@ class KalmanFilter:
         return self._changed(now.judged(), learnt.change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
-        """What is known after each of the readings (K, ..., m); u: (K, ..., inputs), or by name."""
+        """Estimates after each of the readings (K, ..., m). Commands u are (K, ..., inputs), or by
+        name.
+        """
         y = as_tensor(readings, self.like.dtype, self.like.device)
         found = [start]
         y = axis_last("readings", y, self.read)
@@ -267,8 +253,8 @@ class KalmanFilter:
         return found[1:]
 
     def smooth(self, start: Filtered, found: Sequence[Filtered]) -> list[Filtered]:
-        """What all readings together say of the start, and of each instant of a `run` from it
-        (Bryson and Frazier 1963): one more than `found`.
+        """Estimates from all readings: of the start, then of each instant of a `run` from it
+        (Bryson and Frazier 1963). There is one more than in `found`.
         """
         smooth, m = [found[-1]], self.read
         x = found[-1].x

@@ -18,8 +18,8 @@ from ...math.square_root import triangle
 from ...scene.scene import Scene
 from ...state.state import State
 from ..identification.losses import HUBER, STUDENT
-from .filtered import Filtered
-from .kalman_filter import KalmanFilter, Predicted
+from .filtered import Filtered, Predicted
+from .kalman_filter import KalmanFilter
 from .unknowns import by_name
 
 LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by readings' deviations
@@ -100,26 +100,26 @@ class End(NamedTuple):
 
 
 class MovingHorizon(KalmanFilter):
-    """Estimates by a window of the last readings: a Gauss-Newton step on the motion, the unknowns
-    and all forces in it, about the motion that was estimated before (Rao, Rawlings and Mayne 2003;
-    Diehl, Bock and Schloeder 2005). What was read before is its arrival cost: an extended Kalman
-    filter, whose derivatives are those about what the whole window says. It takes and gives what
-    `KalmanFilter` does; of a linear structure both say the same.
+    """Moving-horizon estimation from a window of the last readings (Rao, Rawlings and Mayne 2003;
+    Diehl, Bock and Schloeder 2005). Gauss-Newton steps update the motion, the unknowns and all
+    forces in the window, from the previous estimate. Earlier readings form the arrival cost: an
+    extended Kalman filter, with derivatives at the estimate of the whole window. Arguments and
+    results are those of `KalmanFilter`. For a linear structure both give the same estimates.
 
     Args:
-        scene, sensors: as `filter`, all that `KalmanFilter` takes; but for `second_order`, which is
-            of the filter alone
-        window: intervals
-        iterations: Gauss-Newton steps a reading
-        loss: "huber" or "student": of readings that miss by much, in place of squares
+        scene, sensors: and `filter`: arguments of `KalmanFilter`, except `second_order`
+        window: number of intervals
+        iterations: number of Gauss-Newton steps for each reading
+        loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
         bounds: name of an offset, or of a force of math.inf s -> (least, largest). Those of a
             parameter are its own, `tb.Parameter(bounds=)`. They hold for the estimate; its
-            deviation is that without them
+            deviation ignores them
 
-    All intervals of a window are simulated side by side (multiple shooting), so that they take
-    about as long as one of a small batch.
+    All intervals of a window are simulated side by side (multiple shooting), in about the time of
+    one interval of a small batch.
 
-    Raises ValueError as `KalmanFilter` does, and for bounds of what is not constant.
+    Raises:
+        ValueError: as `KalmanFilter`, and for bounds of an unknown that is not constant.
 
     Examples:
         >>> f = tb.MovingHorizon(
@@ -176,11 +176,13 @@ class MovingHorizon(KalmanFilter):
 
     def predict(self, before: Filtered, u: Any = None) -> Predicted:
         """For `update`; the window is solved there."""
-        return Predicted(instance("before", before, Filtered), self.interval.side_by_side(u))
+        before = instance("before", before, Filtered).of(self.size)
+        return Predicted(before, self.interval.side_by_side(u))
 
     def update(self, predicted: Predicted, y: Any = None) -> Filtered:
         """What is known an interval later; see `KalmanFilter`."""
         before, inputs, *_ = instance("predicted", predicted, Predicted)
+        before.of(self.size)
         x = before.x
         y = self._readings(y, x)
         lead = broadcast_shapes(x.shape[:-1], y.shape[:-1], inputs.shape[:-1])
@@ -215,8 +217,8 @@ class MovingHorizon(KalmanFilter):
         return now.judged()
 
     def smooth(self, start: Filtered, found: Sequence[Filtered]) -> list[Filtered]:
-        """What is known of the start, and of each instant of a `run` from it, by the readings up to
-        a window later (or to the last): one more than `found`.
+        """Estimates of the start, then of each instant of a `run` from it, by the readings up to a
+        window later (or to the last). There is one more than in `found`.
         """
         last, known = found[-1].window, [start, *found]
         begins = self._begins(last)

@@ -31,15 +31,15 @@ class Comparison:
     """Result of `tb.compare`, the best model first.
 
     Args:
-        names: of the models;  parameters (models,): how many each has
+        names: of the models;  parameters (models,): their number
         by: "prediction" or "evidence"
-        value: (models,) logarithm of the density of the readings that were left out, or of all
-            data, in their own units: differences count alone
-        difference, error: (models,) what each has less than the best, and its standard error, by
-            what the blocks scatter; 0 of evidence, which has none
-        rms: (models,) of the errors of prediction over the noise's deviation; NaN of evidence
+        value: (models,) log density of the readings left out, or of all data, in their own units:
+            only differences count
+        difference, error: (models,) value of the best less its own, and the standard error by the
+            scatter of blocks; evidence has no error: 0
+        rms: (models,) of the errors of prediction over the noise's deviation; NaN for evidence
         each: (models, blocks) the terms of `value`
-        said: sentences: which models cannot be told apart
+        said: sentences: models that the data cannot distinguish
 
     Examples:
         >>> x = torch.linspace(0, 1, 40)
@@ -63,7 +63,7 @@ class Comparison:
     said: tuple[str, ...]
 
     def summary(self) -> str:
-        """Table of the models, and which cannot be told apart."""
+        """Table of the models, with models that the data cannot distinguish."""
         head = ("model", "parameters", HEAD[self.by], "less than the best", "+-", "RMS error")
         columns = self.value, self.difference, self.error, self.rms
         rows = [
@@ -93,26 +93,25 @@ def compare(
 
     Args:
         fits: name -> `Fit` of `identify`
-        by: "prediction": each block of readings is predicted by what the others tell, and the
-            logarithm of the density of what was measured there is summed (Vehtari, Gelman and Gabry
-            2017, Statistics and Computing 27, 1413). The parameters go from each fit by one step of
-            Gauss and Newton, then the model is evaluated, once for each block, as one batch: exact
-            where readings are linear in the coordinates of the search.
-            "evidence": the density of all data, the parameters integrated out by Laplace's
-            approximation about the fit (MacKay 1992, Neural Computation 4, 415): every parameter
-            needs a prior, and the noise a sigma. Offsets, drifts and hum, which have none, are
-            taken as flat, in the unit of the data, and must be the same in all models; deviations
-            that were found by channel have a flat logarithm
-        blocks: of times, of each experiment; None = each experiment, where there are four or more,
-            else ten blocks of times (of poses where there are no times)
-        gap: readings on either side of a block that are not used to predict it; None = as far as
-            residuals remember, of the model of which they do least, no more than a block; 0 of
-            poses and experiments
+        by: "prediction": each block of readings is predicted from the others; the log densities of
+            its data are summed (Vehtari, Gelman and Gabry 2017, Statistics and Computing 27, 1413).
+            The parameters leave each fit by a Gauss-Newton step. The model is then evaluated once
+            for each block, as a batch. This is exact if readings are linear in the coordinates of
+            the search. "evidence": the density of all data, with parameters integrated out by
+            Laplace's approximation at the fit (MacKay 1992, Neural Computation 4, 415). Every
+            parameter needs a prior, and the noise a sigma. Offsets, drifts and hum have flat priors
+            in the unit of the data, and must be the same in all models. Deviations that were
+            estimated by channel have a flat prior of the logarithm
+        blocks: number of blocks of times in each experiment. None = each experiment is a block if
+            there are four or more; else ten blocks of times, or of poses without times
+        gap: number of readings on either side of a block that do not predict it. None = the length
+            of the residuals' correlation, the shortest of all models, at most a block. Poses and
+            experiments have 0
 
     Raises:
-        ValueError: for fits of other data, or from files; blocks that alone tell a parameter;
-            evidence of parameters without priors, at bounds, or of noise that is no normal one of
-            known size.
+        ValueError: for fits of other data, or from files, and for a block that alone determines a
+            parameter. For evidence with parameters without priors or at bounds, or with noise that
+            is not normal with a known sigma.
 
     Examples:
         >>> x = torch.linspace(0, 1, 40)

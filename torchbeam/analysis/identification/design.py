@@ -45,45 +45,44 @@ def design(
     derivatives: str = "auto",
     relative_step: float | None = None,
 ) -> Design:
-    """Which of many sensors, and of many inputs, tell most of the parameters, before anything is
-    measured: by the information J^T R^-1 J of their readings, J the derivatives at the start (a
-    batch of 2 p + 1 simulations for each input and draw) and R the noise's covariance, beside the
-    curvature of the parameters' priors.
+    """Choose the sensors and inputs that tell most about the parameters, before any measurement.
+    The criterion uses the information J^T R^-1 J of their readings, with the curvature of the
+    priors. J has the derivatives at the start, from a batch of 2 p + 1 simulations for each input
+    and draw. R is the covariance of the noise.
 
     Args:
-        model: as `identify` takes one; model(theta, u) with inputs, u (N, ...) the input of each
-            sample of theta. One that gives tensors gives a tuple, one for each measurement
+        model: as in `identify`; with inputs model(theta, u), u (N, ...) the input of each sample of
+            theta. A model of tensors returns a tuple with a tensor for each measurement
         candidates: name -> `Measurement` with sigma and without values (None; NaN of their shape
-            where it has no sensor), or a list of those that come together. Offsets, drifts and hum
-            are parameters beside, and cost what they take from the information
-        start: as of `identify`: where derivatives are taken
-        sensors: so many of them; None = as many as the budget pays, or all
-        budget: what they may cost together, by `cost`, of each or by name
-        most: how often one candidate may be taken
-        present: names of candidates that are there whatever is chosen, and cost nothing
+            where it has no sensor), or a list of measurements that come together. Offsets, drifts
+            and hum are further parameters, which reduce the information
+        start: as in `identify`: the point of the derivatives
+        sensors: number of sensors; None = as many as the budget pays, or all
+        budget: largest total cost; `cost` is that of each sensor, or by name
+        most: how often a candidate may be chosen
+        present: names of candidates that are always present, at no cost
         inputs: (K, ...), or name -> (...): inputs to choose `runs` from, which may repeat; all
             sensors read each run, and each run has offsets of its own
-        criterion: what is least. "D": the geometric mean of the axes of the ellipsoid of
-            deviations. "A": the root of the mean square of deviations over the parameters' sizes.
-            "c": of the deviations of what `of` gives
-        of: names of parameters, beside which others are a nuisance; None = all. Or a function of
-            theta, as a model takes it, that gives what is to be known (N, ...)
-        correlation: of noise="ar1" from one reading to the next, of all or by name: `Fit.memory`
-        method: "greedy": one after the other; "exchange": then one in place of another, as long as
-            that is better
-        draws: of the parameters from their priors: criteria are means over them ("D" of logarithms,
-            else of variances), so that the design is good wherever these are
+        criterion: quantity to minimise. "D": the geometric mean of the axes of the ellipsoid of
+            deviations. "A": the RMS of deviations over the parameters' sizes. "c": the RMS
+            deviation of `of`
+        of: names of the parameters that matter; None = all. Or a function of theta, as in the
+            model, that returns the quantities to know (N, ...)
+        correlation: correlation of noise="ar1" between consecutive readings, common or by name:
+            `Fit.memory`
+        method: "greedy": add sensors in turn; "exchange": then swap sensors as long as that helps
+        draws: number of draws of the parameters from their priors. Criteria are means over draws
+            ("D" of logarithms, else of variances), so the design does not depend on a single guess
         log, derivatives, relative_step: as of `identify`
 
-    Places have no gradient here: where a sensor may go is said by as many candidates, which all
-    read the same simulations; a grid of spacing h loses h^2 of the criterion. (Fedorov
-    1972, Theory of Optimal Experiments; Atkinson, Donev and Tobias 2007, Optimum Experimental
-    Designs, with SAS.)
+    Places are not optimised by gradients: list candidates on a grid, which all read the same
+    simulations. A grid of spacing h loses h^2 of the criterion. (Fedorov 1972, Theory of Optimal
+    Experiments; Atkinson, Donev and Tobias 2007, Optimum Experimental Designs, with SAS.)
 
     Raises:
-        ValueError: for candidates that do not tell what is asked even together, without sigma, or
-            with noise that only data tell (repeats, blocks, losses); a budget that pays nothing; a
-            model that fails at the start.
+        ValueError: for candidates that together do not determine `of`, lack sigma, or have noise
+            known only from data (repeats, blocks, losses). For a budget below any cost, and a model
+            that fails at the start.
 
     Examples:
         >>> x = torch.linspace(0, 1, 11)

@@ -22,21 +22,21 @@ class Design:
     """Result of `tb.design`.
 
     Args:
-        sensors: names of the candidates that were chosen, first what tells most, as often as they
-            were; `measurements`: name -> its measurements, to be given values
-            (`dataclasses.replace`) when these are there
+        sensors: names of the chosen candidates, the most informative first, repeated if chosen
+            again
+        measurements: name -> measurements of the candidate; `dataclasses.replace` adds the values
+            later
         runs: input -> how often it is run
-        criterion: "D", "A" or "c"; `value` (sensors,) of it after each of them, infinite as long as
-            they do not tell what is asked
-        bound: no choice of as many, or for as much, has a smaller value with these runs; `whole`:
-            of all candidates together
-        names, deviation: (p,) of the parameters, and what a fit to such data will state; infinite
-            of those that they do not tell. Of several draws the root of the mean square
-        theta: (draws, p) where derivatives were taken
-        change: candidate -> factor of the criterion when one that was chosen is left out, or
-            another one comes in
-        cost: of all that were chosen
-        hints: sentences: what is not told
+        criterion: "D", "A" or "c"
+        value: (sensors,) criterion after each sensor, infinite until `of` is determined
+        bound: lower bound of any choice of the same number, or cost, with these runs
+        whole: criterion of all candidates together
+        names, deviation: (p,) of the parameters, and the deviations that a fit to such data will
+            have; infinite for undetermined parameters. Over several draws, the RMS
+        theta: (draws, p) points of the derivatives
+        change: candidate -> factor of the criterion without it if it was chosen, or with it if not
+        cost: of all chosen candidates
+        hints: sentences about undetermined parameters
 
     Examples:
         >>> model = lambda p: (p["F"][:, None] * torch.tensor([1.0, 4.0, 9.0])).unbind(-1)
@@ -71,7 +71,7 @@ class Design:
         runs: dict[str, int],
         unit: Tensor,
     ) -> Design:
-        """Of what was chosen from a selection, whose coordinates are over `unit` (p,)."""
+        """Design of chosen candidates of a selection, whose coordinates are over `unit` (p,)."""
         rule, items, every = selection.criterion, selection.items, [*groups]
         order = selection.in_order(chosen)
         M = selection.information(order)
@@ -128,7 +128,7 @@ class Design:
         ]
 
     def said(self) -> list[str]:
-        """Sentences."""
+        """Sentences about the result."""
         return [
             f"{100 * self.efficiency:.3g} % of the information of all {len(self.change)} "
             f"candidates; at least {100 * self.optimality:.3g} % of the best choice's; cost "
@@ -142,7 +142,7 @@ class Design:
         return "\n\n".join([*parts, "\n".join(self.said())])
 
     def report(self, path: str | Path) -> Path:
-        """Write a page of HTML, with the picture of `tb.plot.design`. It wants matplotlib. Raises
+        """Write a page of HTML, with the picture of `tb.plot.design`. It needs matplotlib. Raises
         files.NotWritten (an OSError).
         """
         return write_design(self, path)

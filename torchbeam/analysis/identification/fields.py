@@ -27,19 +27,19 @@ class FieldFit:
     """Result of `identify_fields`.
 
     Args:
-        fit: `Fit` with these weights; its covariance is that of the posterior, the prior included:
-            what it says of a field holds as far as it is smooth in that sense
+        fit: `Fit` with these weights. Its covariance is the posterior's, with the prior: it holds
+            for fields of that smoothness
         weight: name -> weight of its smoothness, see `Smoothness`
-        sigma: standard deviation of the data, where it was not given with them; else 1
+        sigma: estimated standard deviation of the data; 1 if the data have a sigma
         effective: how many numbers the data determine (trace of the resolution matrix), of
             len(fit.theta)
         weighing: of the last round: misfit, roughness and criterion over the weights
-        rounds: searches, each with the weights that the one before asks for;  settled: the last
-            asks for the same, or moved by less than a tenth of the deviations
-        samples: (n, p) coordinates of the search, drawn from the posterior of the linearised model,
-            in which weights and noise that were found are no better known than the data say, and
-            rows of a sharp field have Student's t; None where all of that was given, and the
-            posterior is normal
+        rounds: number of searches, each with the weights that follow from the one before
+        settled: whether the last search confirms its weights, or moved by less than a tenth of the
+            deviations
+        samples: (n, p) coordinates of the search, drawn from the posterior of the linearised model.
+            The draws include the uncertainty of weights and noise, and Student's t of sharp fields.
+            None where these are known and the posterior is normal
 
     Examples:
         >>> x = torch.linspace(0, 3, 20)
@@ -88,7 +88,7 @@ class FieldFit:
         return limits[first : first + torch.Size(shape).numel()].reshape(*shape, 2)
 
     def refined(self, model: Any) -> FieldFit:
-        """With the fit that a finer model finds, weights and the posterior's width as they are; see
+        """Fit of a finer model, with the same weights and width of the posterior; see
         `Fit.refined`. A field keeps its numbers: of twice as many elements they are
         `theta["EI"].repeat_interleave(2, -1)`.
         """
@@ -131,33 +131,31 @@ def identify_fields(
     tolerance: float = 1e-6,
     progress: bool = False,
 ) -> FieldFit:
-    """Parameters of which some are fields, (n,) each: stiffness or mass by element, a load by
-    interval, an initial velocity by node. A field of more numbers than the data tell is found with
-    a prior that it is smooth, weighted as the data ask for.
+    """Identify parameters that include fields (n,): stiffness or mass by element, a load by
+    interval, an initial velocity by node. A field of more numbers than the data determine has a
+    smoothness prior, whose weight comes from the data.
 
-    model, data  as in `identify`
-    start        name -> start or `Parameter`, see `identify`; so is log
-    smoothness   name -> `Smoothness`, for some or all of the parameters
-    criterion    by which weights are found, of the model linearised where a search ended:
-                 "evidence"  the probability of the data, the fields integrated out, is largest
-                 (MacKay 1992, Neural
-                             Computation 4, 415; of unknown noise Wahba 1985,
-                                 Annals of Statistics 13, 1378)
-                 "gcv"       generalised cross validation (Golub, Heath and Wahba 1979,
-                             Technometrics 21, 215)
-                 "lcurve"    corner of roughness over misfit, of one field (Hansen and O'Leary 1993,
-                             SIAM J. Sci. Comput. 14, 1487)
-    weight       name -> weight of each field, taken as they are: one search, more where rows are
-                 `sharp` or noise is not known
-    rounds       searches at most, each from where the one before ended
-    log, bounds ... progress  of the searches, as in `identify`
+    Args:
+        model, data: as in `identify`
+        start: name -> start or `Parameter`, see `identify`
+        smoothness: name -> `Smoothness`, for some or all of the parameters
+        criterion: of the weights, for the model linearised at the end of each search. "evidence":
+            the largest probability of the data, with fields integrated out (MacKay 1992, Neural
+            Computation 4, 415; with unknown noise Wahba 1985, Annals of Statistics 13, 1378).
+            "gcv": generalised cross validation (Golub, Heath and Wahba 1979, Technometrics 21,
+            215). "lcurve": the corner of roughness over misfit, for a single field (Hansen and
+            O'Leary 1993, SIAM J. Sci. Comput. 14, 1487)
+        weight: name -> fixed weight of each field: a single search, or more with `sharp` fields or
+            unknown noise
+        rounds: largest number of searches, each from the end of the one before
+        log, bounds, starts, sigma, derivatives, tolerance, progress: as in `identify`
 
-    The first search has weights that are small enough to follow the data. Where data have no sigma,
-    that is found too: the squares over the number of data less that of numbers told.
+    The weights of the first search are small enough to follow the data. Without sigma, the noise is
+    estimated: the squares over the number of data less that of determined numbers.
 
     Raises:
-        ValueError: for smoothness of what is no field of `start`, absolute_sigma=False, and what
-            `identify` raises.
+        ValueError: for smoothness of a name that is no field of `start`, absolute_sigma=False, and
+            as `identify`.
 
     Examples:
         >>> x = torch.linspace(0, 3, 20)

@@ -54,43 +54,45 @@ class Fit:
 
     Args:
         theta: (p,) the parameters
-        names: (p,). `fit["EI"]` is one of them, of its own shape; offsets and drifts come last
-        covariance: (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, where sigma is that
-            given or found, with priors, of the posterior. `deviation` (p,) the roots of its
-            diagonal, `correlation` (p, p). Parameters that the data do not tell apart have huge
-            deviations and a correlation near 1 or -1. Those that a bound holds, `held` (p,) bool,
+        names: (p,). `fit["EI"]` is a parameter by its name, of its own shape; offsets and drifts
+            come last
+        covariance: (p, p) of the parameters: sigma^2 (J^T J)^-1, first order, with the known or the
+            estimated sigma; with priors, of the posterior. `deviation` (p,) has the roots of its
+            diagonal; `correlation` is (p, p). Parameters that the data cannot separate have huge
+            deviations and a correlation near 1 or -1. Parameters at a bound, `held` (p,) bool,
             count as known: zeros
-        freedom: (p,) degrees of freedom of these deviations: inf where sigma was given; T - p where
-            the misfit told it; of noise by channel by Satterthwaite's formula, see `covariance.py`
-        redundancy: (channels,) data less parameters of the noise that was found: one number, or one
-            for each channel
-        scale: deviation of the noise over the sigma that weighs the data: 1 where that is known, or
-            was found by channel
-        noise: channel -> its deviation, of those that were found by `identify(noise="channel")`
-        memory: measurement -> correlation of its noise from one reading to the next, of those with
-            noise="ar1"
-        y: (...) the model there, offsets and drifts included, as the data were given
-        misfit: RMS of y - data (over sigma, where given or found by channel)
-        status: 0 = converged, 1 = more iterations are wanted, 2 = no step makes the misfit smaller,
-            3 = not identifiable: the data do not say where parameters are, and theta is no estimate
-            of these; 4 = the model fails there; 5 = not followed, as other starts were better at
-            first (of `statuses` alone)
-        unidentifiable: a sentence for each parameter that ran away, 1e9 times its start, and for
-            each direction in which the parameters can change by their own size while the misfit
-            stays; empty where all are determined. `open` (p,) bool says which parameters these are
-            about
-        hints: sentences about what looks wrong: units, exchanged markers, bounds that are reached,
-            what data hardly tell apart. `doubts` are those of the misfit: above sigma, alike, with
-            a line, some periods off; `interval` warns with them
-        message: the status in words, with these sentences, and what the model raised at trials
-        iterations: evaluations of the model and its derivatives, less the first
-        derivatives: how these were found
-        history: (iterations + 1, starts, p) the parameters on the way
-        starts: (starts, p) where each start ended
-        misfits: (starts,) with what misfit, statuses (starts,)
+        freedom: (p,) degrees of freedom of these deviations: inf with a known sigma; T - p where
+            the misfit gives sigma. Noise by channel has Satterthwaite's formula, see
+            `covariance.py`
+        redundancy: (channels,) number of data less that of parameters, for the estimated noise: a
+            single number, or a number for each channel
+        scale: deviation of the noise over the sigma that weighs the data: 1 where sigma is known,
+            or estimated by channel
+        noise: channel -> deviation that `identify(noise="channel")` has estimated
+        memory: measurement with noise="ar1" -> correlation of its noise between consecutive
+            readings
+        y: (...) the model at theta, with offsets and drifts, in the shape of the data
+        misfit: RMS of y - data (over sigma, where it is known or estimated by channel)
+        status: 0 = converged. 1 = more iterations are needed. 2 = no step reduces the misfit. 3 =
+            not identifiable: the data do not determine some parameters, and theta is no estimate of
+            them. 4 = the model fails there. 5 (in `statuses`): not followed, because other
+            starts were better
+        unidentifiable: a sentence for each parameter that ran away, to 1e9 times its start. Also a
+            sentence for each direction in which parameters can change by their own size at the same
+            misfit. Empty if all are determined. `open` (p,) bool marks the parameters named
+        hints: sentences about suspicious results: units, exchanged markers, bounds that are
+            reached, parameters that the data hardly separate. `doubts` are about residuals: larger
+            than sigma, correlated, with a trend, or off by periods; `interval` warns with them
+        message: the status in words, with these sentences, and errors that the model raised at
+            trials
+        iterations: number of evaluations of the model and its derivatives, without the first
+        derivatives: their method
+        history: (iterations + 1, starts, p) parameters at each iteration
+        starts: (starts, p) end of each start
+        misfits, statuses: (starts,) of each end
         readings: data beside the model's values, of each measurement
-        jacobian: (data, p) derivatives of the readings that were measured, over sigma, by the
-            coordinates of the search
+        jacobian: (data, p) derivatives of the measured readings, over sigma, by the coordinates of
+            the search
 
     Examples:
         >>> x = torch.tensor([1.0, 2.0, 3.0, 4.0])
@@ -165,23 +167,22 @@ class Fit:
     def interval(
         self, level: float = 0.95, method: str = "laplace", *, repeats: int = 500, seed: int = 0
     ) -> Tensor:
-        """(p, 2) least and largest values that the data are compatible with, at a level of
+        """(p, 2) least and largest values of the parameters that agree with the data, at a level of
         confidence.
 
-        "laplace"    from the covariance: quantiles of Student's t with `freedom`, in the
-                     coordinates of the search, so that what is positive by its logarithm stays so.
-                     Exact where the model is linear in them
-        "profile"    where the least misfit, over all other parameters, rises by as much as that
-                     quantile says: the model's curvature counts. A batch of some ten fits for each
-                     parameter
-        "bootstrap"  from `repeats` fits, as one batch, of data that the fitted model and noise
-                     make: their bias-corrected percentiles
+        Args:
+            method: "laplace": from the covariance, by quantiles of Student's t with `freedom`, in
+                the coordinates of the search: positive parameters stay positive. It is exact for a
+                linear model. "profile": ends at which the least misfit, over all other parameters,
+                rises by as much as that quantile. It includes the model's curvature, for a batch of
+                some ten fits for each parameter. "bootstrap": bias-corrected percentiles of
+                `repeats` fits, as a batch, to data from the fitted model and noise
 
-        What the data do not determine goes from end to end of what it can be. That of a parameter
-        at its bound goes to where the least misfit rises by as much, by the slope and curvature
-        there, or as "profile" finds it: at a bound repeated fits do not tell (Andrews 2000,
-        Econometrica 68, 399). All of them take the model as right and the noise as independent: a
-        UserWarning says so where there are `doubts`.
+        An undetermined parameter has the interval of all possible values. At a bound, the interval
+        ends at the same rise of the least misfit, by slope and curvature there, or by "profile".
+        Repeated fits are no measure at a bound (Andrews 2000, Econometrica 68, 399). All methods
+        assume that the model is right and the noise independent: a UserWarning says so with
+        `doubts`.
         """
         warn_of(self.doubts)
         return self.interval_without_warning(level, method, repeats, seed)
@@ -214,30 +215,29 @@ class Fit:
         experiment: str | None = None,
         measurement: str | None = None,
     ) -> Prediction:
-        """Readings at the fitted parameters, of what was measured or of anything else that the same
-        parameters make, with bands from their covariance: the readings' derivatives G, as a search
-        takes them (one batch of 2 p + 1 samples), give the variance G C G^T. Exact where readings
-        are linear in the coordinates of the search; Student's t with the parameters' `freedom` (the
-        fewest, where these differ; by blocks, that of each reading). A parameter at a bound counts
-        as known; a reading that moves with one that is not determined has an infinite band.
+        """Readings at the fitted parameters, of the measurements or of another model with the same
+        parameters, with bands from the covariance C. The readings' derivatives G come from a batch
+        of 2 p + 1 samples, and the variance is G C G^T. It is exact if readings are linear in the
+        coordinates of the search. Bands have Student's t with the parameters' `freedom`: the least
+        of these, or by blocks for each reading. A parameter at a bound counts as known. A reading
+        that depends on an undetermined parameter has an infinite band.
 
         Args:
-            model: as `identify` takes one, of another load, place or time; None = the model that
-                was fitted
-            sensor, times: by which a Solution is read, see `tb.observe`; times (s) None = those of
+            model: as in `identify`, for another load, place or time; None = the fitted model
+            sensor, times: reading of a Solution, see `tb.observe`; times (s), None = the times of
                 the solution. Gains, offsets, drifts, delays, clocks, places and frames of
-                instruments are not in it
-            measurement: in place of a sensor the name of a `Measurement` of the fit: what that
-                would read at `times`, None = its own, with all that was found of the instrument,
-                and its share of the band
-            sigma: of the noise of a new measurement: the bands are then of that, not of what is
-                there. A number, or a tensor that broadcasts with the readings; where the misfit
-                told the noise, `fit.scale` times the data's
-            experiment: whose model, and whose own parameters; wanted where there are several with
-                their own
+                instruments are left out
+            measurement: name of a `Measurement` of the fit, in place of a sensor. The answer is its
+                reading at `times` (None = its own times), with all estimates of the instrument, and
+                their share of the band
+            sigma: noise of a new measurement: bands then hold the measurement, not the true value.
+                A number, or a tensor that broadcasts with the readings. Where the misfit gives the
+                noise, use `fit.scale` times the sigma of the data
+            experiment: name of the experiment whose model and own parameters apply; needed if
+                several have their own
 
-        Like intervals it takes the model as right: a UserWarning says so where there are `doubts`.
-        Raises ValueError for a fit from a file, a model that fails at the fit, or other shapes.
+        As in intervals, the model counts as right: a UserWarning says so with `doubts`. Raises
+        ValueError for a fit from a file, a model that fails at the fit, or other shapes.
         """
         warn_of(self.doubts)
         y, J = predicted(
@@ -270,26 +270,25 @@ class Fit:
         return profiles(noisy, self.x, self.x_covariance, step, which, quantile, self.scale)
 
     def bootstrap(self, repeats: int = 500, *, seed: int = 0) -> Bootstrap:
-        """Fits of so many sets of data that the fitted model and noise make, followed as one batch
-        from here. Normal and log-normal priors are repeated too, as the observations that they are
-        to a fit: with centres drawn about it. Parameters that a bound holds stay there. Raises
-        ValueError for other priors.
+        """Fits to `repeats` sets of data, drawn from the fitted model and noise, as a batch that
+        starts at the fit. Normal and log-normal priors act as observations: their centres are drawn
+        too. Parameters at a bound stay there. Raises ValueError for other priors.
         """
         problem = with_priors_observed(self._noisy("bootstrap"))
         return bootstrap(problem, self.x, self.held, self.scale, self.redundancy, repeats, seed)
 
     def refined(self, model: Any) -> Fit:
-        """The fit that a finer model finds, of a finer mesh or shorter steps: its readings with the
-        derivatives of the model at hand, by Gauss-Newton steps until these are a hundredth of a
-        deviation (defect correction; Boehmer and Stetter 1984). Some evaluations of one sample
-        each, in place of a search with the finer model; derivatives are the model's at hand, found
-        once more on the way. What the parameters move by is the error that the mesh has brought in.
+        """Fit of a finer model (a finer mesh or shorter steps), by its readings and the derivatives
+        of this model (defect correction; Boehmer and Stetter 1984). Gauss-Newton steps go on until
+        they are a hundredth of a deviation. This takes some evaluations of a single sample, in
+        place of a search with the finer model. Derivatives are computed anew along the way. The
+        change of the parameters is the error of the coarser mesh.
 
         Args:
-            model: as `identify` was given, for the same parameters and data
+            model: as in `identify`, for the same parameters and data
 
         Raises:
-            ValueError: where the finer model fails, or the steps do not become smaller: the models
+            ValueError: where the finer model fails, or the steps do not shrink because the models
                 differ too much.
         """
         finer, search, region = refined(
@@ -303,27 +302,27 @@ class Fit:
         return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
-        """Table of parameters with their intervals, the misfit, what is not told, and hints."""
+        """Table of parameters with intervals, the misfit, undetermined parameters, and hints."""
         return table(self, level, REASON)
 
     def report(
         self, path: str | Path, *, level: float = 0.95, predictions: Mapping[str, Any] | None = None
     ) -> Path:
-        """Write a page of HTML that holds all of its own pictures: doubts, parameters with their
-        intervals, data, fit and residuals of each measurement, correlations, predictions. It wants
+        """Write a page of HTML with its pictures. It has doubts, parameters with their intervals,
+        correlations, predictions, and data, fit and residuals of each measurement. It needs
         matplotlib.
 
         Args:
             path: ends in .html
-            predictions: name -> (times (m,), `predict`'s answer (m, ...)), or these and data that
-                were measured there, of which it is counted how many lie in the bands
+            predictions: name -> (times (m,), result of `predict` (m, ...)), or with a third entry,
+                data measured there: the page counts how many lie in the bands
 
         Raises ValueError for other predictions, files.NotWritten (an OSError).
         """
         return write_report(self, path, level_of("level", level), predictions, REASON[self.status])
 
     def save(self, path: str | Path) -> None:
-        """Write all but the model into a file. Raises files.NotWritten (an OSError)."""
+        """Write the fit without its model to a file. Raises files.NotWritten (an OSError)."""
         plain = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in LOST}
         plain["transform"] = dict(vars(self.transform))
         plain["readings"] = [dict(vars(r)) for r in self.readings]
@@ -331,7 +330,7 @@ class Fit:
 
     @classmethod
     def load(cls, path: str | Path) -> Fit:
-        """A fit from its file: no model, profiles or bootstrap. ValueError for another file."""
+        """Read a fit without model, profiles and bootstrap. Raises ValueError for another file."""
         path = files.path_of("path", path)
         saved = files.load(path, "torchbeam fit", FORMAT, "saved fit")
         try:

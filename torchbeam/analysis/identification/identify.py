@@ -39,28 +39,28 @@ class SearchOptions:
     """Options of `identify`, checked where a search begins.
 
     Args:
-        starts: so many, drawn about the one that was given, within a factor of `spread`, the bounds
-            and the priors' supports; between bounds, or ends of a support, where there are two,
-            evenly in the coordinate of the search
-        follow: of these, so many that fit best are followed; the others are evaluated once
+        starts: number of starts, drawn about the start within a factor of `spread`, the bounds and
+            the priors' supports. Between two bounds, or the two ends of a support, they are uniform
+            in the coordinate of the search
+        follow: number of best starts that are followed; the others are evaluated once
         log: search in log theta (theta is positive): for stiffness, mass and damping
-        bounds: (least, largest) of theta, (p,) each: a step that leaves them is cut, and goes along
-            them
+        bounds: (least, largest) of theta, (p,) each: a step beyond a bound is cut, and continues
+            along it
         sigma: (...) standard deviation of the data: weights them, and scales the covariance
-        absolute_sigma: False: sigma (of measurements too) weighs the data, but the size of the
-            noise is that of the misfit
-        noise: of data without sigma: "common", one deviation for all of them, from the misfit;
-            "channel", each channel has its own (heteroscedastic), beside data with sigma: searches
-            in turn with the deviations that the one before left (iteratively reweighted least
-            squares), until these are those of restricted maximum likelihood
+        absolute_sigma: False: sigma (of measurements too) weighs the data only; the misfit gives
+            the size of the noise
+        noise: of data without sigma. "common": a common deviation, from the misfit. "channel": a
+            deviation for each channel (heteroscedastic), also beside data with sigma. Searches
+            alternate with estimates of the deviations (iteratively reweighted least squares), up to
+            restricted maximum likelihood
         derivatives: "difference": central differences of `relative_step` (1e-4), a batch of 2 p
             times the starts, which run on the compiled engine. "forward": forward mode, the p
             directions as a batch, by eager steps. "adjoint": the gradient of the squares by reverse
-            mode, whatever p, and L-BFGS (torch.optim) in place of Gauss-Newton, for p beyond some
-            hundreds; it takes more iterations, one start after the other, no bounds but by logits.
-            "auto": differences, where those of ten times the step agree with them to 1e-3 at the
-            start; of a parameter of which they do not (responses of many periods, models that jump)
-            by shorter steps, to 1e-8; and else, with a RuntimeWarning, forward mode
+            mode, for any p, and L-BFGS (torch.optim) in place of Gauss-Newton. It is for p beyond
+            some hundreds: it takes more iterations, follows starts in turn, and has bounds only by
+            logits. "auto": differences, if ten times the step changes them by less than 1e-3 at the
+            start. A parameter beyond that (responses of many periods, models that jump) gets
+            shorter steps, down to 1e-8. If these fail, forward mode follows, with a RuntimeWarning
         tolerance: of the largest step, relative to theta (of log theta, absolute); also, squared,
             of the decrease of the squares
         progress: a line of progress (tqdm)
@@ -124,37 +124,35 @@ def identify(
     tolerance: float = 1e-6,
     progress: bool = False,
 ) -> Fit:
-    """Parameters theta for which model(theta) is nearest to the data, in the sum of squares over
-    sigma.
+    """Find the parameters theta whose model(theta) fits the data best, by least squares over sigma.
 
     Args:
         model: theta -> y, batched: sample i of y depends on sample i of theta alone. theta is (N,
-            p), or name -> (N, *shape) where parameters have names. y (N, ...) is as the data; or
-            (y, status (N,)), 0 = success; or the `Solution` of N samples, which the measurements
-            read
-        data: (...) as y without its first axis; NaN where nothing was measured. Or a `Measurement`,
-            which has noise, times, sensor, offset and drift; or several of one experiment, in a
-            list: y is then a list too, or a Solution. name -> any of these: several experiments;
-            then `model` is name -> model, or one for all
-        start: (p,), or (starts, p) to be followed all at once, as one batch: the best end counts;
-            or name -> `Parameter`, number or tensor. Parameters are all experiments', but for those
-            that are each one's own
+            p), or name -> (N, *shape) for named parameters. y (N, ...) has the shape of the data
+            behind N. The model may also return (y, status (N,)), 0 = success, or the `Solution` of
+            N samples, which the measurements read
+        data: (...) as y without its first axis; NaN = not measured. Or a `Measurement`, which has
+            noise, times, sensor, offset and drift. Or a list of several measurements of an
+            experiment: y is then a list too, or a Solution. Several experiments are name -> any of
+            these; `model` is then name -> model, or a common model
+        start: (p,), or (starts, p), which are followed together as a batch: the best end counts. Or
+            name -> `Parameter`, number or tensor. Experiments share all parameters but those with
+            `own`
 
-    Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda raised
-    until the squares go down, each start by itself. (Nocedal and Wright 2006, section 10.3.) No
-    step changes a parameter by more than ten times its size (with `log`: by a factor of more than
-    ten), or takes it beyond 1e9 times its start. A trial at which the model raises, has a status,
-    or is not finite is a step that is not taken: a shorter one is tried. Starts that are done, or
-    fail, are no longer evaluated.
+    Levenberg's and Marquardt's method: (J^T J + lambda diag(J^T J)) step = -J^T r, lambda rises
+    until the squares decrease, for each start by itself. (Nocedal and Wright 2006, section 10.3.) A
+    step changes a parameter by at most ten times its size (with `log`: by at most a factor of ten).
+    No step passes 1e9 times the start. If the model raises, has a status or is not finite at a
+    trial, a shorter step follows. Starts that are done or fail are no longer evaluated.
 
-    A parameter that ran away is named in `unidentifiable`, and so are parameters, or changes of
-    several together, that change the misfit by no more than `tolerance` of itself, or than
-    rounding, where they change by their own size. The status is then never 0.
+    `unidentifiable` names each parameter that ran away. It also names parameters, or combinations,
+    that may change by their own size while the misfit changes by at most `tolerance` of it, or
+    rounding. The status is then never 0.
 
     Raises:
-        ValueError: for a model whose output does not fit the data, for starts at none of which it
-            is finite, fewer data than parameters without a prior, data without a number; what the
-            model raises at all starts goes through.
+        ValueError: for a model whose output does not fit the data, or is finite at none of the
+            starts. For fewer data than parameters without a prior, and for data without a number.
+            An error that the model raises at all starts is passed on.
 
     Examples:
         >>> x = torch.tensor([1.0, 2.0, 3.0, 4.0])

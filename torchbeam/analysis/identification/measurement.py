@@ -29,45 +29,45 @@ class Measurement:
     """Values of an instrument with one or more channels.
 
     Args:
-        values: (times, *channels) in the unit of the model's readings, or of any shape where there
-            are no times; NaN: missing. None: not yet measured, of a sensor (times, size), for
-            `tb.design`; `dataclasses.replace(measurement, values=...)` is it when it was
-        sigma: standard deviation of the noise, in that unit, that broadcasts with `values`: a
-            number, or one for each channel (channels,). None = not known: estimated from the
-            misfit, one for all data or one for each channel (`noise` of `identify`)
+        values: (times, *channels) in the unit of the model's readings, or of any shape without
+            times; NaN = missing. None = not yet measured, for `tb.design`: readings of the sensor
+            are (times, size). `dataclasses.replace(measurement, values=...)` adds them later
+        sigma: standard deviation of the noise, in that unit; it broadcasts with `values`: a number,
+            or (channels,). None = unknown: estimated from the misfit, in common or for each channel
+            (`noise` of `identify`)
         times: (times,) s by the instrument's clock, in any order
-        sensor: of tb.sensors, or a function of states: then a model may return a `Solution`, which
-            is read by `tb.observe`; or, without times, a `State` (N, ...), of rest
-        place: field of the sensor -> name of the parameter that is it: {"station": "s",
-            "point": "p"} of `tb.sensors.Position`
-        frame: the axes in which the sensor reads, some of their numbers maybe parameters
-        rate: the sensor's rate is what was measured: of a velocity the acceleration
-        delay: s by which the readings lag; or the name of a parameter that is it
-        clock: relative error of the clock, or the name of a parameter that is it: where it shows s,
-            (1 + clock) s have passed
-        offset: each channel reads a constant more than what is there, a parameter beside the others
-        drift: each channel reads a straight line more, per s, or per the series' length where it
-            has no times
-        name: in sentences and pictures; None = the sensor's
-        noise: "white": independent from reading to reading. "ar1": an autoregression of the first
-            order along each channel, whose correlation rho from one reading to the next is found
-            (rho^(dt/step) over dt, step the median). "repeats": each experiment repeats
-            the others: deviations count them, two at least. "blocks": alike over a while, or a
-            model that errs over a while: deviations count blocks of times, which are longer than
-            residuals remember, or where there are no times places along the first axis (poses),
-            and no readings (`interval` of method "laplace", `predict`)
-        loss: None: squares. "huber", "student": of readings that miss by much, less (Huber's loss,
-            Student's of four degrees of freedom), for outliers; without sigma their scale is found
-        baseline: times (times,) s -> (times,), or (times, k) of k shapes: each channel reads some
-            of each more, parameters beside: what is slow and of a known shape, as the creep
-            ln(1 + t/t_0), or a `SlowBaseline`, smooth and no more
-        hum: Hz of a wave that each channel reads beside, as that of the mains: a number, or the
-            name of a parameter that is it, or several. Its cosine and sine, from time 0 of the
-            instrument's clock, are parameters beside, which cost no evaluations
-        gain: what a channel reads over what is there, before offset, drift and hum: a number, or
-            one for each channel; or the name of a parameter that is it, of either shape. Where a
-            force or an amplitude is not known either, data tell their product alone: a prior of the
-            gain, as data sheets have it, is wanted then
+        sensor: of tb.sensors, or a function of states. The model may then return a `Solution`,
+            which `tb.observe` reads, or without times an equilibrium `State` (N, ...)
+        place: field of the sensor -> name of its parameter: {"station": "s", "point": "p"} of
+            `tb.sensors.Position`
+        frame: axes of the sensor; some of their numbers may be parameters
+        rate: True: the values are the rate of the sensor; for a velocity, the acceleration
+        delay: s, lag of the readings; or the name of its parameter
+        clock: relative error of the clock, or the name of its parameter: while the clock counts t,
+            (1 + clock) t pass
+        offset: each channel adds a constant to the true value, a further parameter
+        drift: each channel adds a straight line, per s, or per length of the series without times:
+            a further parameter
+        name: in sentences and pictures; None = the sensor's name
+        noise: "white": independent from reading to reading. "ar1": an autoregression of first order
+            along each channel. Its correlation rho between consecutive readings is estimated
+            (rho^(dt/step) over dt, step the median). "repeats": each experiment repeats the others,
+            two at least; deviations count experiments. "blocks": noise, or error of the model, with
+            a correlation over time. Deviations count blocks of times, longer than this correlation
+            (`interval` of method "laplace", `predict`). Without times they count places along the
+            first axis (poses)
+        loss: None = squares. "huber", "student": large residuals (outliers) have less weight:
+            Huber's loss, or Student's with four degrees of freedom. Without sigma their scale is
+            estimated
+        baseline: function of times (times,) s that returns (times,), or (times, k) for k shapes.
+            Each channel adds a multiple of each shape, a further parameter: for slow errors of a
+            known shape, such as creep ln(1 + t/t_0). Or a `SlowBaseline`, for any smooth error
+        hum: Hz, frequency of a wave that each channel adds, such as the mains: a number, or the
+            name of its parameter, or several. Amplitudes of cosine and sine, from time 0 of the
+            instrument's clock, are further parameters, which cost no evaluations
+        gain: reading over true value, before offset, drift and hum: a number, or a number for each
+            channel, or the name of its parameter. With an unknown force or amplitude, the data
+            determine the product alone: the gain then needs a prior, from the data sheet
 
     Examples:
         >>> times = torch.linspace(0, 0.1, 6)
@@ -283,9 +283,11 @@ class Measurement:
         )
 
     def read(self, solution: Any, parameters: Mapping[str, Tensor] | None = None) -> Tensor:
-        """Readings (N, *values.shape) of a solution of N samples, or of a state of rest (N, ...);
-        `parameters` (N, ...) by name where delay, clock, gain, place or frame are some. Raises
-        ValueError where one of these is missing, and for a solution that does not fit.
+        """Readings (N, *values.shape) of a solution of N samples, or of an equilibrium state (N,
+        ...). `parameters` are (N, ...) by name, if delay, clock, gain, place or frame name any.
+
+        Raises:
+            ValueError: for a missing parameter, and a solution that does not fit.
         """
         if self.sensor is None or (self.times is None) is not isinstance(solution, State):
             raise ValueError(

@@ -16,25 +16,25 @@ from .transform import TRANSFORMS
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A quantity to be identified, a number or a tensor of them.
+    """A quantity to identify: a number or a tensor.
 
     Args:
-        start: where the search begins, of any shape
-        transform: None: searched as it is; "log": its logarithm, for what is positive (stiffness,
-            mass, damping); "logit": of its place between the bounds, which it then never touches
+        start: start of the search, of any shape
+        transform: coordinate of the search. None = the quantity. "log": its logarithm, for positive
+            quantities (stiffness, mass, damping). "logit": the logit of its place between the
+            bounds, which it never touches
         bounds: (least, largest), numbers or tensors like `start`
-        prior: of torch.distributions, what is known beforehand of theta itself: minus the logarithm
-            of the density that it gives to the coordinate of the search is added to half the
-            squares over sigma, so that the estimate is where the posterior density of that
-            coordinate is largest, about which intervals are laid. That of "log" with a log-normal
-            prior and no data is the median
-        scale: size of a change that matters, for what starts at zero. None = |start|, or the
-            deviation of the prior, or the width of the bounds
-        own: one for each experiment, in place of one for all; named "experiment.name"
+        prior: of torch.distributions, prior law of theta itself. Minus the logarithm of its
+            density, in the coordinate of the search, is added to half the squares over sigma. The
+            estimate then has the largest posterior density in that coordinate, and is the centre of
+            intervals. For "log" with a log-normal prior and no data it is the median
+        scale: size of a relevant change, for a start at zero. None = |start|, or the deviation of
+            the prior, or the width of the bounds
+        own: True: each experiment has its own, named "experiment.name"
 
     Raises:
-        ValueError: for a start without numbers, or outside of bounds or prior, "logit" without
-            bounds, a prior of vectors or of another shape, as bounds and scale of another shape.
+        ValueError: for a start without numbers, or outside of bounds or prior, and "logit" without
+            bounds. For a prior of vectors, or prior, bounds or scale of another shape.
 
     Examples:
         >>> stiffness = tb.Parameter(60e9, bounds=(50e9, 80e9))  # Pa

@@ -17,19 +17,19 @@ MOST = 200  # pieces
 
 @dataclass(frozen=True)
 class SlowBaseline:
-    """How an instrument wanders: the `baseline` of a `Measurement` that is a smooth function of
-    time, zero at the first instant (the constant is the `offset`).
+    """Slow wander of an instrument: a `baseline` of a `Measurement` that is a smooth function of
+    time. It is zero at the first instant; the constant is the `offset`.
 
     Args:
-        first, last: s by the instrument's clock, between which it is smooth; beyond them it goes on
-            along its tangent, and what is known of it becomes less
-        spacing: s between knots, the stiffness: what takes less than some of them is not followed.
-            None = one piece: a polynomial
+        first, last: s by the instrument's clock, ends of the smooth function. Beyond them it
+            continues along its tangent, with growing uncertainty
+        spacing: s between knots. Changes within less than a few spacings are not followed. None = a
+            single piece: a polynomial
         degree: of the pieces; the derivative of that order jumps at knots
 
-    It has `degree` numbers a channel, and one more for each knot inside, which are parameters of
-    the fit that cost no evaluations. The faster it may be, the more it takes of the motion itself:
-    the deviations of the other parameters say how much.
+    A channel has `degree` further parameters, and another for each inner knot; they cost no
+    evaluations. A faster baseline absorbs more of the motion itself, which the deviations of the
+    other parameters show.
 
     Raises:
         ValueError: where last is not after first, for a spacing that is not positive, or of more

@@ -14,20 +14,20 @@ from ...core.validation import Value, as_tensor, finite, increasing, refusal, sh
 
 @dataclass(frozen=True, eq=False)
 class Smoothness:
-    """A field of n numbers is smooth: its derivative of an order is normally distributed about zero
-    (Tikhonov 1963).
+    """Prior of a smooth field of n numbers: its derivative of some order is normally distributed
+    about zero (Tikhonov 1963).
 
     Args:
-        order: of the derivative: 1, a field is about constant; 2, about a straight line; 0, about
-            its start. A field of order 1 or 2 needs data that tell its mean, or line
+        order: of the derivative: 0, the field is near its start; 1, near a constant; 2, near a
+            straight line. Orders 1 and 2 need data that determine this constant, or line
         sharp: large derivatives are rare but not excluded: Student's t with one degree of freedom
             in place of the normal law, by reweighting (Lange, Little and Taylor 1989, JASA 84,
-            881). For dents and steps, which a normal law smears
+            881). For dents and steps, which a normal law would smear
         at: (n,) places of the numbers, increasing (arc length, time); None = evenly spaced. Only
             their proportions count
 
-    The penalty is weight / 2 times the integral of the squared derivative over places from 0 to 1,
-    of theta or, where a parameter is searched by its logarithm, of log theta.
+    The penalty is weight / 2 times the integral of the squared derivative over places from 0 to 1.
+    The derivative is that of theta, or of log theta for a search by the logarithm.
 
     Examples:
         >>> x = torch.linspace(0, 3, 20)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves
+from ...core.leaves import Tree, leaf, leaves_in_order, map_leaves, own_leaves, with_values
 from ...nodal.rows import ElementRows, NodeRows
 from ...scene.effects import Inputs
 
@@ -22,7 +22,7 @@ HELD = ("position", "rotation", "velocity", "spin")  # of a support
 class NodeConditions(Tree):
     """What is of each node in `Conditions`. dead (..., N+1, w): loads that depend on no motion,
     None = none; loads: those of `CommonConditions` that have values by place, rows in each of their
-    leaves, None in the place of the others.
+    leaves but the `shared` ones, which are None; None in the place of the others.
     """
 
     dead: Tensor | None = leaf(2)
@@ -63,12 +63,28 @@ class RootPose(Tree):
 
 @dataclass(frozen=True)
 class CommonConditions(Tree):
-    """What is of all nodes alike in `Conditions`: the loads that are evaluated natively (None in
-    the place of those of `NodeConditions`), and where a root's support stands.
+    """What is of all nodes alike in `Conditions`: the loads that are evaluated natively (of those
+    of `NodeConditions` the `shared` leaves alone, None where there are none), and where a root's
+    support stands.
     """
 
     loads: tuple[Any, ...]
     support: RootPose | None
+
+
+def by_rows(load: Any, by_place: bool) -> tuple[Any, Any]:
+    """A load as `NodeConditions` and `CommonConditions` have it."""
+    if not by_place or not load.shared:
+        return (load, None) if by_place else (None, load)
+    own = {leaf.name for leaf in own_leaves(load)}.difference(load.shared)
+    return with_values(load, **dict.fromkeys(load.shared)), with_values(load, **dict.fromkeys(own))
+
+
+def of_row(row: Any, load: Any) -> Any:
+    """The inverse."""
+    if row is None or load is None:
+        return row or load
+    return with_values(row, **{name: getattr(load, name) for name in row.shared})
 
 
 @dataclass(frozen=True)

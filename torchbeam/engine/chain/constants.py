@@ -33,8 +33,10 @@ from .chain_constants import (
     RootPose,
     SupportConstants,
     Trees,
+    by_rows,
     filled,
     flattened,
+    of_row,
 )
 from .interaction_sorts import INTERACTIONS
 from .load_roles import LoadRoles, unchanging, valued, valued_at_rest
@@ -197,7 +199,11 @@ class Constants:
         """Of a load that holds more than numbers."""
 
         def values() -> list[Tensor]:
-            return [self._of_all(k, *x) for x in flattened(valued(self.model, act, t, inputs))]
+            load = valued(self.model, act, t, inputs)
+            shared = {id(x) for x, _ in flattened([by_rows(load, True)[1]])}
+            return [
+                x if id(x) in shared else self._of_all(k, x, axes) for x, axes in flattened(load)
+            ]
 
         numbers = self._held(f"load {k}", values) if unchanging(act.load) else values()
         return {f"load {k} {i}": x for i, x in enumerate(numbers)}
@@ -265,13 +271,8 @@ class Constants:
             load if known is load else filled(known, lambda i, k=k: values[f"{when}load {k} {i}"])
             for k, (load, known) in enumerate(zip(self.loads, self.valued, strict=True))
         )
-        rows, loads = (
-            tuple(
-                load if by_place == wanted else None
-                for load, by_place in zip(acts, self.by_place, strict=True)
-            )
-            for wanted in (True, False)
-        )
+        both = [by_rows(*x) for x in zip(acts, self.by_place, strict=True)]
+        rows, loads = (tuple(x[k] for x in both) for k in range(2))
         support = (
             RootPose(*(values.get(f"{when}support {name}") for name in Pose._fields))
             if self.roles.wants_support
@@ -285,7 +286,7 @@ class Constants:
         """
         trees = self.trees(values)
         nodes, common = detached(trees.node), detached(trees.common)
-        loads = (row or load for row, load in zip(nodes.now.loads, common.now.loads, strict=True))
+        loads = map(of_row, nodes.now.loads, common.now.loads)
         model = detached(self.model)
         model = with_values(
             model,

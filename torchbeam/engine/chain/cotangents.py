@@ -193,7 +193,7 @@ class Adjoint:
                 yield Field("after", f"after_{name}", after, 2, flat=True)
             before = self.state[name]
             if self.instance.has(*before):
-                first = x.expand(*self.batch, *axes).reshape(1, B, *axes)[:, :samples]
+                first = x.expand((*self.batch, *axes)).reshape(1, B, *axes)[:, :samples]
                 yield Field(*before, torch.cat((first, after[:-1])), len(axes), flat=True)
 
     def _axes(self, name: str) -> int:

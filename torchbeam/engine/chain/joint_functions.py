@@ -12,10 +12,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ...core.leaves import Tree, leaf
 from ...equations.balance_problem import BalanceProblem
 from ...nodal.balls import Balls
+from ...nodal.coordinate_laws import CoordinateLaws
 from ...nodal.joint_laws import JointLaws
 from ...nodal.joint_motion import Factor, JointValues
 from ...nodal.joints import Joints
@@ -45,13 +47,14 @@ class JointConstants(Tree):
     effort: Tensor | None = leaf(2)
     coordinate: Tensor | None = leaf(2)
     balls: Balls | None
+    own_laws: CoordinateLaws | None
 
 
 class JointKind(NamedTuple):
     """What code of a joint depends on: what holds its two ends, None = it is the ground; its rows
     of `Joints.held`, `angles`, `travels`, `second` and, where there are any, `prescribed`; of v, w
     and across the shift, row by row, None = a value; its rows of `Joints.parts`; whether it is a
-    ball.
+    ball; how many numbers a state has of it; the numbers of its own laws.
     """
 
     ends: tuple[EndKind | None, EndKind | None]
@@ -63,8 +66,9 @@ class JointKind(NamedTuple):
     shifts: tuple[tuple[float | None, ...], ...]
     parts: tuple[tuple[tuple[float, ...], ...], ...]
     ball: bool = False
+    kept: int = READINGS
+    own_laws: tuple[int, ...] = ()
     multiplied: ClassVar[bool] = True
-    kept: ClassVar[int] = READINGS
     told: ClassVar[int] = 0
 
     sides = property(lambda self: sides_of(self.ends))
@@ -95,12 +99,22 @@ class JointFunctions(InteractionFunctions):
         ]
         at = () if joints.balls is None else joints.balls.at
         balls = [k in at for k in range(joints.count)]
+        kept = [_numbers_of(model)] * joints.count
+        own_laws = getattr(joints, "own_laws", None)
+        laws = [()] * joints.count if own_laws is None else own_laws.kinds
         factors = joints.v, joints.w, joints.across
         shifts = zip(*(_shifts(factor.shift) for factor in factors), strict=True)
         return tuple(
             JointKind(tuple(None if node is None else held[node] for node in pair), *more)
             for pair, *more in zip(
-                model.topology.joints, *masks, shifts, tuples_of(joints.parts), balls, strict=True
+                model.topology.joints,
+                *masks,
+                shifts,
+                tuples_of(joints.parts),
+                balls,
+                kept,
+                laws,
+                strict=True,
             )
         )
 
@@ -120,12 +134,13 @@ class JointFunctions(InteractionFunctions):
         laws = getattr(joints, "laws", None)
         given = (values.get(f"joint {name}") for name in JointValues._fields)
         return JointConstants(
-            joints.v, joints.w, joints.c, joints.across, laws, *given, joints.balls
-        )
+            joints.v, joints.w, joints.c, joints.across, laws, *given, joints.balls,
+            getattr(joints, "own_laws", None),
+        )  # fmt: skip
 
     @staticmethod
     def fields(model: Model) -> dict[str, tuple[int, ...]]:
-        return {"joints": (READINGS,)} | dict.fromkeys(FORCES, (model.space.unknowns,))
+        return {"joints": (_numbers_of(model),)} | dict.fromkeys(FORCES, (model.space.unknowns,))
 
     def balance(self, kind: JointKind, **fields: Tensor) -> Fields:
         """What a joint gives the nodes at its ends and its own row: its push (w) on their balances,
@@ -142,7 +157,8 @@ class JointFunctions(InteractionFunctions):
         problem, x = self.problem(fields, kind)
         reaction = x.u.new_zeros(len(problem.support_motions.nodes), x.stress.shape[-1])
         after = problem.finish(x, reaction)
-        return {"force": after.stress[0], "joints": after.joints[0], "work": after.work}
+        joints = pad(after.joints[0], (0, kind.kept - after.joints.shape[-1]))
+        return {"force": after.stress[0], "joints": joints, "work": after.work}
 
     def solution(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The unknown forces of a step (w), from those that have acted in it (`after_force`)."""
@@ -192,6 +208,8 @@ class JointFunctions(InteractionFunctions):
             if getattr(kind, name) is not None
         }
         numbers |= {} if constants.laws is None else {"laws": constants.laws}
+        if constants.own_laws is not None:
+            numbers["own_laws"] = constants.own_laws.alone(kind.own_laws)
         return replace(
             joints,
             space=rows.space,
@@ -205,6 +223,11 @@ class JointFunctions(InteractionFunctions):
             behind=0,
             **numbers,
         )
+
+
+def _numbers_of(model: Model) -> int:
+    """How many numbers a state has of a joint."""
+    return READINGS + model.scene.joint_memory
 
 
 def _numbered(x: Tensor, numbers: tuple[float | None, ...]) -> Tensor:

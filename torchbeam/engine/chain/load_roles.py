@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ...core.leaves import constant, functions, leaves, own_leaves
+from ...core.leaves import FunctionOfTime, Tree, constant, own_leaves
 from ...nodal.acting import ActingLoad
 from ...nodal.model import Model
 from ...scene.effects import Input, Inputs
@@ -66,7 +66,7 @@ class LoadRoles(NamedTuple):
         by_time = bool(
             asked or any(map(_by_time, loads, by_place)) or (wants_support and not rests)
         )
-        driven = any(map(functions, (*scene.joints, *scene.tendons)))
+        driven = any(map(_of_time, (*scene.joints, *scene.tendons)))
         asks = by_time or not given_eigenstrain or not rests or driven
         return cls(
             tuple(natively),
@@ -102,10 +102,16 @@ def _places(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[A
 
 def _by_time(load: Any, by_place: bool) -> bool:
     """Whether what a load holds is asked at t."""
-    return (
-        not unchanging(load)
-        if by_place
-        else any(leaf.axes == 1 and callable(leaf.value) for leaf in leaves(load))
+    return not unchanging(load) if by_place else _of_time(load)
+
+
+def _of_time(tree: Any) -> bool:
+    """Whether a function of t is among a tree's leaves, be it a tree itself (`tb.History`)."""
+    return any(
+        isinstance(leaf.value, FunctionOfTime) or _of_time(leaf.value)
+        if isinstance(leaf.value, Tree)
+        else leaf.axes is not None and callable(leaf.value)
+        for leaf in own_leaves(tree)
     )
 
 

@@ -26,7 +26,15 @@ from ...nodal.balance import dstress, most_strains, pushed_by, restrained_forces
 from ...state.state import State
 from .interaction_functions import transposed
 from .interaction_sorts import INTERACTIONS
-from .local_problem import INTERNAL, Fields, LocalProblems, acting_loads, far_fields, told_to
+from .local_problem import (
+    INELASTIC,
+    INTERNAL,
+    Fields,
+    LocalProblems,
+    acting_loads,
+    far_fields,
+    told_to,
+)
 from .own_batch import unbatched
 from .row_kinds import ElementKind, NodeKind
 from .sample_functions import SampleFunctions
@@ -225,8 +233,13 @@ class LocalFunctions(LocalProblems):
         }
 
     def finish_element(self, kind: ElementKind, **fields: Tensor) -> Fields:
-        """The element at the end of the step: nothing is asked for."""
-        return {}
+        """The element at the end of the step, of what it remembers."""
+        if INELASTIC not in self.element_state:
+            return {}
+        problem, x = self.of_element(fields, kind)
+        x = problem.apply_supports(x)
+        kinematics = problem.motion.kinematics(x.u, x.m)
+        return problem.crept(kinematics.position_end, kinematics.q_end)
 
     # Functions of the loads between an element's nodes
 

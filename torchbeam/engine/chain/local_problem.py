@@ -34,6 +34,7 @@ from .chain_constants import (
     Trees,
     filled,
     flattened,
+    of_row,
 )
 from .own_batch import of_one_sample
 from .row_kinds import BetweenKind, ElementKind, EndKind, NodeKind, SupportKind
@@ -42,6 +43,7 @@ from .sorts import SIDES
 Fields = dict[str, Tensor]
 NODE = ("position", "rotation", "velocity", "spin")  # of a state
 INTERNAL = "internal"
+INELASTIC = "inelastic"
 
 
 class Ends(NamedTuple):
@@ -95,7 +97,7 @@ class LocalProblems:
     def internal(self) -> tuple[int, ...]:
         """How many internal states each of the loads has at a node."""
         return tuple(
-            (row or load).internal
+            of_row(row, load).internal
             for row, load in zip(
                 self.trees.node.now.loads, self.trees.common.now.loads, strict=True
             )
@@ -130,7 +132,7 @@ class LocalProblems:
     @property
     def element_state(self) -> tuple[str, ...]:
         """Fields of an element's state, beside its stress."""
-        return ()
+        return () if self.trees.element.rows.law.arms is None else (INELASTIC,)
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
         """The problem of one node, and its unknowns."""
@@ -309,6 +311,7 @@ class LocalProblems:
             internal=values.get(INTERNAL),
             joints=values.get("joints"),
             memory=values.get("memory"),
+            inelastic=values.get(INELASTIC),
         )
         x = self.UNKNOWNS(values.get("u"), values.get("m"), stress)
         return self._stepping(rows, start, common, values, now, C), x
@@ -339,7 +342,7 @@ def far_fields(far: Tensor) -> Fields:
 
 def acting_loads(kind: NodeKind, rows: tuple[Any, ...], loads: tuple[Any, ...]) -> tuple[Any, ...]:
     """Loads of a node; see `Common`."""
-    return tuple(rows[k] or loads[k] for k in kind.acting)
+    return tuple(of_row(rows[k], loads[k]) for k in kind.acting)
 
 
 def _ends(fields: Fields, kind: BetweenKind, name: str) -> Tensor:

@@ -51,7 +51,7 @@ class ConservingFunctions(LocalFunctions):
 
     @property
     def element_ends(self) -> tuple[str, ...]:
-        return ENERGIES
+        return (*super().element_ends, *ENERGIES)
 
     def energies(self, problem: MidpointProblem, after: State) -> Fields:
         kinetic, rise = kinetic_rise(problem.model, problem.start, after)
@@ -63,7 +63,8 @@ class ConservingFunctions(LocalFunctions):
         after = problem.finish(x, x.u.new_zeros(0, self.model.space.unknowns))
         kinetic, rise = kinetic_rise(problem.model, problem.start, after)
         strain = strain_rise(problem.model, problem.start, after, problem.dt, problem.eigenstrain)
-        return {"kinetic": kinetic, "rise": rise + strain}
+        ends = super().finish_element(kind, **fields)
+        return ends | {"kinetic": kinetic, "rise": rise + strain}
 
     def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
         """With what the work makes the energy rise by less, of what is neither node nor element."""
@@ -100,7 +101,8 @@ class AlphaFunctions(LocalFunctions):
 
     @property
     def element_state(self) -> tuple[str, ...]:
-        return (STRAINING,) if self.trees.element.rows.law.damped else ()
+        straining = (STRAINING,) if self.trees.element.rows.law.damped else ()
+        return (*super().element_state, *straining)
 
     def of_node(
         self, fields: Fields, kind: NodeKind
@@ -154,9 +156,12 @@ class AlphaFunctions(LocalFunctions):
 
     def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
         """The element's state at the end of the step."""
+        ends = super().finish_element(kind, **fields)
+        if STRAINING not in self.element_state:
+            return ends
         problem, x = self.of_element(fields, kind)
         x = problem.apply_supports(x)
-        return {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
+        return ends | {STRAINING: problem.straining(problem.motion.kinematics(x.u, x.m))}
 
     def solution(self, **fields: Tensor) -> Fields:
         displacement, turn = self.moved(fields)
@@ -184,16 +189,29 @@ class ExtrapolatedFunctions(LocalFunctions):
         fields = super().state
         return (*fields, *(f"{OTHER}{name}" for name in fields))
 
+    @property
+    def element_state(self) -> tuple[str, ...]:
+        fields = super().element_state
+        return (*fields, *(f"{OTHER}{name}" for name in fields))
+
     def finish_node(self, kind: NodeKind, **fields: Tensor) -> Fields:
         """See `LocalFunctions.finish_node`, with the means above."""
-        ends = super().finish_node(kind, **fields)
+        after = self._mixed(super().finish_node(kind, **fields), super().state, fields)
+        after["rotation"] = self.model.space.normalize(after["rotation"])
+        return after
+
+    def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
+        ends = super().finish_element(kind, **fields)
+        return self._mixed(ends, super().element_state, fields) if ends else ends
+
+    def _mixed(self, ends: Fields, names: tuple[str, ...], fields: Fields) -> Fields:
+        """Ends with the means above."""
         a, e, y, k = self.common_of(fields).mixture.unbind(-1)
         after = dict(ends)
-        for name in super().state:
+        for name in names:
             start, end, other = fields[name], ends[name], fields[f"{OTHER}{name}"]
             after[name] = a * start + e * end + y * other
             after[f"{OTHER}{name}"] = k * end + (1 - k) * other
-        after["rotation"] = self.model.space.normalize(after["rotation"])
         return after
 
     def end(self, fields: Fields) -> tuple[Tensor, Tensor]:

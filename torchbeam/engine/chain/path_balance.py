@@ -204,6 +204,7 @@ def path_refusal(problem: SteadyProblem, load: str | None) -> str | None:
         f"the factor of {load!r} beside functions without motion": load is not None and by_user,
         "supports that turn with the load's factor": load is None and turned,
         "loads with internal states": bool(model.internal_states),
+        "what remembers": bool(model.scene.joint_memory or model.scene.memory[1]),
         "a rigid motion that nothing holds": type(problem) is not SteadyProblem,
     }
     return refusal(model) or next((reason for reason, applies in reasons.items() if applies), None)

@@ -12,7 +12,7 @@ from ..compiler.function import Function
 from ..compiler.trace import trace
 from .chain_constants import flattened
 from .local_functions import LocalFunctions
-from .local_problem import INTERNAL
+from .local_problem import INELASTIC, INTERNAL
 from .method_functions import OTHER
 from .sorts import Sort
 
@@ -44,8 +44,11 @@ class Tracing:
         }
         if INTERNAL in local.state:
             self.shapes[INTERNAL] = (sum(local.internal),)
+        if INELASTIC in local.element_state:
+            self.shapes[INELASTIC] = (local.order, local.model.law.arms.count * k)
         ends = {f"{OTHER}{name}": shape for name, shape in self.shapes.items()}
-        self.shapes |= {name: shape for name, shape in ends.items() if name in local.state}
+        states = *local.state, *local.element_state
+        self.shapes |= {name: shape for name, shape in ends.items() if name in states}
         self.shapes |= {"acceleration": (2 * (p + s),), "straining": (local.order, 2 * k)}
         self.constants = {
             kind: {

@@ -19,7 +19,7 @@ from ...nodal.loads import Nodes, advanced, external, load_points
 from ...nodal.model import Model
 from ...nodal.sample_check import are_checked, check_samples
 from ...nodal.sample_check import written as functions_of
-from ...scene.effects import Inputs, Load, LoadPoint
+from ...scene.effects import Drive, Inputs, Load, LoadPoint
 from ...scene.effects.effect import of_library
 from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
 from ..compiler.readings import NotTraceable, Readings, Ungraded
@@ -33,6 +33,7 @@ def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
     loads += model.scene.interactions
+    loads += tuple(joint.drive for joint in model.scene.joints if joint.drive is not None)
     return [load for load in loads if written(load)]
 
 
@@ -54,6 +55,12 @@ def check_batch(model: Model, batch: tuple[int, ...]) -> None:
         several = interactions.points(model.space, nodes, now, interactions.Inner(pushes))
         for acting, point in (*load_points(model, nodes, now, now.loads), *several):
             check_samples(acting, point, t, inputs, batch)
+        for drive in (load for load in loads if isinstance(load, Drive)):
+            if drive.mixes(torch.Size(batch), model.length):
+                raise ValueError(
+                    "a Drive was given, which mixes the samples of a batch; a function of each "
+                    "sample's own coordinate is wanted (no mean, sort, roll)"
+                )
 
 
 def dependencies_of(loads: list[Any]) -> Dependencies:

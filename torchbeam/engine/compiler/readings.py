@@ -27,8 +27,8 @@ LIBRARIES = TORCH, HERE
 
 
 class NotTraceable(Exception):
-    """What a function does depends on the values of its inputs in a way that no graph of scalar
-    operations can tell.
+    """The function depends on the values of its inputs in a way that no graph of scalar operations
+    can express.
 
     Examples:
         >>> def sign(x):

@@ -21,20 +21,23 @@ def trace(
     inputs: dict[str, Tensor],
     captured: dict[str, Tensor] | None = None,
 ) -> Function:
-    """`function(**inputs)` as a graph. Values of the inputs do not matter, but that the function
-    must take them; shapes and dtype do. It returns a tensor (the field is called "out"), or tensors
-    in dictionaries and (named) tuples, whose fields are called by keys, names and places, joined by
+    """Trace `function(**inputs)` as a graph. Shapes and dtype of the inputs matter; values matter
+    only if the function refuses some. The function returns a tensor (field "out"), or tensors in
+    dictionaries and (named) tuples. Their fields have keys, names and places as names, joined by
     dots; None is left out.
 
-    Tensors that do not come from inputs are constants: their values are read. Operations that read
-    nothing else run as they are, in the inputs' dtype by default. Raises NotTraceable for an
-    operation that is not known, for control flow by, and reading of, traced values, and for a
-    constant that carries gradient, which would be lost. The graph is the same beside hooks on saved
-    tensors (torch.utils.checkpoint), which the function does not see.
+    Tensors that do not come from inputs are constants: their values are read. Operations on
+    constants alone run at once, in the inputs' dtype by default. Hooks on saved tensors
+    (torch.utils.checkpoint) do not change the graph; the function does not see them.
 
-    captured: by the names of inputs, tensors that the function reads beside its arguments: it reads
-    these inputs instead. An input of fewer axes stands for one of its samples: it is read with axes
-    of 1 in the place of those that it has not.
+    Args:
+        captured: name of an input -> tensor that the function reads beside its arguments; it then
+            reads this input instead. An input of fewer axes stands for a sample of it: it is read
+            with axes of 1 in place of the missing ones
+
+    Raises:
+        NotTraceable: for an unknown operation, for control flow by traced values or reading them,
+            and for a constant that carries gradient, which would be lost.
 
     Examples:
         >>> function = extend.trace(lambda x: x * x + 1, {"x": torch.ones(2)})

@@ -7,6 +7,7 @@ of the quaternion. Strains are [gamma_1, gamma_t, kappa_n].
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -215,6 +216,7 @@ class Planar(Spatial):
             stress=state.stress @ self._stress_map,
             reaction=state.reaction @ self._load_map,
             frame=None if state.frame is None else self.reduced_frame(state.frame),
+            **_crept(state, 6, self.project_strain),
         )
 
     def start(self, state: State) -> State:
@@ -244,6 +246,7 @@ class Planar(Spatial):
             stress=self._maps.to_stress(state.stress),
             reaction=self._maps.to_load(state.reaction),
             frame=frame,
+            **_crept(state, self.dims.strain, self.embed_strain),
         )
 
     def reduced_frame(self, q: Tensor) -> Tensor:
@@ -347,3 +350,10 @@ class Planar(Spatial):
         return omega[..., None] * torch.tensor(
             ((0.0, -1), (1, 0)), dtype=omega.dtype, device=omega.device
         )
+
+
+def _crept(state: State, size: int, to: Callable[[Tensor], Tensor]) -> dict[str, Tensor]:
+    """What arms have crept by, of each of these so many strains by a map of strains."""
+    if state.inelastic is None:
+        return {}
+    return {"inelastic": to(state.inelastic.unflatten(-1, (-1, size))).flatten(-2)}

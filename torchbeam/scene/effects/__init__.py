@@ -4,6 +4,7 @@ An effect is a small frozen dataclass with one kind:
     load         force and moment at load points of the beam: `wrench(point, t, inputs)`,
                  `tangent(point, t, inputs)`
     strain       `Damping`: stress that follows the strain rate
+    memory       `Viscoelastic`: stress that relaxes
     inertia      `PointMass`: mass at a node
     eigenstrain  `Actuation`: strain and curvature of the unloaded beam
     tendon       `Tendon`: forces between points of several nodes
@@ -17,6 +18,8 @@ from .contact import Contact
 from .custom_load import Load
 from .damping import Damping, MassDamping, rayleigh
 from .drag import Drag
+from .drive import Drive
+from .dynamic_stall import DynamicStall
 from .effect import Effect
 from .gravity import Gravity
 from .histories import Accelerogram, History
@@ -36,10 +39,14 @@ from .loads import LineLoad, PointLoad, TipLoad
 from .obstacle import Obstacle
 from .obstacles import Box, Capsule, Cylinder, Plane, Sphere
 from .point_mass import PointMass
+from .polar import Polar
+from .rotor import Induction, blade_element_momentum
 from .self_contact import SelfContact
 from .smooth_history import SmoothHistory, SmoothRotation
 from .springs import RootSpring, Spring
+from .strip_air import StripAir
 from .tendon import Eyelet, Tendon
+from .turbulence import Turbulence
 from .values import (
     Along,
     Input,
@@ -53,15 +60,20 @@ from .values import (
     inputs_over,
     value_at,
 )
+from .viscoelastic import Viscoelastic
+from .wind import Gust, Wind, WindField
+from .wind_table import WindTable
 
 # fmt: off
 __all__ = [
     "ACCELERATION", "ANGULAR_ACCELERATION", "INERTIAL", "POSITION", "ROTATION", "SPIN",
     "VELOCITY", "Accelerogram", "Actuation", "Along", "Box", "Capsule", "Contact", "Cylinder",
-    "Damping", "Drag", "Effect", "Eyelet", "Gravity", "History", "Input", "Inputs", "LineLoad",
-    "Load", "LoadEffect", "LoadPoint", "MassDamping", "Obstacle", "PerElement", "PerInterval",
-    "Plane", "PointLoad", "PointMass", "Pose", "RootSpring", "SelfContact", "SmoothHistory",
-    "SmoothRotation", "Sphere", "Spring", "Tendon", "TipLoad", "changing",
+    "Damping", "Drag", "Drive", "DynamicStall", "Effect", "Eyelet", "Gravity", "Gust", "History",
+    "Induction", "Input", "Inputs", "LineLoad", "Load", "LoadEffect", "LoadPoint", "MassDamping",
+    "Obstacle", "PerElement", "PerInterval", "Plane", "PointLoad", "PointMass", "Polar", "Pose",
+    "RootSpring", "SelfContact", "SmoothHistory", "SmoothRotation", "Sphere", "Spring",
+    "StripAir", "Tendon", "TipLoad", "Turbulence", "Viscoelastic", "Wind", "WindField",
+    "WindTable", "blade_element_momentum", "changing",
     "first_of", "inputs_at", "inputs_of", "inputs_over", "rayleigh", "value_at",
 ]
 # fmt: on

@@ -83,14 +83,13 @@ class Load(LoadEffect):
         function: takes position (..., 3) m, rotation (..., 3, 3) section axes -> frame a, velocity
             (..., 3) m/s absolute, spin (..., 3) rad/s, all in frame a; t (0-dim) s. Returns force
             and moment (..., 3) in frame a, N and N m, per metre along the beam: tensors or
-            sequences of numbers; None = absent. Write it in torch operations. Its result at a site
-            of a sample may depend only on the arguments there, because the engine chooses which
-            sites and samples share a call. If samples stand at different times, it is called once
-            for each time.
+            sequences of numbers; None = absent. Write it in torch operations. The result at a site
+            of a sample depends on the arguments there alone: the engine chooses which sites and
+            samples share a call. Samples at different times have a call for each time.
         node: counts from the root, -1 is the tip; None = along the beam, force and moment per
             metre, with arguments (..., sites, ...). Give it, unless `on` or "s" already say that
-            the load is along the beam. Without it the load acts on the tip, with a FutureWarning;
-            from the next minor version on it will act along the beam, as `Drag` and `Gravity` do
+            the load is along the beam. Without it the load acts on the tip, with a FutureWarning.
+            From the next minor version on, it will act along the beam, as `Drag` and `Gravity` do
         inputs: `Input`s, or names with sizes {"u": 2}: the function takes them by name, with as
             many axes as the motion
         values: parameters by name, numbers or tensors, which the function takes by that name. At a
@@ -103,8 +102,8 @@ class Load(LoadEffect):
             place; z starts at zero
         of: quantities that the function and the rate read, of "position", "rotation", "velocity",
             "spin". The others are given as None, and not differentiated. Empty: a load of t,
-            inputs, values and z. Given by name are "acceleration" (..., 3) m/s^2 and
-            "angular_acceleration" (..., 3) rad/s^2, absolute, frame a, and along the beam the arc
+            inputs, values and z. Further quantities come by name: "acceleration" (..., 3) m/s^2 and
+            "angular_acceleration" (..., 3) rad/s^2, absolute, frame a. Along the beam, also the arc
             length "s" (..., sites) m from the root
         on: along the beam: name of a beam of a structure; None = all
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -28,9 +28,12 @@ from .load_point import (
     jacobians,
 )
 from .values import Input, Inputs, load_value, value_at
+from .wind import WindField, in_frame
 
 
 def _flow(name: str, value: Any) -> Any:
+    if isinstance(value, WindField):
+        return value
     if callable(value):
         return check_function(name, value, "position", "t")
     return load_value(name, value)
@@ -55,8 +58,9 @@ class Drag(LoadEffect):
         diameter: (...) m: width across the flow, pi d the wetted circumference
         normal, tangential: (...) C_n and C_t; a smooth circular cylinder has C_n near 1.2 below and
             0.4 above the drag crisis
-        flow: m/s: (..., 3) or an Input of size 3, uniform, in inertial axes, as Gravity's g; or
-            function(position, t) -> (..., sites, 3), both in frame a; None = still
+        flow: m/s: (..., 3) or an Input of size 3, uniform, in inertial axes, as Gravity's g; a
+            `Wind`, `Gust`, `Turbulence`, `WindTable`, or a sum of them; or function(position, t)
+            -> (..., sites, 3), both in frame a; None = still
         added_mass: (...) C_a of the fluid that moves along; a circular cylinder in potential flow
             has 1. None or 0: none
         on: name of a beam of a structure; None = all
@@ -78,7 +82,7 @@ class Drag(LoadEffect):
     diameter: Value = leaf(0, nonnegative=True)
     normal: Value = leaf(0, default=1.2, nonnegative=True)
     tangential: Value = leaf(0, default=0.0, nonnegative=True)
-    flow: Value | Input | Callable[[Tensor, Tensor], Tensor] | None = leaf(
+    flow: Value | Input | WindField | Callable[[Tensor, Tensor], Tensor] | None = leaf(
         lambda drag: None if callable(drag.flow) else 1, default=None, check=_flow
     )
     added_mass: Value | None = leaf(0, default=None, check=optional)
@@ -88,11 +92,16 @@ class Drag(LoadEffect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.carries and (callable(self.flow) or isinstance(self.flow, Input)):
+        if self.carries and (self.by_position or isinstance(self.flow, Input)):
             raise ValueError(
                 "Drag with an added mass in a flow that is a function or an Input was given; with "
                 "an added mass the flow is uniform and steady"
             )
+
+    @property
+    def by_position(self) -> bool:
+        """Whether the flow differs from place to place."""
+        return callable(self.flow) or isinstance(self.flow, WindField)
 
     @property
     def carries(self) -> bool:
@@ -117,7 +126,7 @@ class Drag(LoadEffect):
 
     @property
     def depends(self) -> frozenset[str]:
-        more = {POSITION: callable(self.flow), ACCELERATION: self.carries}
+        more = {POSITION: self.by_position, ACCELERATION: self.carries}
         return frozenset({ROTATION, VELOCITY, *(name for name, read in more.items() if read)})
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
@@ -157,16 +166,22 @@ class Drag(LoadEffect):
                 along_a = (a * axis).sum(-1, keepdim=True)[..., None]
                 by_axis = added * (outer(axis, a) + along_a * eye)
                 derivatives[ROTATION] = turn + by_axis @ -skew(axis)
-        if callable(self.flow):
+        if self.by_position:
             at = point.position.expand(*broadcast_shapes(point.position.shape, axis.shape))
-            (slope,) = jacobians(lambda x: torch.broadcast_tensors(self._flow(x, t), x)[0], at)
+
+            def flow(x: Tensor) -> Tensor:
+                return torch.broadcast_tensors(self._flow(replace(point, position=x), t), x)[0]
+
+            (slope,) = jacobians(flow, at)
             derivatives[POSITION] = -by_velocity @ slope
         return {name: torch.cat((d, torch.zeros_like(d)), -2) for name, d in derivatives.items()}
 
-    def _flow(self, position: Tensor, t: Tensor) -> Tensor:
-        """(..., sites, 3) m/s, frame a, of a flow that is a function."""
-        what = "a flow function's value"
-        return at_time(lambda now: taken(what, self.flow(position, now), position, 3), t, axes=2)
+    def _flow(self, point: LoadPoint, t: Tensor) -> Tensor:
+        """(..., sites, 3) m/s, frame a, of a flow that differs from place to place."""
+        if isinstance(self.flow, WindField):
+            return in_frame(self.flow.velocity, point, t)
+        what, x = "a flow function's value", point.position
+        return at_time(lambda now: taken(what, self.flow(x, now), x, 3), t, axes=2)
 
     def _factors(self) -> tuple[Tensor, Tensor]:
         """-1/2 rho d C_n and -1/2 rho d pi C_t, (..., 1, 1)."""
@@ -177,8 +192,8 @@ class Drag(LoadEffect):
     def _parts(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
         """The axis (..., 3), the relative velocity along it (..., 1) and across it (..., 3)."""
         axis, v = point.R[..., :, 0], point.velocity
-        if callable(self.flow):
-            v = v - self._flow(point.position, t)
+        if self.by_position:
+            v = v - self._flow(point, t)
         elif self.flow is not None:
             flow = value_at(self.flow, t, inputs, point.R)
             v = v - point.from_inertial(flow)[..., None, :]

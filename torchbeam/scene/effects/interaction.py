@@ -46,17 +46,19 @@ class Interaction(LoadEffect):
     nodes: position (..., n, 3), R (..., n, 3, 3); velocity, spin, absolute, frame a. The class's
     own leaves have not. Equilibria raise it with the loads.
 
-    **Unknowns.** A class with `unknowns`, one to six (in a plane three), has so many numbers of its
-    own. Its `residual(point, t, inputs)` (..., unknowns), m or rad, is zero at the end of a step.
-    It gets position, R and `own` (..., unknowns) of the `point` there. By default the wrench is the
+    **Unknowns.** A class has `unknowns` numbers of its own, one to six (in a plane three). Its
+    `residual(point, t, inputs)` (..., unknowns), m or rad, is zero at the end of a step. It gets
+    position, R and `own` (..., unknowns) of the `point` there. By default the wrench is the
     constraint force of residual = 0: `own`, N or N m, pulls against growth of the residual. A class
     may write another wrench. It acts whatever the loads are, and does work only by the curvature of
     the constraint in a step.
 
-    **Memory.** A class with a `memory` keeps so many numbers in `State.memory`. At the end of a
-    step, and in an equilibrium, `remember(point, t, inputs)` returns them, (..., memory). Its point
-    has the numbers at the start, 0 at first (`internal`), the length of the step `dt`, places and
-    turns at its end, and velocities and own unknowns as they act. The wrench gets `internal`, too.
+    **Memory.** A class keeps `memory` numbers in `State.memory`. At the end of a step, and in an
+    equilibrium, `remember(point, t, inputs)` returns them, (..., memory). Its point has the numbers
+    at the start of the step (`internal`) and its length `dt`. They are 0 at first. In an
+    equilibrium they are those of `initial`, along a path those of the point before. Places and
+    turns are at the end of the step, velocities and own unknowns act during it. The wrench gets
+    `internal`, too.
 
     Raises:
         ValueError: for fewer than two nodes, more than six, one twice, or a missing one.
@@ -127,7 +129,7 @@ class Interaction(LoadEffect):
         return with_values(self, nodes=rows)
 
     def residual(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
-        """(..., unknowns) m or rad, what is zero at the end of a step, of a class with unknowns."""
+        """Residual (..., unknowns) m or rad of a class with unknowns, zero at the end of a step."""
         raise NotImplementedError
 
     def remember(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Tensor:
@@ -135,7 +137,7 @@ class Interaction(LoadEffect):
         raise NotImplementedError
 
     def wrench(self, point: LoadPoint, t: Tensor, inputs: Inputs) -> Wrench:
-        """Those of the constraint that the residual is zero."""
+        """Force and moment of the constraint that the residual is zero."""
         by = self.residual_tangent(point, t, inputs)
         return tuple(
             -torch.einsum("...u,...unk->...nk", point.own, by[name]) if name in by else None

@@ -132,6 +132,7 @@ class LoadEffect(Tree):
             None = all parts
         inputs: `Input`s that it takes beside the inputs in its leaves
         by_place: of an effect without a node: whether it differs along the beam
+        shared: names of leaves that are the same all along it even where others have `at_sites`
         by_mass: whether it acts on all masses, bodies included; else on beams alone, per length
 
     Raises:
@@ -158,6 +159,7 @@ class LoadEffect(Tree):
     on = None
     inputs: ClassVar[Iterable] = ()
     by_place = True
+    shared: ClassVar[tuple[str, ...]] = ()
     by_mass = False
     # whether its work is independent of the path where nothing moves: of what vanishes at rest, too
     conservative = False
@@ -199,8 +201,8 @@ class LoadEffect(Tree):
         return None
 
     def depends_on(self, offset: bool) -> frozenset[str]:
-        """Names among `MOTION`: what the wrench depends on; empty = a dead load. `offset`: whether
-        a centre of mass, of a section or of a point mass, lies off its node.
+        """Names among `MOTION`: dependences of the wrench; empty = a dead load. `offset`: whether a
+        centre of mass, of a section or of a point mass, lies off its node.
         """
         return self.depends
 
@@ -222,7 +224,7 @@ class LoadEffect(Tree):
         return derivatives(lambda at: together(self.wrench(at, t, inputs), at.R), point, names)
 
     def internal_states(self, beam: Beam) -> int:
-        """How many numbers it remembers."""
+        """Number of internal states."""
         return self.internal
 
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LoadEffect | None:
@@ -248,13 +250,17 @@ class LoadEffect(Tree):
 
 def at_instant(tree: Tree, t: Tensor, inputs: Inputs, like: Tensor, **parts: Tree) -> Tree:
     """A tree with numbers in the place of functions of t and of inputs among its own leaves, and
-    with these `parts` of it; itself where that changes nothing.
+    in winds among them, and with these `parts` of it; itself where that changes nothing.
     """
+    own = own_leaves(tree)
     asked = {
         leaf.name: value_at(leaf.value, t, inputs, like)
-        for leaf in own_leaves(tree)
+        for leaf in own
         if leaf.axes == 1 and (callable(leaf.value) or isinstance(leaf.value, Input))
     }
+    for leaf in own:
+        if hasattr(leaf.value, "resolved"):
+            parts[leaf.name] = leaf.value.resolved(t, inputs, like)
     asked |= {name: part for name, part in parts.items() if part is not getattr(tree, name)}
     return with_values(tree, **asked) if asked else tree
 

@@ -137,12 +137,12 @@ class Obstacle(Tree):
         raise NotImplementedError
 
     def gradient(self, x: Tensor) -> Tensor:
-        """Of the distance (..., points, 3): of length 1, out of what is solid."""
+        """Gradient (..., points, 3) of the distance: unit vectors out of the solid."""
         raise NotImplementedError
 
     def mean_gradient(self, x: Tensor, y: Tensor) -> Tensor:
-        """(..., points, 3), whose product with y - x is what the distance changes by from points x
-        to y: the gradient half way, put right along the way (Gonzalez 1996).
+        """Discrete gradient (..., points, 3): its product with y - x is the change of distance from
+        points x to y. It is the gradient half way, corrected along y - x (Gonzalez 1996).
         """
         n, way = self.gradient((x + y) / 2), y - x
         square = way.square().sum(-1, keepdim=True)
@@ -151,8 +151,8 @@ class Obstacle(Tree):
 
     @property
     def in_body(self) -> Obstacle:
-        """The same as the surface of a body, in its axes: what it is made of are tensors of 3 to
-        the power of their axes' number, none of them absent.
+        """The obstacle as surface of a body, in its axes. Its fields are tensors of 3 to the power
+        of their number of axes; none is absent.
         """
         return self
 
@@ -163,12 +163,12 @@ class Obstacle(Tree):
 
     @property
     def corners(self) -> Tensor | None:
-        """(..., K, 3) m: balls of its `radius` there are next to planes; None = there are none."""
+        """(..., K, 3) m, centres of balls of its `radius` that may touch planes; None = none."""
         return None
 
     @property
     def room(self) -> Tensor | None:
-        """(...) m, the largest radius that has room in a hollow; None = it is none."""
+        """(...) m, largest radius that fits into a hollow; None = no hollow."""
         return None
 
     @property
@@ -183,7 +183,7 @@ class Obstacle(Tree):
 
     @_of_points
     def surface_velocity(self, x: Tensor) -> Tensor | None:
-        """The same of its surface."""
+        """Velocity of its surface, likewise."""
         parts = [spin for spin in (self.turning, self.spinning) if spin is not None]
         return self._carried(x, sum(parts[1:], parts[0]) if parts else None)
 

@@ -27,14 +27,14 @@ from .values import Inputs, Rate, load_value, value_at
 class Spring(LoadEffect):
     """Spring between a node and a point.
 
-    The force is -(k (|d| - length) + c d|d|/dt) d/|d|. d goes from the point to the node, or to the
-    place at `offset` from it.
+    The force is -(k (|d| - length) + c d|d|/dt) d/|d|. The vector d goes from the point to the
+    node, or to the place at `offset` from it.
 
     Args:
         node: counts from the root, -1 is the tip
         stiffness: (...) k, N/m
-        to: (..., 3) m, frame a, or a function t -> (..., 3): the point, which moves with frame a
-            and in it; None = the initial place of the node or its offset
+        to: the point: (..., 3) m, frame a, or a function t -> (..., 3); it moves with frame a. None
+            = the initial place of the node or its offset
         length: (...) m unstretched; None, or the number 0, makes it linear: -k d - c d', d' the
             rate of d in frame a
         damping: (...) c, N s/m; forward mode gives the rate of a point that is a function, so write
@@ -186,8 +186,8 @@ def _six(name: str, value: Value) -> Value:
 class RootSpring(LoadEffect):
     """An elastic, damped clamp: six springs between node 0 and its support.
 
-    Their energy is 1/2 d^T k d + 1/2 phi^T k phi, with the displacement d and the rotation vector
-    phi (|phi| < pi) of node 0 from its support. Both are in the support's axes, which are the
+    Their energy is 1/2 d^T k d + 1/2 phi^T k phi. Node 0 has the displacement d and the rotation
+    vector phi (|phi| < pi) from its support. Both are in the support's axes, which are the
     section's at rest. The support stays at the beam's node 0, or moves as the scene's root does.
 
     Args:

@@ -80,13 +80,13 @@ class Tendon(Effect):
         eyelets: at least two (node, (x, y, z)), in order; node None = a point of the ground
         tension: (...) N at the first eyelet: a number, a function of t, or an `Input`. Negative
             values count as 0: a rope does not push
-        length: (...) m unstretched from the first eyelet to the last, as a winch gives it: a
-            number, a function of t, or an `Input`; None = the undeformed length. In place of
+        length: (...) m, unstretched length from the first eyelet to the last, set by a winch: a
+            number, a function of t, or an `Input`. None = the undeformed length. In place of
             `tension`, with
         stiffness: (...) N/m of the whole rope: the tension is stiffness times the excess of its
             length
-        friction: (...) mu at the eyelets between: the tension falls by exp(-mu angle) in the
-            direction in which the tendon slides (Euler and Eytelwein), None = none; with
+        friction: (...) mu at the inner eyelets: tension falls by exp(-mu angle) along the sliding
+            direction of the tendon (Euler and Eytelwein). None = no friction; with
         slip_speed: (...) m/s: the direction is r/sqrt(r^2 + s^2) of the sliding rate r
 
     At rest nothing slides; friction then assumes that the tendon was pulled at its first eyelet.

@@ -267,7 +267,12 @@ def test_what_is_refused(given, sentence):
 def test_calls_that_are_refused():
     f = tb.KalmanFilter(strip(), TIP, dt=DT, noise=1e-3)
     start = f.start()
+    horizon = tb.MovingHorizon(strip(), TIP, dt=DT, noise=1e-3, window=2)
+    larger = tb.KalmanFilter(strip(), TIP, dt=DT, noise=1e-3, bias=0.1)
     for call, sentence in (
+        (lambda: f.update(horizon.predict(horizon.start())), "a prediction of a MovingHorizon"),
+        (lambda: horizon.update(larger.predict(larger.start())), "an estimate of 13 numbers"),
+        (lambda: f(larger.start(), [0.0]), "one of the 12 of this filter"),
         (lambda: f.start(amplitude=1.0, covariance=torch.eye(f.moves)), "one of the two"),
         (lambda: f.start(covariance=-torch.eye(f.moves)), "none below 0 is wanted"),
         (lambda: f(start, [0.0, 1.0]), "y "),

@@ -1,0 +1,237 @@
+"""Rotors on supports that stand, against closed forms and models of one's own."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+import torchbeam as tb
+
+# Hammond (1974), J. Am. Helicopter Soc. 19(4), 14: a helicopter's four blades on lag hinges, on a
+# hub whose springs and masses differ along x and y. kg, m, N s/m, N/m
+BLADE = dict(mass=94.9, S=289.1, I=1084.7, offset=0.3048, damping=4067.5)
+HUB = dict(mass=(8026.6, 3283.6), stiffness=(1240481.8,) * 2, damping=(51078.7, 51078.7 / 2))
+
+
+def helicopter(dampers=(BLADE["damping"],) * 4, hub=HUB):
+    """In the plane of the rotor; the bearing is joint 0."""
+    masses, lever = hub["mass"], BLADE["S"] / BLADE["mass"]
+    about_centre = BLADE["I"] - BLADE["mass"] * lever**2
+    parts = {
+        "carriage": tb.Body(mass=masses[0] - masses[1] or 1e-6, inertia=1.0),
+        "mast": tb.Body(mass=masses[1], inertia=1.0),
+        "hub": tb.Body(mass=1e-6, inertia=1e-6),
+    }
+    joints = [tb.Hinge("mast", "hub", axis=(0, 0, 1))]
+    for name, axis, k in (("carriage", (1, 0, 0), 0), ("mast", (0, 1, 0), 1)):
+        law = dict(stiffness=hub["stiffness"][k], damping=hub["damping"][k])
+        joints.append(tb.Slider("carriage" if k else None, name, axis=axis, **law))
+    for k, damping in enumerate(dampers):
+        angle = 2 * math.pi * k / len(dampers)
+        out = torch.tensor([math.cos(angle), math.sin(angle), 0.0], dtype=torch.float64)
+        name, place = f"blade {k}", (BLADE["offset"] + lever) * out
+        parts[name] = tb.Body(mass=BLADE["mass"], inertia=about_centre, position=place)
+        hinge = dict(at=BLADE["offset"] * out, axis=(0, 0, 1), damping=damping)
+        joints.append(tb.Hinge("hub", name, **hinge))
+    return tb.Scene(parts, joints=joints, plane="xy")
+
+
+def coleman(psi, speed, dampers, hub=HUB):
+    """M, D, K of x, y of the hub and the blades' lag angles, at an azimuth: Coleman and Feingold
+    (1958), NACA Report 1351, with the angles in axes that turn.
+    """
+    n, S = len(dampers), BLADE["S"]
+    M, D, K = (np.zeros((n + 2, n + 2)) for _ in range(3))
+    for k in range(2):
+        M[k, k] = hub["mass"][k] + n * BLADE["mass"]
+        D[k, k], K[k, k] = hub["damping"][k], hub["stiffness"][k]
+    for k, damping in enumerate(dampers, 2):
+        angle = psi + 2 * math.pi * (k - 2) / n
+        across = np.array([-math.sin(angle), math.cos(angle)])  # d/dpsi = -out
+        out = np.array([math.cos(angle), math.sin(angle)])
+        M[k, k], D[k, k], K[k, k] = BLADE["I"], damping, speed**2 * BLADE["offset"] * S
+        M[:2, k] = M[k, :2] = S * across
+        D[:2, k], K[:2, k] = -2 * speed * S * out, -(speed**2) * S * across
+    return M, D, K
+
+
+def exponents(speed, *of, steps=400):
+    """Real parts of the exponents over a turn, by Runge and Kutta's method of fourth order."""
+    h, n = 2 * math.pi / speed / steps, len(coleman(0.0, speed, *of)[0])
+
+    def rates(psi):
+        M, D, K = coleman(psi, speed, *of)
+        below = -np.linalg.solve(M, np.hstack((K, D)))
+        return np.vstack((np.hstack((np.zeros((n, n)), np.eye(n))), below))
+
+    X = np.eye(2 * n)
+    for step in range(steps):
+        A, B, C = (rates(2 * math.pi * (step + s) / steps) for s in (0, 0.5, 1))
+        a = A @ X
+        b = B @ (X + h / 2 * a)
+        c = B @ (X + h / 2 * b)
+        X = X + h / 6 * (a + 2 * b + 2 * c + C @ (X + h * c))
+    return np.sort(np.log(np.abs(np.linalg.eigvals(X))) * speed / (2 * math.pi))
+
+
+C = BLADE["damping"]
+
+
+@pytest.mark.parametrize("dampers", [(C,) * 4, (0.0, C, C, C), (C, C), (C, C, 2 * C)])
+def test_ground_resonance_is_that_of_coleman_and_feingold(dampers):
+    """Growth of all motions, of four equal blades, one damper inoperative, two blades, and three
+    unequal ones; within the steps of both (400 of fourth order, 48 of sixth).
+    """
+    speed = torch.tensor([16.0, 26.0], dtype=torch.float64)
+    count = len(dampers) + 2
+    diagram = tb.campbell(helicopter(dampers), speed, bearing=0, count=count, steps=48)
+    assert diagram.method == (
+        "multiblade" if len(set(dampers)) == 1 < len(dampers) - 1 else "floquet"
+    )
+    for W, value in zip(speed.tolist(), diagram.eigenvalue, strict=True):
+        expected = exponents(W, dampers)[::2]
+        np.testing.assert_allclose(np.sort(value.real), expected, rtol=0, atol=2e-6)
+
+
+def test_ground_resonance_with_a_damper_inoperative_has_hammonds_range():
+    """Hammond's rotor is stable with all dampers. With one inoperative a lag mode grows about where
+    its regressing frequency meets the hub's (own model: 22.03 to 32.17 rad/s).
+    """
+    speed = torch.tensor([20.0, 22.0, 22.1, 32.1, 32.3], dtype=torch.float64)
+    whole = tb.campbell(helicopter(), speed, bearing=0)
+    assert whole.method == "multiblade" and not whole.unstable.any()
+    less = tb.campbell(helicopter((0.0, C, C, C)), speed, bearing=0)
+    assert less.unstable.any(-1).tolist() == [False, False, True, True, False]
+    ((low, high),) = less.unstable_ranges
+    assert 22.0 < low < 22.1 and 32.1 < high < 32.3
+
+
+def test_a_disc_on_a_shaft_splits_by_its_gyroscopic_moment():
+    """Overhung disc on a massless shaft, z = y + i z and slope p: m z'' + 12 b z - 6 b L p = 0,
+    Jd p'' - i Jp W p' - 6 b L z + 4 b L^2 p = 0, b = EI/L^3.
+    """
+    L, EI, m, Jp, Jd = 1.0, 1650.0, 2.0, 0.08, 0.05
+    section = tb.Section.from_stiffness(EA=1e8, GA=math.inf, GJ=1e6, EI=EI, mass=1e-9)
+    disc = tb.Body(mass=m, inertia=(Jp, Jd, Jd), position=(L, 0, 0))
+    scene = tb.Scene(
+        {"shaft": tb.Beam.straight(L, 1, section, order=2), "disc": disc},
+        joints=[tb.Hinge(("shaft", -1), "disc", axis=(1, 0, 0))],
+        supports=[tb.Support(("shaft", 0))],
+    )
+    speed = torch.tensor([0.0, 100.0, 300.0], dtype=torch.float64)
+    diagram = tb.campbell(scene, speed, count=4)
+    for W, found in zip(speed.tolist(), diagram.frequency, strict=True):
+        poly = np.polymul([-m, 0, 12 * EI / L**3], [-Jd, Jp * W, 4 * EI / L])
+        roots = np.roots(np.polysub(poly, [(6 * EI / L**2) ** 2]))
+        # rounding of EA beside EI, and of a shaft with next to no mass
+        np.testing.assert_allclose(np.sort(found), np.sort(np.abs(roots.real)), rtol=1e-5)
+    assert torch.allclose(diagram.whirl[-1].abs(), torch.ones(4, dtype=torch.float64))
+    assert {name.split()[0] for name in diagram.names} == {"forward", "backward"}
+
+
+def test_a_shaft_between_bearings_whirls_as_rayleighs_beam():
+    """Pinned-pinned round shaft with rotary inertia: (m + J k^2) w^2 - 2 J k^2 W w - EI k^4 = 0
+    with k = n pi/L (Lee, Katz, Ulsoy and Scott 1988, J. Appl. Mech. 55, 141, without shear).
+    """
+    L, r, E, rho = 1.0, 0.05, 200e9, 7800.0
+    A, inertia = math.pi * r**2, math.pi * r**4 / 4
+    section = tb.Section.from_stiffness(
+        EA=E * A, GA=math.inf, GJ=E * inertia, EI=E * inertia, mass=rho * A, inertia=rho * inertia
+    )
+    ends = (
+        ("pivot", tb.Body(mass=1e-9, inertia=1e-9)),
+        ("shaft", tb.Beam.straight(L, 4, section, order=2)),
+    )
+    scene = tb.Scene(
+        dict(ends),
+        joints=[
+            tb.Hinge("pivot", ("shaft", 0), axis=(1, 0, 0)),
+            tb.Ball(None, ("shaft", -1)),
+            tb.Universal(None, "pivot", axis=(0, 1, 0), second=(0, 0, 1)),
+        ],
+    )
+    speed = torch.tensor([0.0, 1000.0, 5000.0], dtype=torch.float64)
+    found = tb.campbell(scene, speed, bearing=(0, 1), count=2).frequency
+    k = math.pi / L
+    a, c = rho * A + rho * inertia * k**2, E * inertia * k**4
+    for W, frequency in zip(speed.tolist(), found, strict=True):
+        b = rho * inertia * k**2 * W
+        root = math.sqrt(b**2 + a * c)
+        # four elements: 2e-5, of fourth order in their number
+        np.testing.assert_allclose(np.sort(frequency), [(root - b) / a, (root + b) / a], rtol=3e-5)
+
+
+@pytest.mark.parametrize("method", ["multiblade", "floquet"])
+def test_a_top_on_a_spring_keeps_its_weight_in_the_bearing(method):
+    """A disc spins on a mast that stands on a universal joint with springs k: J p'' - i Jp W p' +
+    (k - G) p = 0 of the tilt p, with J about the foot and G the moment of both weights.
+    """
+    m, L, Jp, Jd, k, g = 2.0, 0.5, 0.08, 0.05, 30.0, 9.81
+    mast, height, inertia = 0.7, 0.2, 0.01
+    parts = {
+        "mast": tb.Body(mass=mast, inertia=inertia, position=(0, 0, height)),
+        "disc": tb.Body(mass=m, inertia=(Jd, Jd, Jp), position=(0, 0, L)),
+    }
+    foot = dict(at=(0, 0, 0), axis=(1, 0, 0), second=(0, 1, 0), stiffness=(k, k))
+    bearing = tb.Hinge("mast", "disc", at=(0, 0, 0.35), axis=(0, 0, 1))
+    joints = [bearing, tb.Universal(None, "mast", **foot)]
+    scene = tb.Scene(parts, [tb.Gravity((0, 0, -g))], joints=joints)
+    speed = torch.tensor([0.0, 50.0, 200.0], dtype=torch.float64)
+    found = tb.campbell(scene, speed, bearing=0, count=2, method=method).frequency
+    J, K = Jd + m * L**2 + inertia + mast * height**2, k - g * (m * L + mast * height)
+    for W, frequency in zip(speed.tolist(), found, strict=True):
+        root = math.sqrt((Jp * W) ** 2 + 4 * J * K)
+        expected = [(root - Jp * W) / (2 * J), (root + Jp * W) / (2 * J)]
+        np.testing.assert_allclose(np.sort(frequency), expected, rtol=1e-10)
+
+
+def blades(count, tower=None, frame=None, speed=0.0):
+    """Three or more blades that bend, on a hub; on a tower, the ground, or in a turning frame."""
+    section = tb.Section.from_stiffness(
+        EA=1e4, GA=math.inf, GJ=1.0, EI=(1.0, 2.0), mass=1.0, inertia=1e-3
+    )
+    parts = {"hub": tb.Body(mass=0.5, inertia=(0.05, 0.05, 0.08))}
+    hub = (
+        tb.Weld(None, "hub") if frame else tb.Hinge(tower and ("tower", -1), "hub", axis=(0, 0, 1))
+    )
+    joints, supports = [hub], ()
+    for k in range(count):
+        angle = 2 * math.pi * k / count
+        out = (math.cos(angle), math.sin(angle), 0)
+        parts[f"blade {k}"] = tb.Beam.straight(1.0, 1, section, direction=out, order=2)
+        joints.append(tb.Weld("hub", (f"blade {k}", 0)))
+    if tower:
+        column = tb.Section.from_stiffness(
+            EA=1e5, GA=math.inf, GJ=5.0, EI=(4.0, 6.0), mass=1.0, inertia=1e-3
+        )
+        along = dict(root=(0, 0, -1.0), direction=(0, 0, 1), up=(1, 0, 0), order=2)
+        parts["tower"] = tb.Beam.straight(1.0, 1, column, **along)
+        supports = [tb.Support(("tower", 0))]
+    return tb.Scene(parts, joints=joints, supports=supports, frame=frame)
+
+
+def test_blades_on_the_ground_have_the_modes_of_a_turning_frame_plus_and_minus_the_speed():
+    """Harmonics 0, 1, -1 of three equal blades are seen at w, w + W and |w - W|."""
+    W = 3.0
+    turning = tb.modes(blades(3, frame=tb.Frame(angular_velocity=(0, 0, W))), count=6)
+    flap, lag = turning.frequency[[0, 3]].tolist()
+    diagram = tb.campbell(blades(3), [W], count=6)
+    expected = [abs(w + k * W) for w in (flap, lag) for k in (-1, 0, 1)]
+    np.testing.assert_allclose(np.sort(diagram.frequency[0]), np.sort(expected), rtol=1e-9)
+    assert sorted(name[:-2] for name in diagram.names) == [
+        f"{how} {which}"
+        for how in ("flap", "lag")
+        for which in ("backward", "collective", "forward")
+    ]
+
+
+def test_floquet_has_the_frequencies_of_multiblade_coordinates():
+    """Three equal blades on a tower, as stiff again along y: 32 steps of sixth order a turn, and
+    what is said of their error.
+    """
+    scene, W = blades(3, tower=True), torch.tensor([3.0], dtype=torch.float64)
+    exact, steps = (tb.campbell(scene, W, count=4, method=m, steps=24) for m in ("auto", "floquet"))
+    assert (exact.method, steps.method) == ("multiblade", "floquet")
+    off = (exact.eigenvalue - steps.eigenvalue).abs()
+    assert off.max() < 1e-4 and (off <= 3 * steps.error + 1e-7).all()

@@ -1,0 +1,181 @@
+"""Campbell diagram: what `campbell` returns; critical speeds, unstable ranges, a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..core.arguments import listed, number
+from ..core.summary import counted, kind, lines, span
+from ..core.validation import concrete
+from ..linear.elsewhere import array_of, write
+from ..plot.canvas import Axes
+from ..plot.curves import campbell as frequencies_over_speed
+
+# of |eigenvalue|, or of the speed: growth from which on a mode is unstable; where two eigenvalues
+# meet, as those of a free turn, rounding counts by its root
+GROWING = 1e-5
+SHADE = dict(color="C3", alpha=0.15, lw=0)  # of unstable ranges in a picture
+
+
+class Critical(NamedTuple):
+    """A speed (rad/s) at which a multiple of it, `order`, is the frequency of a mode."""
+
+    speed: float
+    order: int
+    mode: str
+
+
+@dataclass(frozen=True)
+class Campbell:
+    """Modes of a spinning rotor over its speed, each mode in one column at all speeds.
+
+    Args:
+        speed: (n,) rad/s
+        eigenvalue: (n, ..., count) complex, 1/s; a positive real part grows
+        shape: (n, ..., count, nodes, 6) complex: displacement (m) and rotation (rad) of the nodes,
+            frame a, at the azimuth 0; of the rotor in coordinates that do not spin
+        whirl: (n, ..., count) mean harmonic of the rotor's motion, seen from the ground: 1 for a
+            forward whirl, -1 for a backward one, 0 for a motion of all blades alike or in a plane
+        names: of the modes, by what moves most at the highest speed
+        error: (n, ..., count) 1/s, of the eigenvalue by the steps of "floquet"; 0 of "multiblade"
+        method: "multiblade" or "floquet"
+
+    Examples:
+        >>> disc = tb.Body(mass=2.0, inertia=(0.02, 0.01, 0.01), position=(1.0, 0, 0))
+        >>> shaft = tb.Beam.straight(1.0, 2, tb.Section.circle(0.01, 210e9, 0.3, 7800.0))
+        >>> scene = tb.Scene(
+        ...     {"shaft": shaft, "disc": disc},
+        ...     joints=[tb.Hinge(("shaft", -1), "disc", axis=(1, 0, 0))],
+        ...     supports=[tb.Support(("shaft", 0))],
+        ... )
+        >>> diagram = tb.campbell(scene, torch.linspace(0, 300, 4), count=4)
+        >>> [round(c.speed) for c in diagram.critical(orders=1)]  # rad/s
+        [44, 45, 252]
+        >>> diagram.unstable_ranges
+        []
+    """
+
+    speed: Tensor
+    eigenvalue: Tensor
+    shape: Tensor
+    whirl: Tensor
+    names: list[str]
+    error: Tensor
+    method: str
+
+    def __repr__(self) -> str:
+        return lines(
+            "Campbell",
+            f"{counted(len(self.names), 'mode')} at {counted(len(self.speed), 'speed')} "
+            f"{span(self.speed)} rad/s, {self.method}",
+            *(
+                f"{name}: {span(self.frequency[..., k])} rad/s, "
+                f"damping {span(self.damping[..., k])}"
+                for k, name in enumerate(self.names)
+            ),
+            *(f"unstable from {a:.4g} to {b:.4g} rad/s" for a, b in self._ranges()),
+            kind(self.eigenvalue.shape[1:-1], self.speed),
+        )
+
+    @property
+    def frequency(self) -> Tensor:
+        """(n, ..., count) rad/s."""
+        return self.eigenvalue.imag.abs()
+
+    @property
+    def damping(self) -> Tensor:
+        """(n, ..., count) damping ratio, -real part / |eigenvalue|; below 0 for growth."""
+        size = self.eigenvalue.abs()
+        return -self.eigenvalue.real / torch.where(size == 0, 1, size)
+
+    @property
+    def unstable(self) -> Tensor:
+        """(n, ..., count) bool: grows, beyond rounding and the error of the steps."""
+        size = self.eigenvalue.abs()
+        size = torch.maximum(size, self.speed.reshape(-1, *(1,) * (size.ndim - 1)))
+        least = torch.maximum(GROWING * size, 10 * self.error)
+        return self.eigenvalue.real > least
+
+    @property
+    def unstable_ranges(self) -> list[tuple[float, float]]:
+        """From which speed to which (rad/s) a mode grows; between speeds by a straight line.
+
+        Raises ValueError for a batch.
+        """
+        self._one("unstable_ranges")
+        return self._ranges()
+
+    def critical(self, orders: Sequence[int] | int = (1, 2, 3)) -> list[Critical]:
+        """Speeds at which a multiple of the speed meets a frequency, rising; between the given
+        speeds by a straight line. Unbalance excites forward whirls at order 1.
+
+        Raises ValueError for a batch.
+        """
+        self._one("critical")
+        x, y = concrete(self.speed).detach(), concrete(self.frequency).detach()
+        crossings = []
+        for order in map(int, listed(orders)):
+            gap = y - number("an order", order) * x[:, None]
+            for i, k in ((gap[:-1] > 0) != (gap[1:] > 0)).nonzero().tolist():
+                share = (gap[i, k] / (gap[i, k] - gap[i + 1, k])).item()
+                at = x[i].item() + share * (x[i + 1] - x[i]).item()
+                crossings.append(Critical(at, order, self.names[k]))
+        return sorted(crossings)
+
+    def plot(self, ax: Axes | None = None, *, orders: Sequence[int] = (1, 2, 3)) -> Axes:
+        """Frequencies over speed, with rays at multiples of the speed and unstable ranges shaded.
+
+        Raises ValueError for a batch, ImportError without matplotlib.
+        """
+        self._one("plot")
+        speed, frequency = self.speed.detach(), self.frequency.detach()
+        ax = frequencies_over_speed(speed, frequency, ax, orders=orders, names=self.names)
+        for k, (low, high) in enumerate(self._ranges()):
+            ax.axvspan(low, high, label=None if k else "unstable", **SHADE)
+        ax.legend(frameon=False, fontsize=8)
+        return ax
+
+    def save(self, path: str | Path) -> Path:
+        """Write speed, frequency, damping, eigenvalue, whirl, error and names into a file .npz or
+        .mat, whole or not at all. Raises as `Linear.save`.
+        """
+        value = self.eigenvalue
+        parts = dict(speed=self.speed, frequency=self.frequency, damping=self.damping)
+        parts |= dict(real=value.real, imag=value.imag, whirl=self.whirl, error=self.error)
+        return write(path, {k: array_of(k, v) for k, v in parts.items()}, {"names": self.names})
+
+    def _one(self, what: str) -> None:
+        if self.eigenvalue.ndim > 2:
+            raise ValueError(
+                f"{what} of a diagram with the batch axes {tuple(self.eigenvalue.shape[1:-1])} was "
+                "asked for; one without is wanted"
+            )
+
+    def _ranges(self) -> list[tuple[float, float]]:
+        if self.eigenvalue.ndim > 2:
+            return []
+        x = concrete(self.speed).tolist()
+        grows = concrete(self.unstable).any(-1).tolist()
+        most = concrete(self.eigenvalue.real).detach().amax(-1).tolist()
+        ranges: list[tuple[float, float]] = []
+        for k, unstable in enumerate(grows):
+            if not unstable:
+                continue
+            if not (k and grows[k - 1]):
+                low = x[k] if not k else _zero(x[k - 1 : k + 1], most[k - 1 : k + 1])
+            if k + 1 == len(x) or not grows[k + 1]:
+                last = k + 1 == len(x)
+                ranges.append((low, x[k] if last else _zero(x[k : k + 2], most[k : k + 2])))
+        return ranges
+
+
+def _zero(x: list[float], y: list[float]) -> float:
+    """Where the line through two points is zero, between these."""
+    share = y[0] / (y[0] - y[1]) if y[0] != y[1] else 0.5
+    return x[0] + min(max(share, 0.0), 1.0) * (x[1] - x[0])

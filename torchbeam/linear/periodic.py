@@ -1,0 +1,115 @@
+"""Floquet's exponents of a linear model whose coefficients have the period of a turn,
+
+    M(psi) g'' + D(psi) g' + K(psi) g = 0        psi = W t
+
+Its motions are g = u(psi) exp(lambda t), u of the same period: exp(lambda T) is an eigenvalue of
+the map of g, g' over a turn of T = 2 pi/W, which tells lambda up to multiples i k W. The one is
+taken by which the largest harmonic of u is constant: the frequency that is seen most.
+
+A turn is made by Gauss's collocation with three stages (sixth order; it adds and takes no energy:
+Hairer, Lubich, Wanner 2006, II.1.3), in second-order form, which takes coordinates without inertia.
+Motions much faster than a step come out wrong, and are told by how fast they are on average, |u'| /
+|u|, which stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..math.dense import solve
+
+ROOT = math.sqrt(15.0)
+NODES = (0.5 - ROOT / 10, 0.5, 0.5 + ROOT / 10)
+WEIGHTS = (5 / 18, 4 / 9, 5 / 18)
+STAGES = (
+    (5 / 36, 2 / 9 - ROOT / 15, 5 / 36 - ROOT / 30),
+    (5 / 36 + ROOT / 24, 2 / 9, 5 / 36 - ROOT / 24),
+    (5 / 36 + ROOT / 30, 2 / 9 + ROOT / 15, 5 / 36),
+)
+ORDER = 6
+NONE = 1e30j  # 1/s, in place of an exponent
+HARMONICS = 3  # of each motion that are kept: which is largest may change with the speed
+
+Matrices = Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
+
+
+class Exponents(NamedTuple):
+    """exponent (..., m) complex 1/s and shape (..., m, n), the largest harmonic of u, in order of
+    how fast they are on average.
+    """
+
+    exponent: Tensor
+    shape: Tensor
+
+
+def exponents(matrices: Matrices, speed: Tensor, steps: int, count: int) -> Exponents:
+    """Of M, D, K (s, ..., n, n) = matrices(psi), psi (s,), at speeds (...), the `count` slowest,
+    one of each pair, NONE where there are no more.
+    """
+    maps = _maps(matrices, speed, steps)
+    n = maps.shape[-1] // 2
+    multiplier, vectors = torch.linalg.eig(maps[-1])
+    period = 2 * math.pi / speed.abs()[..., None]
+    principal = torch.log(multiplier) / period
+    at = torch.arange(steps, device=speed.device) * (period[..., None] / steps)  # (..., 1, steps)
+    decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)  # (steps, ..., 2 n)
+    u = (maps[:-1].to(vectors.dtype) @ vectors) * decay[..., None, :]
+    g, rate = u[..., :n, :], u[..., n:, :]
+    harmonics = torch.fft.fft(g.detach(), dim=0) / steps
+    M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0].detach().to(harmonics.dtype)
+    size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
+    k = size.topk(HARMONICS, dim=0).indices
+    shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
+    lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair
+    order = torch.where(k > steps // 2, k - steps, k)
+    exponent = principal + 1j * order * speed.abs()[..., None]
+    exponent = torch.where(lower, NONE, exponent)
+    fast = (rate.abs().square().sum((0, -2)) / g.abs().square().sum((0, -2))).sqrt().detach()
+    chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)[..., :count]
+    exponent, shape = exponent.movedim(0, -1), shape.movedim(0, -1).movedim(-3, -1)
+    at = chosen[..., None].expand(*chosen.shape, HARMONICS)
+    return Exponents(exponent.gather(-2, at), shape.gather(-3, at[..., None].expand(*at.shape, n)))
+
+
+def _maps(matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
+    """(steps + 1, ..., 2 n, 2 n): g, g' at the azimuths of the steps by those at psi = 0."""
+    angle, maps = 2 * math.pi / steps, []
+    dt, nodes = (
+        (angle / speed.abs())[..., None, None],
+        torch.tensor(NODES, dtype=speed.dtype, device=speed.device),
+    )
+    for step in range(steps):
+        at = matrices(angle * (step + nodes))
+        if not step:
+            eye = torch.eye(2 * at[0].shape[-1], dtype=speed.dtype, device=speed.device)
+            maps.append(eye.expand(*at[0].shape[1:-2], *eye.shape))
+        maps.append(_step(at, maps[-1], dt))
+    return torch.stack(maps)
+
+
+def _step(at: tuple[Tensor, Tensor, Tensor], X: Tensor, dt: Tensor) -> Tensor:
+    """g, g' a step later, with M, D, K (3, ..., n, n) at its stages: the accelerations there solve
+    M_i a_i + D_i v_i + K_i g_i = 0.
+    """
+    n = X.shape[-2] // 2
+    g, v = X[..., :n, :], X[..., n:, :]
+    rows, right = [], []
+    twice = [
+        [sum(STAGES[i][k] * STAGES[k][j] for k in range(3)) for j in range(3)] for i in range(3)
+    ]
+    for i, (M, D, K) in enumerate(zip(*at, strict=True)):
+        blocks = [dt * STAGES[i][j] * D + dt**2 * twice[i][j] * K for j in range(3)]
+        blocks[i] = blocks[i] + M
+        rows.append(torch.cat(torch.broadcast_tensors(*blocks), -1))
+        right.append(-(D @ v + K @ (g + NODES[i] * dt * v)))
+    a = solve(torch.cat(rows, -2), torch.cat(right, -2)).unflatten(-2, (3, n)).unbind(-3)
+    # of a mean acceleration the place takes what comes before the end of the step
+    last = [sum(WEIGHTS[i] * STAGES[i][j] for i in range(3)) for j in range(3)]
+    g = g + dt * v + dt**2 * sum(b * x for b, x in zip(last, a, strict=True))
+    v = v + dt * sum(b * x for b, x in zip(WEIGHTS, a, strict=True))
+    return torch.cat((g, v), -2)

@@ -1,0 +1,88 @@
+"""Modes of a spinning rotor: which is which at the next speed, how they whirl, and their names."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import torch
+from torch import Tensor
+
+from .mode_pairing import modal_assurance, pairs
+from .multiblade import SpinningModel
+from .spinning import Bearing
+
+WHIRLS = 0.3  # mean harmonic from which on a mode whirls
+NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
+
+
+def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
+    """(n, ..., count) places among eigenvalues (n, ..., m h) with shapes (n, ..., m h, channels),
+    of m motions by each of h harmonics, value (n, ..., m, h): the slowest at the last speed, by
+    their first harmonic, and at each speed before those most like them, by modal assurance and
+    frequency; in order of their mean frequencies. Where a frequency passes zero the other one of
+    its pair goes on.
+    """
+    h, value = value.shape[-1], value.flatten(-2)
+    index = [h * value[-1, ..., ::h].imag.abs().argsort(dim=-1, stable=True)[..., :count]]
+    for k in range(len(value) - 2, -1, -1):
+        last = _taken(shape[k + 1], index[-1])
+        before = value[k + 1].gather(-1, index[-1])[..., :, None]
+        size, likeness = NEAR * before.abs() + (speed[k + 1] - speed[k]), []
+        for at, there in ((value[k], shape[k]), (value[k].conj(), shape[k].conj())):
+            off = (at[..., None, :] - before).abs() / size
+            likeness.append(modal_assurance(last, there) / (1 + off**2))
+        best, harmonic = torch.maximum(*likeness).unflatten(-1, (-1, h)).max(-1)
+        motion = pairs(best)
+        index.append(h * motion + harmonic.gather(-1, motion[..., None])[..., 0])
+    index = torch.stack(index[::-1])
+    order = value.gather(-1, index).imag.abs().mean(0).argsort(dim=-1, stable=True)
+    return index.gather(-1, order.expand(index.shape))
+
+
+def _taken(shape: Tensor, index: Tensor) -> Tensor:
+    return shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1]))
+
+
+def whirl(spinning: SpinningModel, shape: Tensor) -> Tensor:
+    """(..., count) mean harmonic of the rotor's motion in shapes (..., count, n) of coordinates
+    that do not spin, by kinetic energy: r^H M (-i S) r / r^H M r.
+    """
+    B, S, M = (A.to(shape.dtype) for A in (spinning.B, spinning.S, spinning.M_r))
+    r = B @ shape.mT
+    energy = (r.conj() * (M @ r)).sum(-2).real
+    turning = (r.conj() * (M @ (-1j * (S @ r)))).sum(-2).real
+    return turning / torch.where(energy > 0, energy, 1.0)
+
+
+def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[str]:
+    """Of modes (count, n) at one speed."""
+    B, S, M, M_r, moves = (
+        A.to(shape.dtype)
+        for A in (spinning.B, spinning.S, spinning.M, spinning.M_r, spinning.moves)
+    )
+    r, space = B @ shape.mT, bearing.model.space
+    whole, energy, harmonics = (
+        (x.conj() * y).sum(-2).real
+        for x, y in ((shape.mT, M @ shape.mT), (r, M_r @ r), (S @ r, M_r @ (S @ r)))
+    )
+    turning = whirl(spinning, shape)
+    place = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
+    place = place[:, bearing.rotor, : space.dims.position]
+    axis = space.project_vector(bearing.direction.reshape(-1, 3)[0]).to(shape.dtype)
+    along = (place @ axis).abs().square().sum(-1)
+    flaps = along > 0.5 * place.abs().square().sum((-1, -2))
+    names = []
+    for k in range(len(shape)):
+        words = ["support"] if energy[k] < 0.5 * whole[k] else []
+        if not words and spinning.bladed:
+            words = ["flap" if flaps[k] else "lag"]
+        if abs(turning[k]) > WHIRLS:
+            words.append("forward" if turning[k] > 0 else "backward")
+        elif spinning.order and harmonics[k] < WHIRLS * energy[k]:
+            words.append("collective")
+        names.append(" ".join(words or ["rotor"]))
+    seen: Counter[str] = Counter()
+    for k, name in enumerate(names):
+        seen[name] += 1
+        names[k] = f"{name} {seen[name]}"
+    return names
