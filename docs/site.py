@@ -246,9 +246,15 @@ def beside(name: str) -> Any:
     return module
 
 
+# letters of titles as people write them
+WRITTEN = {"Lees": "Lee's", "carlo": "Carlo", "imus": "IMUs", "scipy": "SciPy"}
+
+
 def title_of(name: str) -> str:
     """Of an example: letters as people write them."""
-    title = name.replace("_", " ").capitalize().replace("Lees", "Lee's").replace("carlo", "Carlo")
+    title = name.replace("_", " ").capitalize()
+    for word, written in WRITTEN.items():
+        title = title.replace(word, written)
     return re.sub(r"\b(lqr|mpc|nuts)\b", lambda m: m.group().upper(), title, flags=re.I)
 
 

@@ -25,7 +25,7 @@ class ViaPoint(ResolvedRate):
 
     At the start of an episode each of some places is simulated to the end of that episode, and so
     is the direct way. The place of the highest return is taken. So it knows the plant and its
-    obstacles, and plans once; what it reads later is as in `ResolvedRate`.
+    obstacles, and plans once. Later it reads the same as `ResolvedRate`.
 
     Args:
         points: (p, 3) m, places to choose from

@@ -52,8 +52,8 @@ def campbell(
     """Frequencies and damping of a rotor on its support over the speed at which it spins.
 
     The rotor is all that hangs on the second part of a `Hinge`, the bearing. It spins at a
-    speed; the support stands. Small motions are about the steady state: blades as centrifugal loads
-    leave them, the support under what is steady of the rotor.
+    speed; the support stands. Small motions are about the steady state: blades under their
+    centrifugal loads, the support under the rotor's steady load.
 
     Args:
         scene: a structure in a frame at rest, drawn at the azimuth 0
@@ -61,8 +61,8 @@ def campbell(
         bearing: place of the hinge among the scene's joints; None = its only one. Several: the
             hinge, then further bearings of the rotor on its axis
         held: whether the speed is held, as by a stiff drive: the hinge's angle, torque and
-            resistances do not count. Else the rotor turns freely beside its steady speed, against
-            the hinge's `damping`, and the slope by the rate of a torque that is a `Drive` alone
+            resistances do not count. Else the rotor turns freely beside its steady speed. Only the
+            hinge's `damping` and the slope by the rate of a `Drive` as its torque resist that
         count: modes
         method: "multiblade": coordinates that do not spin, in which three and more equal blades
             have constant coefficients. "floquet": exponents over a turn, for two blades, unequal

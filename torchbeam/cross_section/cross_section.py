@@ -39,7 +39,7 @@ class CrossSection:
     """A cross-section solved by finite elements: matrices, centres, warping, stresses.
 
     Args:
-        mesh: nodes, elements and what they are made of
+        mesh: nodes, elements and their materials
         compliance, mass: (..., 6, 6) as a `Section` has them
         warping: (..., n, 3, 6) m, displacement of the nodes by unit [F1 F2 F3 M1 M2 M3]
         strain: (..., e, g, 6, 6) strains 11 22 33 23 13 12 of that, at the points of integration
@@ -223,10 +223,10 @@ class CrossSection:
         """Walls of plies along lines.
 
         Args:
-            walls: each (points, plies): a line of (..., n, 2) m, y and z, closed if it ends where
-                it begins, and its plies (thickness m, angle rad, material) stacked to the left of
-                it, seen with y to the right and z up. A ply's angle goes from x towards the line's
-                direction
+            walls: each (points, plies). The points (..., n, 2) m, y and z, are a line, closed if it
+                ends where it begins. The plies (thickness m, angle rad, material) are stacked to
+                its left, seen with y to the right and z up. A ply's angle goes from x towards the
+                line's direction
             line: what the points describe: the "middle" of the wall, or where its "first" ply
                 begins
 

@@ -34,7 +34,7 @@ def cross_section(
             "11", "22", "33", "23", "13", "12" in `axes` as `CrossSection.stress` has them
 
     Raises:
-        ValueError: for what is no cross-section, and a word that is not one of these.
+        ValueError: for another type, and an unknown word.
 
     Examples:
         >>> cross = tb.CrossSection.tube(outer=0.05, inner=0.04, E=70e9, nu=0.33, rho=2700.0)

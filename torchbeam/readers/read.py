@@ -31,7 +31,7 @@ def read(
     order: int = 1,
     length: float | None = None,
 ) -> Any:  # by the file, as the docstring says
-    """What a file of another program holds: a beam, a section, or a damping.
+    """Read a file of another program: a beam, a section, or a damping.
 
     | file | gives |
     |---|---|
@@ -42,8 +42,8 @@ def read(
     | windIO, versions 1 and 2 | `Beam` of the blade; `part="damping"`: `Damping` |
     | VABS (.K), SwiftComp (.k) | `Section` |
 
-    A beam stands in the file's axes at its root, which are frame a: z along it, x towards the
-    suction side (of a tower downwind), y towards the trailing edge. The axes of a section are x
+    A beam stands in the file's axes at its root, which are frame a. There z is along it, x towards
+    the suction side (of a tower downwind), y towards the trailing edge. The axes of a section are x
     along the beam, y the file's x, z the file's y, turned by the structural twist. A section of
     VABS or SwiftComp has the file's own axes.
 
@@ -60,8 +60,8 @@ def read(
     points. BeamDyn lays a spline through the same points.
 
     Raises:
-        ValueError: for a file of no such kind, and one that is cut off, with other counts than it
-            says, or with a matrix that is not symmetric or not positive; with file and line.
+        ValueError: for another kind of file. For one that is cut off, has other counts than it
+            says, or a matrix that is not symmetric or not positive. It names file and line.
         ImportError: for windIO without PyYAML, which `torchbeam[readers]` brings.
 
     Examples:

@@ -25,9 +25,9 @@ class BoucWen(HystereticLaw):
         z' = (k/M_y) (q' - (beta |q'| |z|^(n - 1) z + gamma q' |z|^n))
 
     z tends to (beta + gamma)^(-1/n), which is 1 by default; k is the stiffness at z = 0. The law
-    does not depend on the rate. It loses (1 - r) M_y |z|^(n + 1) (beta |q'| + gamma q' sign z),
-    which is never negative for |gamma| <= beta (Erlicher and Point 2004), and the midpoint rule of
-    z keeps that in every step. It has derivatives everywhere but where a step turns around; there
+    does not depend on the rate. It loses (1 - r) M_y |z|^(n + 1) (beta |q'| + gamma q' sign z).
+    This is never negative for |gamma| <= beta (Erlicher and Point 2004). The midpoint rule of z
+    keeps that in every step. It has derivatives everywhere but where a step turns around; there
     the slope is the mean of both. In an equilibrium z comes to its place by extrapolated implicit
     Euler steps, within 0.01.
 
@@ -41,8 +41,8 @@ class BoucWen(HystereticLaw):
         beta, gamma: (...) shape of the loop
 
     Raises:
-        ValueError: for a stiffness, a yield moment or a beta that is not positive, a ratio outside
-            0 to 1, n below 1, or a gamma beyond beta, by which it would give energy.
+        ValueError: for a stiffness, a yield moment or a beta that is not positive. For a ratio
+            outside 0 to 1, n below 1, or a gamma beyond beta, by which it would give energy.
 
     Examples:
         >>> law = tb.BoucWen(stiffness=100.0, yield_moment=2.0, ratio=0.1, n=2.0)

@@ -19,8 +19,8 @@ class ElastoPlastic(HystereticLaw):
 
     It yields where |M - X| = M_y + R: X = share H p is kinematic hardening (Prager), and
     R = (1 - share) H kappa is isotropic, with kappa the sum of all |dp|. The return to the yield
-    surface is exact (Simo and Hughes 1998, box 1.5), and so is the work of a step: the elastic part
-    of it and the plastic one are integrated apart. Its mean load has a continuous derivative
+    surface is exact (Simo and Hughes 1998, box 1.5). So is the work of a step: the elastic part of
+    it and the plastic one are integrated apart. Its mean load has a continuous derivative
     through the yield corner. Derivatives are one-sided in two places alone: in an equilibrium at
     the corner itself, and where a step turns around on the yield surface. There they are elastic.
 

@@ -273,8 +273,8 @@ class Section(SolvedShapes):
         """Section of a `CrossSection`, about the origin of its coordinates.
 
         Terms that the symmetry of the shape excludes are absent: a tube, a box and an I have no
-        coupled stiffness, and only a polygon, a laminate and walls have their centre of mass off
-        the origin.
+        coupled stiffness. Only a polygon, a laminate and walls have their centre of mass off the
+        origin.
 
         Examples:
             >>> cross = tb.CrossSection.angle(

@@ -112,8 +112,8 @@ class JointLoad(_OfJoint):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointHysteresis(_OfJoint):
-    """What the law with memory of a joint keeps (..., 2): its variable, and the energy J that it
-    has lost since the start.
+    """Memory (..., 2) of a joint's law: its variable, and the energy J that it has lost since the
+    start.
 
     The variable of `ElastoPlastic` is the plastic rotation, rad, of a slider m; of `BoucWen` it is
     z. ValueError where no joint has such a law.

@@ -39,8 +39,8 @@ class Drive(OwnLaw):
     Args:
         function: takes, by these names, those that it has: `angle` rad of a hinge, counted over
             turns, or `travel` m of a slider; `rate` rad/s or m/s; t s; and `values`. Returns N m or
-            N on the second part, (...). Write it in torch operations; what it returns for a sample
-            may depend on the arguments of that sample alone
+            N on the second part, (...). Write it in torch operations; its result for a sample may
+            depend on the arguments of that sample alone
         values: parameters by name, numbers or tensors (...). Derivatives are by these; what the
             function closes over is a constant
 

@@ -24,8 +24,8 @@ CURVES = 5  # cl, cd, cm, degree of attachment, lift of the separated flow
 class DynamicStall(Tree):
     """A polar with dynamic stall: two more states at each node of a `StripAir`, beside its lags.
 
-    With the angle a at three quarters of the chord, delayed by the wake (`lags`), the semichord b,
-    the speed V, the pitch rate p, and the degree of attachment f(a) of the steady polar:
+    a is the angle at three quarters of the chord, delayed by the wake (`lags`). b is the semichord,
+    V the speed, p the pitch rate, f(a) the degree of attachment of the steady polar. Then:
 
         x' = V/b (c (a - a0) + pi b p/V - x)/pressure          lift that lags behind the pressure
         y' = V/b (f(x/c + a0) - y)/separation                  degree of attachment

@@ -71,9 +71,9 @@ class StripAir(LoadEffect):
         |  ------o-------- trailing edge
               axis   z is up, lift acts along +z
 
-    With the semichord b, the axis a = 2 axis - 1 semichords behind mid-chord, and in section axes
-    the speed U toward +y against the air, the upwash w of the air along +z and the pitch rate p
-    about +x, at the beam's axis:
+    The semichord is b, the axis lies a = 2 axis - 1 semichords behind mid-chord. In section axes
+    the speed U is toward +y against the air, the upwash w of the air along +z. The pitch rate is p
+    about +x, at the beam's axis. Then:
 
         q = w + b (1/2 - a) p                        upwash at three quarters of the chord
         Q = (1 - sum A_i) q + sum A_i z_i,           z_i' = B_i V/b (q - z_i),  V^2 = U^2 + w^2
@@ -85,7 +85,7 @@ class StripAir(LoadEffect):
     Force f along y and n + l along z, moment m about x, per metre (Theodorsen 1935, NACA Report
     496; f: Garrick 1936, NACA Report 567; lags: Jones 1940, NACA Report 681). These are the linear
     theory's for small motions. For large ones velocities are resolved in the axes of the deformed
-    section: steady lift is rho b c V^2 sin(alpha), across the air that comes.
+    section. Steady lift is rho b c V^2 sin(alpha), across the air that comes.
 
     Args:
         chord: m, along y of the section: leading edge at +y, of a negative one at -y. (..., 1) for

@@ -95,11 +95,11 @@ class Turbulence(WindField):
         spectrum: "von-karman" or "kaimal", see `spectrum`
         isotropic: False: waves run along `mean`, the same across it, as CS 25.341(b) has it. True:
             waves run in all directions, without divergence, of von Karman's energy spectrum with
-            sigma and L of the first component; neighbours are coherent as in the real field
-        harmonics: n. Each costs a sine and a cosine at each node: 32 of them cost a beam's step
-            1.5 to 2.2 times what it costs without air, Wagner's strips alone 1.3 times
-        band: wave numbers in units of 1/L (of the first component) between which they lie, equally
-            in their logarithm; what lies outside is left out, of the default 5 % of the variance
+            sigma and L of the first component. Neighbours are coherent as in the real field
+        harmonics: n. Each costs a sine and a cosine at each node. With 32 of them a beam's
+            step takes 1.5 to 2.2 times as long as without air, with Wagner's strips alone 1.3 times
+        band: least and largest wave number, in units of 1/L of the first component. Harmonics lie
+            evenly in the logarithm between. The default leaves out 5 % of the variance
         seed: of phases and directions; several make a batch
 
     Each harmonic has the energy of its band, so the variance is that of the spectrum within `band`,
