@@ -59,7 +59,7 @@ def element_of(space):
         half_j,
     ):
         law, start = ViscoelasticLaw(S, S, False, tau), Ends(-r_i, -r_j, qs_i, qs_j)
-        local = MidpointElement(space, law, length, reference, 0.0, h, start)
+        local = MidpointElement(space, law, length, reference, 0.0, h, start, None)
         found = local.balance(stress, Ends(r_i, r_j, q_i, q_j), Ends(2 * r_i, 2 * r_j, qe_i, qe_j))
         return dict(
             forces=found.forces,

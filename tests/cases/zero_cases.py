@@ -169,6 +169,14 @@ CASES = {
        for name, row in ROWS.items() if row.at_zero is not None},
     **{name: Case(lambda x, row=row: joined(row.make(shaped(x, row), *ENDS)), size(row),
         **row.at_zero) for name, row in JOINTS.items() if row.at_zero is not None},
+    **{f"{law.__name__}.{name}": Case(
+        lambda x, law=law, name=name, beside=beside: joined(
+            tb.Hinge(*ENDS, hysteresis=law(2.0, 1e-3, **beside, **{name: x[..., 0]}))),
+        1, "eager", scale=1e-4, least=True)
+       for law, name, beside in (
+           (tb.ElastoPlastic, "hardening", {}),
+           (tb.ElastoPlastic, "kinematic", dict(hardening=0.2)),
+           (tb.BoucWen, "ratio", dict(n=2.0)), (tb.BoucWen, "gamma", dict(n=2.0)))},
     "Section.compliance": Case(lambda x: scene(of=tb.Section(DIAGONAL.compliance + bent(x, (0, 3),
         (1, 3), (4, 5)), DIAGONAL.mass)), 3, scale=2e-5),
     "Section.compliance impossible":
@@ -364,6 +372,7 @@ NEVER_ZERO = {  # or not only; why there is no case
     "Section.rectangle width": POSITIVE, "Section.rectangle height": POSITIVE,
     "Section.rectangle E": POSITIVE,
     "Section.rectangle rho": POSITIVE,
+    "Section.from_cross_section cross": "is a shape",
     "Section.like compliance": "as Section.compliance", "Section.like mass": "as Section.mass",
     "Beam.straight length": POSITIVE, "Beam.curve length": POSITIVE, "Beam.arc radius": POSITIVE,
     "Beam.arc angle": POSITIVE,
@@ -383,6 +392,9 @@ NEVER_ZERO = {  # or not only; why there is no case
     "State.tendons": "readings alone", "State.memory": "is an interaction's own",
     "State.inelastic": "as Viscoelastic.shares", "Viscoelastic.times": POSITIVE,
     "Hinge.limits": ORDERED, "Slider.limits": ORDERED,
+    **{f"{law}.{name}": POSITIVE for law in ("ElastoPlastic", "BoucWen")
+       for name in ("stiffness", "yield_moment")}, "BoucWen.n": POSITIVE, "BoucWen.beta": POSITIVE,
+    "Drive.function": "is a function", "Drive.values": "as Hinge.torque, by the angle",
     "Cylindrical.limits": ORDERED, "Cylindrical.slip_speed": POSITIVE,
     "Universal.limits": ORDERED, "Universal.slip_speed": POSITIVE,
     "Ball.axis": "is a direction", "Ball.limit": POSITIVE, "Ball.slip_speed": POSITIVE,

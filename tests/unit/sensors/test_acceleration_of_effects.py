@@ -35,6 +35,7 @@ EFFECTS = (
     tb.RootSpring((10.0, 10.0)),
     tb.Contact(tb.Plane((0.0, 0.0, -0.1), (0.0, 0.1, 1.0)), **SOFT),
     tb.Load(user, node=-1),
+    tb.StripAir(0.1, axis=0.4, wind=(0.2, -3.0, 0.5)),
     tb.Tendon([(None, (0.0, 0.0, 0.3)), (-1, (0.0, 0.0, 0.1))], tension=2.0),
     tb.SelfContact(thickness=0.1, force=10.0, radius=0.02),
 )
