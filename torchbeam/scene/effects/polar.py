@@ -62,9 +62,8 @@ class Polar(Tree):
         alpha = as_tensor(self.alpha, dtype, device)
         increasing("a Polar's alpha", alpha)
         if concrete(alpha.abs() > TURN).any():
-            raise refusal(
-                f"a Polar's alpha up to {alpha.abs().max():.4g}", "at most half a turn, rad,"
-            )
+            largest = f"a Polar's alpha up to {alpha.abs().max():.4g}"
+            raise refusal(largest, "half a turn at most, in rad,")
         s = None if self.s is None else as_tensor(self.s, dtype, device)
         size = (len(alpha),) if s is None else (len(increasing("a Polar's s", s)), len(alpha))
         curves = {"cl": self.cl, "cd": self.cd}
