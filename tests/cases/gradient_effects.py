@@ -105,13 +105,15 @@ def added_mass(d, form=""):
     )
 
 
-@ingredient("effect", "StripAir", ("lags", "quasi-steady", "each node"))
+@ingredient("effect", "StripAir", ("lags", "quasi-steady", "each node", "gust", "stall"))
 def strip_air(d, form):
     numbers = dict(axis=(0.2, 0.5), lift_slope=(4.0, 7.0), density=(0.1, 0.3))
     read = {n: d.number(f"StripAir {n}", *r) for n, r in numbers.items()}
     wind = d.value("StripAir wind", 1.0, "value")
     nodes = 1 if form != "each node" else d.count + 1
     chord = d.tensor("StripAir chord", 0.2 + 0.1 * d.uniform(nodes))
+    if form in ("gust", "stall"):
+        return _blown(d, chord, wind, form)
 
     def air(x):
         given = {n: r(x) if n == "density" else r(x)[..., None] for n, r in read.items()}
@@ -119,6 +121,28 @@ def strip_air(d, form):
         return tb.StripAir(chord(x), **given, wind=wind(x), **lags)
 
     return air
+
+
+def _blown(d, chord, wind, form):
+    """In a sheared wind and a gust, or on a polar with dynamic stall."""
+    if form == "gust":
+        peak, gradient, p = (
+            d.vector("Gust peak", 1.0),
+            d.number("Gust gradient", 0.5, 1.0),
+            d.number("Wind exponent", 0.1, 0.3),
+        )
+        return lambda x: tb.StripAir(
+            chord(x),
+            wind=tb.Wind(wind(x), exponent=p(x), height=5.0)
+            + tb.Gust(peak(x), gradient(x), speed=5.0, start=-0.1),
+        )
+    angles = torch.linspace(-3.1, 3.1, 25, dtype=torch.float64)
+    cl = d.tensor("Polar cl", torch.sin(2 * angles + 0.1) + 0.1 * d.uniform(25))
+    return lambda x: tb.StripAir(
+        chord(x),
+        wind=wind(x),
+        polar=tb.DynamicStall(tb.Polar(angles, cl(x), 0.02 + angles.sin() ** 2)),
+    )
 
 
 def _node(d):

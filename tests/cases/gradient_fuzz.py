@@ -23,10 +23,11 @@ COLUMNS = (
 )  # fmt: skip
 
 
+LAGGED = "StripAir lags", "StripAir gust", "StripAir stall"
 MIXED = ("minimal", "block_rate", "explicit stepper")
 UNMIXED = (
     "Actuation", "PointMass", "Load node", "Load inputs node", "Load internal", "RootSpring",
-    "Contact", "Tendon", "Drag added_mass", "StripAir lags",
+    "Contact", "Tendon", "Drag added_mass", *LAGGED,
 )  # fmt: skip
 
 
@@ -40,7 +41,7 @@ def fits(way: str, kind: str, name: str) -> bool:
     )
     if way.startswith("generalized_alpha"):
         return kind != "frame" and not name.startswith(
-            ("Load internal", "StripAir lags", "PointMass offset", "shifted", "6x6")
+            ("Load internal", *LAGGED, "PointMass offset", "shifted", "6x6")
         )
     if way == "midpoint conserve":
         return not moved
