@@ -208,7 +208,7 @@ def test_elastodyn_primary_file(tmp_path):
 def test_a_tip_within_the_hub_is_refused(tmp_path):
     """Radii that changed places would make a blade that points inwards."""
     path = files.elastodyn(tmp_path, flap=FLAP, edge=EDGE, length=L)
-    with pytest.raises(ValueError, match="TipRad = 1 in .* line 3, .*more than HubRad = 1.5"):
+    with pytest.raises(ValueError, match=r"TipRad = 1 in .* line 3, .*more than HubRad = 1.5"):
         tb.read(damaged(path, f"{L + 1.5} TipRad", "1.0 TipRad"))
 
 
