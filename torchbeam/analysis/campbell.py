@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
 from ..linear.bearing import Bearing
 from ..linear.multiblade import SpinningModel, spinning_model
-from ..linear.periodic import HARMONICS, NONE, ORDER, exponents
+from ..linear.periodic import HARMONICS, NONE, ORDER, exponents, fastest
 from ..linear.spinning import drawn, steady_spin
 from ..linear.steady_check import check_steady
 from ..linear.whirl import names_of, tracked, whirl
@@ -82,8 +83,8 @@ def campbell(
 
     Raises:
         ValueError: for a scene without such a bearing, a rotor that is held otherwise, loads that
-            change with the azimuth, internal states of loads, and unequal blades with
-            method="multiblade".
+            change with the azimuth, internal states of loads, unequal blades with
+            method="multiblade", and steps too long for the modes asked for.
         RuntimeError: for a speed without a steady state.
 
     Examples:
@@ -171,6 +172,7 @@ def _diagram(
         unit = bearing.model.unit[..., None, None, :]
         index = tracked(speeds.flatten(), value, (nodal / unit).flatten(-2), count)
     value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
+    _refuse_few_steps(speeds, value, pairs.eigenvalue[..., :count], steps)
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
     below = value.imag < 0
     value = torch.where(below, value.conj(), value)
@@ -196,6 +198,19 @@ def _finite(pairs: Pairs, count: int) -> Pairs:
     parts = (x if x is None else x[..., :known] for x in pairs[3:])
     rows = (x if x is None else x[..., :known, :] for x in pairs[1:3])
     return Pairs(pairs.eigenvalue[..., :known], *rows, *parts)
+
+
+def _refuse_few_steps(speeds: Tensor, value: Tensor, near: Tensor, steps: int) -> None:
+    """ValueError where steps of a turn do not tell all modes (n, ..., count); near: about these."""
+    none = concrete((value.detach().abs() > abs(NONE) / 2).flatten(1).any(-1))
+    if none.any():
+        slow = concrete(speeds).flatten()[none].min().item()
+        turns = (concrete(near).abs() / concrete(speeds)[..., None])[none].max().item()
+        wanted = max(2 * steps, math.ceil(turns * steps / fastest(torch.ones(()), steps).item()))
+        modes = f"{near.shape[-1]} modes at {slow:g} rad/s"
+        raise refusal(
+            f"steps = {steps} of a turn for {modes}", f"steps = {wanted} or fewer modes", are=True
+        )
 
 
 def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
@@ -241,9 +256,10 @@ def _floquet(
     at_once = max(1, ROOM // size)
     for k in range(first, len(spinning.speed), at_once):
         some = spinning.at(slice(k, k + at_once))
-        value, shape = exponents(some.periodic, some.speed, steps, count)
+        of, limit = (some.periodic, some.speed), fastest(some.speed, steps)
+        value, shape = exponents(*of, steps, count, limit)
         with no_derivatives():
-            coarse = exponents(some.periodic, some.speed, steps // 2, count).exponent.flatten(-2)
+            coarse = exponents(*of, steps // 2, count, limit).exponent.flatten(-2)
             apart = (value[..., :1] - coarse[..., None, :]).abs().amin(-1, keepdim=True)
             error = apart.expand(value.shape) / (2**ORDER - 1)
         results.append((value, shape, error))

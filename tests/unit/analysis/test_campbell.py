@@ -11,7 +11,7 @@ import torchbeam as tb
 SPEED = torch.tensor([0.0, 100.0, 300.0], dtype=torch.float64)
 
 
-def overhung(EI=1650.0, mass=2.0, effects=(), dtype=None, **disc):
+def overhung(EI=1650.0, mass=2.0, effects=(), dtype=None, plane=None, **disc):
     section = tb.Section.from_stiffness(EA=1e7, GA=math.inf, GJ=1e4, EI=EI, mass=0.1)
     inertia = disc.pop("inertia", (0.08, 0.05, 0.05))
     return tb.Scene(
@@ -22,6 +22,7 @@ def overhung(EI=1650.0, mass=2.0, effects=(), dtype=None, **disc):
         effects,
         joints=[tb.Hinge(("shaft", -1), "disc", axis=(1, 0, 0))],
         supports=[tb.Support(("shaft", 0))],
+        plane=plane,
         dtype=dtype,
     )
 
@@ -55,6 +56,25 @@ def test_derivatives_of_floquets_exponents():
     h, J = 1e-3, J.detach()
     # rounding of multipliers leaves 1e-7 rad/s, and the differences err by h^2
     assert torch.allclose(slope, (growth(J + h) - growth(J - h)) / (2 * h), rtol=1e-3)
+
+
+def test_floquet_sees_the_frequencies_of_a_round_rotor_from_the_ground():
+    """Its motions have one harmonic; multiples of the speed beside it are rounding, and no
+    frequencies. Gauss's steps err by (omega dt)^6/100800: 7e-5 of the fastest, 1.4 rad a step.
+    """
+    speed = [50.0, 100.0, 200.0, 300.0]
+    exact, turns = (tb.campbell(overhung(), speed, count=4, method=m) for m in ("auto", "floquet"))
+    off = (turns.frequency - exact.frequency).abs()
+    assert exact.method == "multiblade" and (off < 1e-4 * exact.frequency).all()
+    assert (off < 2 * turns.error + 1e-6).all()
+
+
+def test_columns_have_a_mode_at_each_speed():
+    """All of the modes that have inertia, and so a frequency: coordinates without have none."""
+    diagram = tb.campbell(overhung(), SPEED, count=9)
+    assert torch.isfinite(diagram.eigenvalue).all()
+    with pytest.raises(ValueError, match="at most 9, all modes"):
+        tb.campbell(overhung(), SPEED, count=10)
 
 
 def test_a_sample_alone_is_the_same_sample_in_a_batch():
@@ -140,6 +160,8 @@ def test_critical_speeds_lie_where_a_multiple_of_the_speed_meets_a_frequency():
     assert [at.mode for at in diagram.critical(1)] == [
         "backward 1", "forward 1", "backward 2"
     ]  # fmt: skip
+    with pytest.raises(ValueError, match=r"an order = 1\.5"):
+        diagram.critical(1.5)
 
 
 def test_a_disc_that_is_not_round_is_unstable_between_two_critical_speeds():
@@ -184,6 +206,8 @@ def test_files_and_pictures(tmp_path):
         (overhung, {"bearing": 3}, "bearing"),
         (overhung, {"method": "hill"}, "method"),
         (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
+        (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
+        (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),
         (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more"),
     ],
 )  # fmt: skip
