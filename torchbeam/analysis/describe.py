@@ -99,7 +99,8 @@ def describe(scene: Scene) -> Description:
     planes = () if plane or scene.small else tuple(name for name in PLANES if _fits(scene, name))
     free = model.constraints.count
     held = model.joints.held_count
-    states, refusals = _forms(scene, free - held)
+    arms = scene.arms * scene.beam.station_count * space.dims.strain
+    states, refusals = _forms(scene, 2 * (free - held) + sum(scene.internal_states) + arms)
     nodes = scene.beam.node_count
     unknowns = (
         f"{free}: {space.unknowns} a node of {nodes} nodes, less "
@@ -137,10 +138,12 @@ def _fits(scene: Scene, plane: str) -> bool:
     return False
 
 
-def _forms(scene: Scene, free: int) -> tuple[dict[str, int | None], dict[str, str]]:
-    """Size of the state of each form that takes the scene, and why each other form does not."""
+def _forms(scene: Scene, size: int) -> tuple[dict[str, int | None], dict[str, str]]:
+    """Size of the state of each form that takes the scene, of implicit ones `size`, and why each
+    other form does not.
+    """
     tries: dict[str, Callable[[], int]] = {
-        f"nodal, {method!r}": lambda method=method: Stepper(scene, 1.0, method) and 2 * free
+        f"nodal, {method!r}": lambda method=method: Stepper(scene, 1.0, method) and size
         for method in METHODS
     }
     tries["nodal, explicit"] = lambda: Rates.of(scene, {}).pack(rest(scene)).shape[-1]
@@ -271,7 +274,8 @@ def _supports(scene: Scene) -> Iterator[str]:
 def _joints(scene: Scene) -> Iterator[str]:
     """Each joint, and how many constraints and loops they make."""
     for joint in scene.joints:
-        yield f"{joint}: holds {counted(joint.holds, 'component')}"
+        laws = [type(law).__name__ for law in (joint.hysteresis, joint.drive) if law is not None]
+        yield ", ".join((f"{joint}: holds {counted(joint.holds, 'component')}", *laws))
     yield (
         f"{counted(scene.beam.loops(tuple(s.node for s in scene.supports)), 'closed loop')}, "
         "of parts and of the ground"

@@ -94,7 +94,8 @@ class Midpoint4(Method):
         longest += [FORGETFUL * _shortest(effect) for effect in model.scene.viscoelastic]
         return torch.stack(torch.broadcast_tensors(*longest)).amin(0) if longest else None
 
-    def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
+    def check(self, model: Model) -> None:
+        super().check(model)
         touching = (x for x in model.scene.loads if x.between_nodes or x.touches)
         lossy = [x.called for x in touching if not x.conservative or x.lossy or x.moves]
         lossy += [f"{x.called} with friction" for x in model.scene.joints if "friction" in x.acts]
@@ -106,6 +107,8 @@ class Midpoint4(Method):
                 f"{lossy[0]}, that takes or gives energy, was given to midpoint4, one of whose "
                 "parts goes back in time; 'midpoint' takes it"
             )
+
+    def schemes(self, model: Model, dt: Tensor) -> list[tuple[Scheme, Tensor | None]]:
         length = concrete(dt.detach())
         said = "was given to steps of {:g} s by midpoint4; {}, or 'midpoint'"
         for load in model.scene.loads:

@@ -106,6 +106,10 @@ def _with_crept(state: State, scene: Any) -> State:
             f"a state of {state.inelastic.shape[-1] // 6} arms that relax was given; the scene's "
             f"Viscoelastic has {scene.arms}"
         )
+    if (rows := state.inelastic.shape[-2]) != (wanted := scene.beam.station_count):
+        raise ValueError(
+            f"a state whose inelastic has {rows} rows was given; the beam has {wanted} stations"
+        )
     return state
 
 

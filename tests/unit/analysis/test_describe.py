@@ -200,3 +200,22 @@ def test_whose_a_batch_is_where_values_along_the_beam_may_have_been_meant():
         lines = tb.describe(tb.Scene(beam, effects)).lines["batch"]
         assert len(lines) == (1 if owner is None else 2)
         assert owner is None or lines[1].startswith(f"by {owner} alone")
+
+
+def test_what_remembers():
+    """What arms have crept by is in a state of every method: in the plane 3 strains of 2 elements
+    and 2 arms beside 2 x 6 moves. A joint's law is named, and methods that refuse it are told of.
+    """
+    section = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=1.0, EI=1.0, mass=0.1)
+    beam, arms = tb.Beam.straight(1.0, 2, section), tb.Viscoelastic((0.2, 0.1), (0.1, 1.0))
+    states = tb.describe(tb.Scene(beam, [arms], plane="xz")).states
+    assert states["nodal, 'midpoint'"] == states["nodal, 'midpoint4'"] == 12 + 12
+    for law, name in (
+        (dict(hysteresis=tb.ElastoPlastic(1.0, 0.1)), "ElastoPlastic"),
+        (dict(torque=lambda rate: -rate), "Drive"),
+    ):
+        hinge = tb.Hinge(None, ("arm", 0), **law)
+        description = tb.describe(tb.Scene({"arm": beam}, joints=[hinge], plane="xz"))
+        assert description.lines["joints"][0].endswith(f"holds 5 components, {name}")
+        refused = "midpoint4" in " ".join(description.refusals.values())
+        assert refused == (name == "ElastoPlastic")

@@ -1,6 +1,7 @@
 """`Viscoelastic`: its forms, its fractional series, what is refused."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -41,6 +42,10 @@ def test_scenes_that_it_does_not_fit():
     with pytest.raises(ValueError, match="a row for each strain was given for a section whose"):
         tb.equilibrium(tb.Scene(coupled, [tb.Viscoelastic(SIX, (0.1, 1.0))]))
     two = tb.rest(tb.Scene(BEAM, [tb.Viscoelastic((0.1, 0.2), (0.1, 1.0))]))
+    for rows in (1, 3):
+        other = replace(two, inelastic=torch.zeros(rows, 12))
+        with pytest.raises(ValueError, match=f"{rows} rows was given; the beam has 2 stations"):
+            tb.Stepper(tb.Scene(BEAM, [tb.Viscoelastic((0.1, 0.2), (0.1, 1.0))]), 0.01)(other)
     with pytest.raises(ValueError, match="a state of 2 arms that relax was given"):
         tb.simulate(tb.Scene(BEAM, [arms]), (0.0, 0.1), initial=two)
     with pytest.raises(ValueError, match=r"Viscoelastic with a time of 0.1 s was given to steps"):
@@ -74,6 +79,60 @@ def test_one_strain_alone_relaxes():
     twist = [x.axes[-1, 2, 1].item() for x in (soft, plain)]
     assert twist[0] == pytest.approx(twist[1] / 0.6, rel=1e-9)
     assert (soft.tip.position - plain.tip.position).abs().max() < 1e-15
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_a_beam_that_tapers_within_its_elements(linked):
+    """One row scales the whole stiffness: the long-time tip is 1/(1 - 0.4) of the instantaneous
+    one, to rounding. Six rows are refused.
+    """
+    cone = tb.Beam.straight(1.0, 2, lambda s: tb.Section.circle(0.1 - 0.05 * s, 100.0, 0.3, 1.0))
+    beam, load = cone.linked() if linked else cone, tb.TipLoad(force=(0.0, 0.0, 1e-7))
+    arms, six = (tb.Viscoelastic(shares, (0.1, 1.0)) for shares in ((0.1, 0.3), SIX))
+    soft, plain = (
+        tb.equilibrium(tb.Scene(beam, [load, *more], small=True)).tip.position[2]
+        for more in ([arms], [])
+    )
+    assert beam.taper is not None
+    assert soft.item() == pytest.approx(plain.item() / 0.6, rel=1e-12)
+    with pytest.raises(ValueError, match="or that tapers; one row of shares and times is wanted"):
+        tb.equilibrium(tb.Scene(beam, [load, six]))
+
+
+@pytest.mark.steps
+def test_shares_and_times_are_identified():
+    """Both, of two arms, from ten heights of a tip that creeps, read to 1e-5 m: to 1e-6."""
+    weight = tb.TipLoad(force=(0.0, 0.0, 0.2))
+    start = tb.equilibrium(tb.Scene(BEAM, [weight], plane="xz"))
+    true = {"shares": torch.tensor([0.2, 0.3]), "times": torch.tensor([0.2, 1.0])}
+
+    def creep(theta):
+        arms = tb.Viscoelastic(theta["shares"], theta["times"])
+        scene = tb.Scene(BEAM, [arms, tb.Damping(0.02), weight], plane="xz")
+        tip = tb.simulate(scene, torch.linspace(0, 2, 11), initial=start, step=0.1).tip
+        return tip.position[1:, ..., 2].movedim(0, -1)
+
+    guess = {
+        "shares": tb.Parameter((0.3, 0.3), bounds=(0.0, 0.45)),
+        "times": tb.Parameter((0.1, 2.0), bounds=(0.01, 10.0)),
+    }
+    fit = tb.identify(creep, tb.Measurement(creep(true), 1e-5), guess)
+    for name, value in true.items():
+        assert (fit[name] / value - 1).abs().max() < 1e-6
+
+
+def test_another_mesh_relaxes_likewise():
+    """`remesh` keeps the effect: at last the fine mesh stands as one of the long-time stiffness. A
+    state of the coarse mesh does not fit it.
+    """
+    load = tb.TipLoad(force=(0, 0, 0.3))
+    scene = tb.Scene(BEAM, [tb.Viscoelastic((0.4,), (0.1,)), load])
+    fine, soft = tb.remesh(scene, 4), tb.Section(SECTION.compliance / 0.6, SECTION.mass)
+    assert tb.rest(fine).inelastic.shape == (4, 6)
+    wanted = tb.equilibrium(tb.Scene(tb.Beam.straight(1.0, 4, soft), [load])).position
+    assert (tb.equilibrium(fine).position - wanted).abs().max() < 1e-10
+    with pytest.raises(ValueError, match="with 3 nodes was given; the beam has 5"):
+        tb.simulate(fine, (0.0, 0.1), initial=tb.rest(scene))
 
 
 @pytest.mark.parametrize("order", [0.3, 0.5, 0.7])

@@ -66,7 +66,8 @@ class KalmanFilter:
 
     Derivatives of the motion and of the readings are exact: an interval is stepped with as many
     samples as z and the readings have numbers. Readings may depend on the force in their interval.
-    A missing reading is NaN. Raises ValueError for arguments that do not fit.
+    A missing reading is NaN. Raises ValueError for arguments that do not fit, and for joints with a
+    hysteresis.
 
     Examples:
         >>> wind = tb.LineLoad(force=tb.Input("wind", 3))
@@ -115,6 +116,11 @@ class KalmanFilter:
             raise ValueError(
                 f"method = {method!r} was given; a midpoint method is wanted, whose states "
                 "remember nothing beside z"
+            )
+        if mean.joint_memory:
+            raise ValueError(
+                "a scene whose joints have a hysteresis was given, which remember more than z; one "
+                "without is wanted"
             )
         if model is None:
             model = linearize(mean, inputs=still(mean))

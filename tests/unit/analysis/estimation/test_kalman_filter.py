@@ -22,6 +22,12 @@ def strip(E=1.0, **options):
     return tb.Scene(beam, loads, **{"plane": "xz", **options})
 
 
+def hinged():
+    """A strip on a hinge that yields."""
+    root = tb.Hinge(None, ("strip", 0), hysteresis=tb.ElastoPlastic(1.0, 0.1))
+    return tb.Scene({"strip": strip().beam}, joints=[root], plane="xz")
+
+
 def randn(*shape, seed=0):
     return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
 
@@ -84,6 +90,30 @@ def test_estimates_of_a_linear_structure_are_those_of_a_normal_law(linear, missi
         assert ((own.x - z) / scale).abs().max() < 1e-9
         assert ((own.covariance - P) / torch.outer(scale, scale)).abs().max() < 1e-9
     assert torch.equal(torch.stack([x.readings for x in found]) == 0, readings[:, 0].isnan())
+
+
+def test_estimates_of_a_structure_that_relaxes_are_those_of_least_squares():
+    """Small rotations, so that readings are linear in z, which has in it what has crept: by the
+    motions from unit changes of z, in steps, the estimate of z at the end is that of all readings
+    at once, to 1e-6 of it.
+    """
+    scene = tb.Scene(strip().beam, [tb.Viscoelastic((0.3,), (0.05,))], small=True)
+    f, count, unit = tb.KalmanFilter(scene, TIP, dt=DT, noise=1e-4), 12, 1e-4
+    n, model, step = f.moves, f.interval.model, tb.Stepper(scene, DT, tolerance=1e-14)
+    spread = torch.full((n,), 1e-3)
+    y = 1e-3 * randn(count, 1)
+    found = f.run(f.start(covariance=torch.diag(spread**2)), y)[-1]
+    states, rows = model.state_at(torch.cat((torch.zeros(1, n), unit * torch.eye(n)))), []
+    for _ in range(count):
+        states = step(states)
+        rows.append((TIP(states)[1:, 0] - TIP(states)[0, 0]) / unit)
+    R, P = torch.stack(rows), torch.diag(spread**2)
+    first = P @ R.mT @ torch.linalg.solve(R @ P @ R.mT + 1e-8 * torch.eye(count), y[:, 0])
+    ends = model.departure(states)
+    last = first @ (ends[1:] - ends[0]) / unit
+    assert last[-12:].abs().max() > 1e-6
+    assert (found.x - last).abs().max() < 1e-6 * last.abs().max()
+    assert (model.departure(found.state) - found.x).abs().max() < 1e-12
 
 
 @pytest.mark.steps
@@ -253,6 +283,7 @@ def test_doubts():
         (dict(bias=-1.0), "negative"),
         (dict(method="generalized_alpha"), "a midpoint method is wanted"),
         (dict(scene=strip), "a Scene, or a function of `parameters`, is wanted"),
+        (dict(scene=hinged()), "a scene whose joints have a hysteresis was given, which remember"),
         (dict(delay=-1), "delay"),
         (dict(rate=[True, False]), "one of each is wanted"),
         (dict(sensors=[max]), "Sensor"),
