@@ -271,7 +271,7 @@ class Stepper:
         Returns:
             A (..., n, n) and B (..., n, m), exact as gradients are, and constants themselves.
             Native code makes them where it makes the steps. A failed sample stands still: A = 1, B
-            = 0. What joints and interactions remember is no part of z, and is held.
+            = 0. Memories of joints and interactions are no part of z, and are held.
 
         Raises:
             ValueError: as a step does, and for generalized_alpha, whose states remember more than
