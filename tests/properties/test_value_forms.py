@@ -169,6 +169,70 @@ def test_a_batch_is_each_number_by_itself(name, form, call):
     assert (answer - wanted).abs().max() <= 1e-9 * wanted.abs().max()
 
 
+INSTANTS = torch.linspace(0, 0.06, 10, **DOUBLE)
+TAPERED = tb.Table((0.0, 1.0), (0.3, 0.2))
+MORE = {
+    "LineLoad.force, follower": vector(lambda x: alone(tb.LineLoad(force=x, follower=True))),
+    "PointLoad.moment, follower": vector(lambda x: alone(tb.PointLoad(1, moment=x, follower=True))),
+    "PointLoad.force, off its node": vector(
+        lambda x: alone(tb.PointLoad(1, force=x, offset=(0.0, 0.1, 0.0)))
+    ),
+    "Drag.flow, sheared": vector(
+        lambda x: alone(tb.Drag(1000.0, 0.1, flow=tb.Wind(x, exponent=0.2, height=2.0)))
+    ),
+    "StripAir.wind, tapered": vector(lambda x: alone(tb.StripAir(TAPERED, density=50.0, wind=x))),
+    "StripAir.wind, a sum": vector(
+        lambda x: alone(tb.StripAir(TAPERED, density=50.0, wind=tb.Wind(x) + tb.Wind((0, -1.0, 0))))
+    ),
+    "clamp's place": vector(lambda x: alone(root=tb.RootMotion(displacement=x))),
+}
+VARYING = {name: value for name, value in (VALUES | MORE).items() if value.function}
+RECORDS = {"history": tb.History, "smooth": lambda t, x: tb.SmoothHistory(t, x, 1e-6)}
+
+
+def varying():
+    """Of three components a `History`; a `SmoothHistory` of these is long."""
+    for name, value in VARYING.items():
+        three = not isinstance(value.numbers[0], float)
+        for record in ("history", "smooth") if three else ("smooth",):
+            for engine in ("eager", "compiled"):
+                long = three and record == "smooth"
+                yield pytest.param(name, record, engine, marks=[pytest.mark.long] * long)
+
+
+@cache
+def varied(name: str) -> torch.Tensor:
+    """By a plain function of t that goes from the first number to the second, eagerly."""
+    first, last = map(tensor, VARYING[name].numbers)
+    return moved(name, lambda t: first + t / 0.06 * (last - first), "eager")
+
+
+@cache
+def held(name: str) -> torch.Tensor:
+    first = tensor(VARYING[name].numbers[0])
+    return moved(name, lambda t: first + 0 * t, "eager")
+
+
+def moved(name: str, function: Callable, engine: str) -> torch.Tensor:
+    solution = tb.simulate(VARYING[name].made(function), (*T, 0.06), step=0.02, engine=engine)
+    assert solution.status == 0
+    return solution.state[-1].position
+
+
+@pytest.mark.filterwarnings("ignore:a SmoothHistory whose accelerations")
+@pytest.mark.parametrize("name, record, engine", list(varying()))
+def test_a_record_goes_on_as_its_function_does(name, record, engine):
+    """What follows a line in time, as a plain function and as a record of it (a tree of tensors),
+    to 1e-9 of what its change moves: a record that is asked once, and held, moves nothing.
+    """
+    first, last = (torch.atleast_1d(tensor(x)) for x in VARYING[name].numbers)
+    values = first + INSTANTS[:, None] / 0.06 * (last - first)
+    answer, wanted = moved(name, RECORDS[record](INSTANTS, values), engine), varied(name)
+    change = (wanted - held(name)).abs().max()
+    assert change > 1e-7
+    assert (answer - wanted).abs().max() <= 1e-9 * change + 1e-14
+
+
 @pytest.mark.parametrize("name", [name for name, value in VALUES.items() if len(forms(value)) < 3])
 def test_other_forms_are_refused(name):
     value = VALUES[name]

@@ -175,3 +175,14 @@ def test_refusals():
         tb.SmoothRotation(T[:9], torch.outer(torch.arange(9.0), torch.tensor([0.0, 0, 2.0])))
     with pytest.raises(ValueError, match="rotation vectors are wanted"):
         tb.SmoothRotation(T[:9], torch.zeros(9, 2))
+
+
+@pytest.mark.parametrize("kind", [tb.SmoothHistory, tb.History])
+def test_its_first_and_last_instant_have_the_rate_of_the_record(kind):
+    """Of 2 t: a run from the first reading to the last begins and ends with that velocity."""
+    t = torch.linspace(0, 1, 12)
+    record = kind(t, 2 * t[:, None] * AXES)
+    for now in (0.0, 0.5, 1.0):
+        at = torch.tensor(now, dtype=torch.float64)
+        (rate,) = torch.func.jvp(record, (at,), (torch.ones_like(at),))[1:]
+        assert_close(rate, 2 * AXES, rtol=0, atol=1e-9)

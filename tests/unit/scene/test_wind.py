@@ -220,6 +220,25 @@ def test_both_engines_blow_alike(name, tapered):
     assert (eager - tip((0, -12.0, 0), chord, engine="eager")).abs().max() > 1e-6
 
 
+@pytest.mark.parametrize("places", [2, 300], ids=["summed", "looked up"])
+def test_a_table_of_a_gradient_has_it_at_its_places(places):
+    """Velocity x along y of a table and of an induction: the derivative by place is 1 between
+    places and at them, where the slopes of both sides once were added.
+    """
+    along = torch.linspace(-1, 1, 2 * places + 1, dtype=DOUBLE)
+    values = torch.zeros(2, len(along), 1, 1, 3, dtype=DOUBLE)
+    values[..., 0, 0, 1] = along
+    table = tb.WindTable((0.0, 1.0), values, x=along)
+    turning = tb.Induction(along + 2, 0 * along, -(along + 2))
+    for x in (0.0, 0.3, 0.5):
+        at = torch.tensor([[x, 0, 0]], dtype=DOUBLE, requires_grad=True)
+        (slope,) = torch.autograd.grad(table.velocity(at, NOW)[0, 1], at)
+        assert_close(slope, torch.tensor([[1.0, 0, 0]], dtype=DOUBLE), rtol=0, atol=1e-9)
+        at = torch.tensor([[0.0, x + 2, 0]], dtype=DOUBLE, requires_grad=True)
+        (slope,) = torch.autograd.grad(turning.velocity(at, NOW)[0, 2], at)
+        assert_close(slope, torch.tensor([[0.0, 1, 0]], dtype=DOUBLE), rtol=0, atol=1e-9)
+
+
 def test_a_turning_frame_meets_the_same_wind():
     """Drag by a sheared wind at a beam that a frame turns with, and at the same wind as a function
     of the place in frame a.

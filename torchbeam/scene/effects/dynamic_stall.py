@@ -204,7 +204,7 @@ def _arms(a: Tensor, f: Tensor, arm: Tensor, a0: Tensor) -> Tensor:
         some = some[: int(ends[0]) + 1] if len(ends) else some
         falling = one_f[some].detach().cummin(0).values
         keep = torch.cat((falling.new_ones(1, dtype=torch.bool), falling.diff() < -1e-9))
-        x, y = falling[keep].flip(0), one_arm[some][keep].flip(0)
+        x, y = one_f[some][keep].flip(0), one_arm[some][keep].flip(0)
         if len(x) < 2:
             rows.append(y[:1].expand(ARMS + 1))
         else:

@@ -12,10 +12,12 @@ import torch
 from torch import Tensor
 
 from ...core.leaves import Tree, leaf, with_values
-from ...core.validation import Value, as_tensor, common_dtype, finite, increasing, refusal
+from ...core.validation import Value, as_tensor, common_dtype, concrete, finite, increasing, refusal
 from ...math.shapes import broadcast_shapes
 from .polar_sources import from_network, read, up_to_half_a_turn
 from .wind import hats
+
+TURN = math.pi + 1e-3  # rad, half a turn; what is beyond are degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,8 @@ class Polar(Tree):
     every place of the table, and takes up to 256.
 
     Raises:
-        ValueError: for angles that do not increase, or coefficients of another shape.
+        ValueError: for angles that do not increase or are beyond half a turn, or coefficients of
+            another shape.
 
     Examples:
         >>> flat = tb.Polar((-0.2, 0.0, 0.2), cl=(-1.2, 0.0, 1.2), cd=(0.02, 0.01, 0.02))
@@ -58,6 +61,9 @@ class Polar(Tree):
         dtype, device = common_dtype(self.alpha, self.cl, self.cd, *(() if cm is None else (cm,)))
         alpha = as_tensor(self.alpha, dtype, device)
         increasing("a Polar's alpha", alpha)
+        if concrete(alpha.abs() > TURN).any():
+            largest = f"a Polar's alpha up to {alpha.abs().max():.4g}"
+            raise refusal(largest, "half a turn at most, in rad,")
         s = None if self.s is None else as_tensor(self.s, dtype, device)
         size = (len(alpha),) if s is None else (len(increasing("a Polar's s", s)), len(alpha))
         curves = {"cl": self.cl, "cd": self.cd}

@@ -128,8 +128,8 @@ class SmoothHistory(FunctionOfTime):
         k = _interval(self._breaks, t)
         start, end = self._breaks.index_select(0, k)[0], self._breaks[-1]
         piece = self._pieces.index_select(-3, k)[..., 0, :, :]
-        t = t.to(self._breaks)
-        h = torch.minimum(torch.maximum(t, self._breaks[0]), end) - start
+        # by `clamp`, with whole rates at the record's ends: minimum and maximum halve them there
+        h = t.to(self._breaks).clamp(self._breaks[0], end) - start
         value = piece[..., DEGREE, :]
         for j in range(DEGREE - 1, -1, -1):
             value = value * h + piece[..., j, :]
