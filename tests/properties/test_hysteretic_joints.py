@@ -296,6 +296,22 @@ def test_a_state_of_another_law_is_taken(tmp_path):
         tb.sensors.JointHysteresis(0)(plain)
 
 
+@pytest.mark.parametrize("engine", ["compiled", "eager"])
+def test_a_run_from_a_saved_state_is_the_rest_of_one_run(engine, tmp_path):
+    """Joints that yield between beams that relax: what both remember is in the file; to the bit."""
+    scene = arms(NUMBERS)
+    relaxing = [tb.Viscoelastic((0.3,), (0.02,), on=name) for name in ("upper", "lower")]
+    scene = replace(scene, effects=(*scene.effects, *relaxing))
+    t = torch.linspace(0, 0.12, 3, dtype=torch.float64)
+    whole = tb.simulate(scene, t, step=0.01, engine=engine).state
+    tb.save(whole[1], tmp_path / "half.pt")
+    half = tb.load(tmp_path / "half.pt")
+    end = tb.simulate(scene, t[1:], step=0.01, initial=half, engine=engine).state[-1]
+    for name in ("position", "joints", "stress", "inelastic"):
+        assert torch.equal(getattr(end, name), getattr(whole[-1], name)), name
+    assert (end.joints[1, 0, 12:14] != half.joints[1, 0, 12:14]).all()
+
+
 @pytest.mark.parametrize("method", ["midpoint4", "generalized_alpha", "dopri5"])
 def test_other_methods_refuse_it(method):
     with pytest.raises(ValueError, match="'midpoint' takes it"):

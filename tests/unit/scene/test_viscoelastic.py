@@ -99,6 +99,24 @@ def test_a_beam_that_tapers_within_its_elements(linked):
         tb.equilibrium(tb.Scene(beam, [load, six]))
 
 
+@pytest.mark.parametrize("engine", ["compiled", "eager"])
+def test_a_step_in_parts_remembers(engine):
+    """Of two samples, one that few iterations solve in parts alone: it is after 8 steps of an
+    eighth, the other one after a whole step, to rounding.
+    """
+    force = torch.tensor([[0.0, 0.0, 0.1], [0.0, 2.0, 6.0]])
+    shares = torch.tensor([[0.3, 0.2], [0.1, 0.3]])
+    scene = tb.Scene(BEAM, [tb.Viscoelastic(shares, (0.01, 1.0)), tb.TipLoad(force=force)])
+    after = tb.Stepper(scene, 0.2, iterations=3, tolerance=1e-12, engine=engine)(tb.rest(scene))
+    assert (after.status == 0).all()
+    for sample, parts in ((0, 1), (1, 8)):
+        stepper, state = tb.Stepper(scene, 0.2 / parts, tolerance=1e-12), tb.rest(scene)
+        for _ in range(parts):
+            state = stepper(state)
+        assert (after.inelastic - state.inelastic)[sample].abs().max() < 1e-11
+        assert (after.position - state.position)[sample].abs().max() < 1e-11
+
+
 @pytest.mark.steps
 def test_shares_and_times_are_identified():
     """Both, of two arms, from ten heights of a tip that creeps, read to 1e-5 m: to 1e-6."""
