@@ -271,7 +271,7 @@ class Stepper:
         Returns:
             A (..., n, n) and B (..., n, m), exact as gradients are, and constants themselves.
             Native code makes them where it makes the steps. A failed sample stands still: A = 1, B
-            = 0. What joints and interactions remember is no part of z, and is held.
+            = 0. The memory of joints and interactions is not in z, and is held.
 
         Raises:
             ValueError: as a step does, and for generalized_alpha, whose states remember more than
