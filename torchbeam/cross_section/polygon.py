@@ -14,6 +14,9 @@ from .mesh import Mesh, of_one_material
 from .triangulation import Triangulation, crossing, within
 
 ELEMENTS = 250  # at least, at fineness 1
+THINNEST = (
+    5e-5  # area over the perimeter's square: thinner ones take more pieces than they are worth
+)
 
 
 def polygon(corners: list[Tensor], material: Material, fineness: int) -> Mesh:
@@ -40,6 +43,12 @@ def polygon(corners: list[Tensor], material: Material, fineness: int) -> Mesh:
             "a polygon whose edges cross or touch, or a hole outside of it or in another",
             "edges that meet at corners alone",
             are=True,
+        )
+    around_it = sum(np.linalg.norm(np.roll(x, -1, 0) - x, axis=1).sum() for x in parts)
+    if area < THINNEST * around_it**2:
+        raise refusal(
+            f"a polygon of an area of {area / around_it**2:.1e} of its perimeter's square",
+            f"{THINNEST:g}, or thin_walled,",
         )
     mesh = Triangulation(parts, float(np.sqrt(2.3 * area / ELEMENTS)) / fineness)
     cells, sides = _with_sides(mesh.triangles, len(mesh.points))

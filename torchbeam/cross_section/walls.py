@@ -28,6 +28,7 @@ LEAST_ACROSS = 4  # elements across a wall
 CURVED = 5  # segments from which on a line counts as a curve, with as few elements each as will do
 ELEMENTS = 24  # along such a line, or one a segment
 SMOOTH = 0.87  # cosine: below 30 degrees, what differs in thickness is taken up in an element
+THINNEST = 5e-4  # of its width, a laminate: bending across it is lost in rounding beside stretching
 
 
 @dataclass
@@ -92,6 +93,11 @@ def laminate(plies: Sequence[Any], width: Tensor, fineness: int) -> Mesh:
     """The mesh of a flat strip of plies, width (...) m along y."""
     zero = torch.zeros_like(width)
     points = torch.stack((torch.stack((-width, zero), -1), torch.stack((width, zero), -1)), -2) / 2
+    wall = _wall((points, plies), 0.0)
+    thickness = sum(plain(x) for x in wall.thickness)
+    if (thickness < THINNEST * plain(width)).any():
+        given = f"a laminate of {float((thickness / plain(width)).min()):.1e} of its width"
+        raise refusal(given, f"a thickness of {THINNEST:g} of it")
     return thin_walled([(points, plies)], "middle", fineness)
 
 

@@ -220,6 +220,9 @@ def test_polygons():
     assert_close(grown[1] * 2 ** (powers + powers[:, None]), grown[0])
 
 
+METAL = tb.Material(**PLAIN)
+
+
 @pytest.mark.parametrize(
     "call, said",
     [
@@ -235,6 +238,11 @@ def test_polygons():
             "another",
         ),
         (lambda: tb.Section.polygon([(0, 0), (1, 1)], **PLAIN), "3 or more"),
+        (
+            lambda: tb.Section.polygon([(0, 0), (1, 0), (1, 1e-5), (0, 1e-5)], **PLAIN),
+            "thin_walled",
+        ),
+        (lambda: tb.Section.laminate([(1e-4, 0.0, METAL)], 1.0), "of its width was given; a thick"),
         (lambda: tb.Section.laminate([(0.1, 0.0)], 1.0), "(thickness, angle, material)"),
         (lambda: tb.Section.laminate([(0.1, 0.0, 3)], 1.0), "Material"),
         (lambda: walled([(0, 0), (1, 0), (1, 1)], [(1, 0), (2, 0)], [(1, 0), (1, -1)]), "meet"),
