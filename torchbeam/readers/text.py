@@ -20,7 +20,7 @@ class Text:
         """Raises ValueError for what is no path, no file, or no text."""
         self.path = path_of("path", path)
         if not self.path.is_file():
-            raise refusal(f"path = {shown(str(path))}, where there is no file,", "a file's path")
+            raise refusal(f"path = {str(path)!r}, where there is no file,", "a file's path")
         if self.path.stat().st_size > TOO_LARGE:
             raise refusal(f"{self.path.name} of {self.path.stat().st_size} bytes", "a text file")
         raw = self.path.read_bytes()

@@ -40,7 +40,7 @@ def test_mathieus_equation_at_sixth_order():
     one, expected = torch.ones((), dtype=torch.float64), max(by_runge_kutta().real)
     off = []
     for steps in (16, 32):
-        value, shape = exponents(mathieu, one, steps, 3)
+        value, shape = exponents(mathieu, one, steps, 3, 10 * one)
         value, shape = value[:, 0], shape[:, 0]  # of the largest harmonic
         own = value[(shape[:, 1].abs() > 0.9 * shape.norm(dim=-1)).nonzero()[0]]
         # the frequency that damping leaves
@@ -56,5 +56,6 @@ def test_the_harmonic_that_is_seen_most_names_the_frequency():
         eye = torch.ones(len(psi), 1, 1, dtype=torch.float64)
         return eye, 0 * eye, 5.3**2 * eye
 
-    value = exponents(matrices, torch.ones((), dtype=torch.float64), 64, 1).exponent
+    one = torch.ones((), dtype=torch.float64)
+    value = exponents(matrices, one, 64, 1, 10 * one).exponent
     assert abs(value[0, 0].imag - 5.3) < 1e-4
