@@ -212,13 +212,15 @@ def blades(count, tower=None, frame=None, speed=0.0):
 
 
 def test_blades_on_the_ground_have_the_modes_of_a_turning_frame_plus_and_minus_the_speed():
-    """Harmonics 0, 1, -1 of three equal blades are seen at w, w + W and |w - W|."""
+    """Harmonics 0, 1, -1 of three equal blades are seen at w, w + W and |w - W|. Two eigenproblems
+    are as near as rounding leaves slow frequencies beside stiff ones: 3e-9 on one processor.
+    """
     W = 3.0
     turning = tb.modes(blades(3, frame=tb.Frame(angular_velocity=(0, 0, W))), count=6)
     flap, lag = turning.frequency[[0, 3]].tolist()
     diagram = tb.campbell(blades(3), [W], count=6)
     expected = [abs(w + k * W) for w in (flap, lag) for k in (-1, 0, 1)]
-    np.testing.assert_allclose(np.sort(diagram.frequency[0]), np.sort(expected), rtol=1e-9)
+    np.testing.assert_allclose(np.sort(diagram.frequency[0]), np.sort(expected), rtol=1e-7)
     assert sorted(name[:-2] for name in diagram.names) == [
         f"{how} {which}"
         for how in ("flap", "lag")
