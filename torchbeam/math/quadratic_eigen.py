@@ -270,9 +270,11 @@ def _inverted(K: Tensor, right: Tensor) -> Tensor:
 def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
     """Places (..., count) of the slowest among eigenvalues (..., n), one of each conjugate pair,
     the slowest first; `lags`: first those that oscillate or grow, as lags decay, and may be many
-    and slow.
+    and slow. Of two that are as slow, one growing and one decaying, the growing one is first.
     """
     size = value.abs()
+    grows = (value.imag.abs() <= STRAIGHT * size) & (value.real > 0)
+    size = torch.where(grows, (1 - STRAIGHT) * size, size)
     # two that are equal and real may come as a pair, by rounding
     size = torch.where((value.imag < -STRAIGHT * size) | ~torch.isfinite(size), torch.inf, size)
     order = size.argsort(dim=-1, stable=True)
