@@ -132,11 +132,11 @@ def critical_load(
       damping of the value 0 the frequency at flutter is one of two that are about to meet, off by
       4e-4.
     - **Path.** Each equilibrium starts from the one before, except where supports turn. Past a
-    point of buckling the path stays on its branch. At a limit point it ends or leaps; `path` finds
-    such points more quickly. - **Cost.** O(N) a factor along a single beam of more than 96 unknowns
-    without damping. Otherwise, and where the few eigenvalues of a long beam do not converge, it is
-    dense, O(N^3). - **Precision.** Scenes in single precision are solved in double and the answer
-    is rounded, as
+      point of buckling the path stays on its branch. At a limit point it ends or leaps; `path`
+      finds such points more quickly.
+    - **Cost.** O(N) a factor along a single beam of more than 96 unknowns without damping.
+      Otherwise, and where the few eigenvalues of a long beam do not converge, it is dense, O(N^3).
+    - **Precision.** Scenes in single precision are solved in double and the answer is rounded, as
       in `modes`.
 
     Raises:
