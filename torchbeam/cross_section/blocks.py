@@ -69,8 +69,7 @@ def _graded(length: Tensor, count: int) -> Tensor:
 
 def box(width: Tensor, height: Tensor, t: Tensor, fineness: int) -> tuple[Tensor, Tensor]:
     """Nodes and cells about the centroid, as of those that follow."""
-    rows = [("last", t), ("along", width - 2 * t), ("first", t)]
-    columns = [("last", t), ("along", height - 2 * t), ("first", t)]
+    rows, columns = (_between_walls(x, t) for x in (width, height))
     nodes, cells = blocks(rows, columns, ("111", "101", "111"), fineness)
     return _about(nodes, width / 2, height / 2), cells
 
@@ -80,8 +79,7 @@ def i_beam(
 ) -> tuple[Tensor, Tensor]:
     wing = (width - web) / 2
     rows = [("along", wing), ("both", web), ("along", wing)]
-    columns = [("last", flange), ("along", height - 2 * flange), ("first", flange)]
-    nodes, cells = blocks(rows, columns, ("101", "111", "101"), fineness)
+    nodes, cells = blocks(rows, _between_walls(height, flange), ("101", "111", "101"), fineness)
     return _about(nodes, width / 2, height / 2), cells
 
 
@@ -89,8 +87,7 @@ def channel(
     width: Tensor, height: Tensor, flange: Tensor, web: Tensor, fineness: int
 ) -> tuple[Tensor, Tensor]:
     rows = [("last", web), ("along", width - web)]
-    columns = [("last", flange), ("along", height - 2 * flange), ("first", flange)]
-    nodes, cells = blocks(rows, columns, ("111", "101"), fineness)
+    nodes, cells = blocks(rows, _between_walls(height, flange), ("111", "101"), fineness)
     inner = height - 2 * flange
     centre = (2 * flange * width**2 + inner * web**2) / (2 * (2 * flange * width + inner * web))
     return _about(nodes, centre, height / 2), cells
@@ -103,6 +100,11 @@ def angle(width: Tensor, height: Tensor, t: Tensor, fineness: int) -> tuple[Tens
     y = (t * width**2 + (height - t) * t**2) / area
     z = (t * height**2 + (width - t) * t**2) / area
     return _about(nodes, y, z), cells
+
+
+def _between_walls(length: Tensor, thickness: Tensor) -> list[tuple[str, Tensor]]:
+    """Bands of a length (...) m that begins and ends with a wall."""
+    return [("last", thickness), ("along", length - 2 * thickness), ("first", thickness)]
 
 
 def _about(nodes: Tensor, y: Tensor, z: Tensor) -> Tensor:
