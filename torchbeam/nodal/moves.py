@@ -27,13 +27,13 @@ def remembered(state: State) -> Tensor | None:
 
 
 def remembered_count(state: State) -> int:
-    """Z"""
+    """Z, how many numbers a state remembers beside its motion."""
     more = remembered(state)
     return 0 if more is None else more.shape[-1]
 
 
 def remembering(state: State, more: Tensor) -> dict[str, Tensor | None]:
-    """Fields of the state that remembers `more` (..., Z)."""
+    """Fields of a state that remembers `more` (..., Z) on top of this one."""
     z = 0 if state.internal is None else state.internal.shape[-1]
     internal = inelastic = None
     if state.internal is not None:
