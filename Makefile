@@ -58,14 +58,15 @@ bench: .venv/dev.done
 
 # The site, into out/site: every link and every name in the reference is looked up, and one that is missing is an error.
 docs: .venv/docs.done
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	$(BIN)/python docs/site.py
+	$(BIN)/zensical build --strict --config-file out/site.toml
 
 # Each example once more, its picture and its time, for the gallery of the site.
 gallery: .venv/dev.done
 	$(BIN)/python docs/gallery.py
 
-docs-serve: .venv/docs.done
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs serve --strict
+docs-serve: docs
+	$(BIN)/zensical serve --config-file out/site.toml
 
 # Every dependency at the lowest version that pyproject.toml states, all at once.
 test-lowest: .venv-lowest/done

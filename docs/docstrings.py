@@ -1,4 +1,4 @@
-"""Docstrings as the reference tool reads them, for mkdocs (`make docs`)."""
+"""Docstrings as the reference tool reads them (`make docs`)."""
 
 import re
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ class FieldsByTheirDefaults(griffe.Extension):
         call, kind = attr.value, attr.annotation
         if isinstance(kind, griffe.ExprSubscript) and str(kind.left) == "Sorted":
             attr.annotation = kind.slice.elements[0]
-        if isinstance(call, griffe.ExprCall) and str(call.function) in ("branch", "leaf", "field"):
+        if isinstance(call, griffe.ExprCall) and str(call.function) in ("branch", "leaf", "option", "field"):
             given = [each for each in call.arguments if isinstance(each, griffe.ExprKeyword)]
             given = [
                 griffe.ExprKeyword("default", "...")

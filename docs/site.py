@@ -1,6 +1,7 @@
-"""Pages of the site that are made of other files, for mkdocs (`make docs`): the guide of
-docs/README.md, a page of each example, the reference of all public names, the changelog. Links out
-of docs/ go to those pages; what the site does not show is named without a link.
+"""Writes what the site is built of into out/ (`make docs`): the pages of docs/, and those that are
+made of other files: the guide of docs/README.md, a page of each example, the reference of all
+public names, the changelog. Links out of docs/ go to those pages; what the site does not show is
+named without a link.
 """
 
 import ast
@@ -8,6 +9,8 @@ import importlib.util
 import json
 import posixpath
 import re
+import shutil
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +18,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 PACKAGES = ROOT / "out" / "packages"
 EXAMPLES = sorted(path for path in (ROOT / "examples").glob("*.py"))
+LEFT_OUT = ("*.py", "*.toml", "__pycache__", "runs", "README.md")  # of what lies in docs/
 
 # What is public, by what it is for: title of a page, first sentence, names of `torchbeam`.
 # fmt: off
@@ -413,46 +417,14 @@ def linked(text: str, page: str) -> str:
     )
 
 
-def on_startup(command, dirty):
-    """mkdocs: torchbeam_envs, whose folder has another name, where the reference looks for it."""
-    PACKAGES.mkdir(parents=True, exist_ok=True)
-    if not (PACKAGES / "torchbeam_envs").exists():
-        (PACKAGES / "torchbeam_envs").symlink_to(ROOT / "envs", target_is_directory=True)
-
-
-def on_config(config):
-    """mkdocs: the version in the bar at the top; the navigation, with the pages that are made."""
-    version = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
-    config.site_name = f"torchbeam {version}"
-    pages = generated()
-    for title in ("Examples", "Reference"):
-        entry = next(entry for entry in config.nav if title in entry)
-        entry[title] = [path for path in pages if path.startswith(f"{title.lower()}/")]
-    return config
-
-
-def on_files(files, config):
-    """mkdocs: the pages above beside those of docs/."""
-    from mkdocs.structure.files import File
-
-    old = files.get_file_from_path("README.md")
-    if old is not None:
-        files.remove(old)
-    for path, text in generated().items():
-        content = linked(text, path) if path in HOMES else text
-        files.append(File.generated(config, path, content=content))
-    made = beside("notebooks")
-    for name in made.TUTORIALS:
-        content = made.written(name)
-        files.append(File.generated(config, f"notebooks/{name}.ipynb", content=content))
-    return files
-
-
 def typeset(text: str) -> str:
     """Formulas as MathML, which browsers draw by themselves: blocks ```math, and $...$ in a page
     that has some.
     """
     from latex2mathml.converter import convert
+
+    def inline(formula: re.Match) -> str:
+        return f"<span>{convert(formula[1])}</span>"  # a line that begins with <math> is a block
 
     block = re.compile(r"^```math\n(.*?)^```$", re.M | re.S)
     if not block.search(text):
@@ -465,7 +437,7 @@ def typeset(text: str) -> str:
     )
     parts = re.split(r"(^```.*?^```$|`[^`\n]+`)", text, flags=re.M | re.S)
     return "".join(
-        part if part.startswith("`") else re.sub(r"\$([^$\n]+)\$", lambda m: convert(m[1]), part)
+        part if part.startswith("`") else re.sub(r"\$([^$\n]+)\$", inline, part)
         for part in parts
     )
 
@@ -481,14 +453,57 @@ def with_diagrams(text: str) -> str:
     return diagrams.BLOCK.sub(picture, text)
 
 
-def on_page_markdown(markdown, page, config, files):
-    """mkdocs: links of pages of docs/, and those of tutorials to their notebooks."""
-    path = page.file.src_uri
-    made = path in HOMES or path.startswith(("examples/", "reference/"))
-    markdown = markdown if made else typeset(with_diagrams(linked(markdown, path)))
+def written(text: str, path: str) -> str:
+    """A page as the site shows it: with its links, formulas, diagrams, and the way to its notebook
+    where it is a tutorial.
+    """
+    if path in HOMES:
+        return linked(text, path)
+    if path.startswith(("examples/", "reference/")):
+        return text
+    text = typeset(with_diagrams(linked(text, path)))
     name = path.removesuffix(".md")
     if name not in beside("notebooks").TUTORIALS:
-        return markdown
-    title, rest = markdown.split("\n", 1)
+        return text
+    title, rest = text.split("\n", 1)
     download = f"[:material-download: As a notebook](notebooks/{name}.ipynb){{ download }}"
     return f"{title}\n\n{download}\n{rest}"
+
+
+def settings(pages: Iterable[str]) -> str:
+    """Those of docs/site.toml, with the version in the bar at the top, and with the pages that are
+    made in the navigation.
+    """
+    text = (ROOT / "docs/site.toml").read_text()
+    version = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    text = text.replace('site_name = "torchbeam"', f'site_name = "torchbeam {version}"')
+    for title in ("Examples", "Reference"):
+        paths = [path for path in pages if path.startswith(f"{title.lower()}/")]
+        text = text.replace(f'"{title}" = []', f'"{title}" = {json.dumps(paths)}')
+    return text
+
+
+def main() -> None:
+    """What the site is built of: out/pages, out/site.toml, and torchbeam_envs, whose folder has
+    another name, where the reference looks for it.
+    """
+    folder = ROOT / "out" / "pages"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(ROOT / "docs", folder, ignore=shutil.ignore_patterns(*LEFT_OUT))
+    pages = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")} | generated()
+    del pages["README.md"]
+    for path, text in pages.items():
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).write_text(written(text, path))
+    notebooks = beside("notebooks")
+    (folder / "notebooks").mkdir()
+    for name in notebooks.TUTORIALS:
+        (folder / "notebooks" / f"{name}.ipynb").write_text(notebooks.written(name))
+    (ROOT / "out" / "site.toml").write_text(settings(pages))
+    PACKAGES.mkdir(exist_ok=True)
+    if not (PACKAGES / "torchbeam_envs").exists():
+        (PACKAGES / "torchbeam_envs").symlink_to(ROOT / "envs", target_is_directory=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -34,9 +34,10 @@ class Estimate:
 
     Args:
         estimate, low, high: tensors of one shape
+        level: share of all runs in which the interval covers the true value
         samples: number of good samples
-        failed: number of samples left out, by reason in `reasons`
         method: method of the interval
+        reasons: number of samples left out, by reason
 
     Examples:
         >>> samples = tb.monte_carlo(deflection, laws, 256, replicates=16, by_name=True)
