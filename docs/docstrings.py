@@ -8,6 +8,7 @@ import griffe
 
 from torchbeam.core.docstrings import with_entries
 
+FIELDS = ("branch", "leaf", "option", "field")
 GROUP = re.compile(r"^    (\*{0,2}\w+(?:, \*{0,2}\w+)+): (.*(?:\n {5,}.*)*)", re.M)
 
 
@@ -29,7 +30,7 @@ class FieldsByTheirDefaults(griffe.Extension):
         call, kind = attr.value, attr.annotation
         if isinstance(kind, griffe.ExprSubscript) and str(kind.left) == "Sorted":
             attr.annotation = kind.slice.elements[0]
-        if isinstance(call, griffe.ExprCall) and str(call.function) in ("branch", "leaf", "option", "field"):
+        if isinstance(call, griffe.ExprCall) and str(call.function) in FIELDS:
             given = [each for each in call.arguments if isinstance(each, griffe.ExprKeyword)]
             given = [
                 griffe.ExprKeyword("default", "...")
