@@ -437,8 +437,7 @@ def typeset(text: str) -> str:
     )
     parts = re.split(r"(^```.*?^```$|`[^`\n]+`)", text, flags=re.M | re.S)
     return "".join(
-        part if part.startswith("`") else re.sub(r"\$([^$\n]+)\$", inline, part)
-        for part in parts
+        part if part.startswith("`") else re.sub(r"\$([^$\n]+)\$", inline, part) for part in parts
     )
 
 
