@@ -24,7 +24,7 @@ PAGES = tables.pages()
 ELSEWHERE = {f"{page}.md" for page in (
     "works_with", "own_environment", "own_soft_arm", "control_libraries", "textbook")}  # fmt: skip
 SHORT = 90  # lines of the README
-LINES = 200  # of a page, about
+LINES = 250  # of a page, about: code in it is at most WIDE columns wide
 # by page, what it says in words of what its blocks give: names -> number, and that
 SAID = {
     "applications": (
