@@ -1,5 +1,5 @@
-"""docs/control_libraries.md: each block behind the first one, where its library is installed, and
-the numbers that it prints.
+"""docs/control_libraries.md and docs/uq_libraries.md: each block behind the first one, where its
+library is installed, and the numbers that it prints.
 """
 
 import os
@@ -10,18 +10,22 @@ from pathlib import Path
 
 import pytest
 
-PAGE = (Path(__file__).parents[2] / "docs" / "control_libraries.md").read_text()
-FIRST, *BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-NAMES = re.findall(r"^## (\S+)", PAGE, re.MULTILINE)
-IMPORTS = {"do-mpc": "import casadi\n"}
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = [(DOCS / f"{name}_libraries.md").read_text() for name in ("control", "uq")]
+FIRST, BLOCKS = {}, {}  # by library
+for page in PAGES:
+    first, *blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names = re.findall(r"^## (\S+)", page, re.MULTILINE)
+    FIRST |= dict.fromkeys(names, first)
+    BLOCKS |= dict(zip(names, blocks, strict=True))
+FIRST["do-mpc"] += "import casadi\n"
 
 
 def numbers(library: str, module: str, folder: Path) -> list[float]:
     """That its block prints, run as pasted, in a process of its own."""
     pytest.importorskip(module)
-    block = BLOCKS[NAMES.index(library)]
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", FIRST + IMPORTS.get(library, "") + block],
+        [sys.executable, "-W", "ignore", "-c", FIRST[library] + BLOCKS[library]],
         cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
@@ -47,5 +51,18 @@ def test_do_mpc(tmp_path):
     assert 0.1 < tip < 0.103
 
 
+def test_openturns(tmp_path):
+    """FORM by our gradients, and samples, agree on a rare deflection."""
+    limit, form, samples = numbers("OpenTURNS", "openturns", tmp_path)
+    assert limit == 0.27 and abs(form - samples) < 4 * (0.034 / 20000) ** 0.5
+
+
+@pytest.mark.long
+def test_pymc(tmp_path):
+    """The posterior of E covers the true 66 GPa."""
+    mean, deviation = numbers("PyMC", "pymc", tmp_path)
+    assert abs(mean - 66.0) < 3 * deviation < 1.5
+
+
 def test_every_library_has_its_block():
-    assert NAMES == ["python-control", "CasADi", "do-mpc"] and len(BLOCKS) == 3
+    assert list(BLOCKS) == ["python-control", "CasADi", "do-mpc", "OpenTURNS", "PyMC"]
