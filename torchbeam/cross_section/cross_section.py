@@ -216,7 +216,7 @@ class CrossSection:
 
     @classmethod
     def thin_walled(
-        cls, walls: Sequence[Any], line: str = "middle", fineness: int = 1
+        cls, walls: Sequence[Any], line: str = "middle", join: str = "plies", fineness: int = 1
     ) -> CrossSection:
         """Walls of plies along lines.
 
@@ -234,7 +234,7 @@ class CrossSection:
         Raises:
             ValueError: for walls that meet otherwise, or leave no room for each other.
         """
-        return cls.of(thin_walled(walls, line, _fineness(fineness)))
+        return cls.of(thin_walled(walls, line, join, _fineness(fineness)))
 
     @classmethod
     def _plain(
