@@ -216,7 +216,7 @@ class CrossSection:
 
     @classmethod
     def thin_walled(
-        cls, walls: Sequence[Any], line: str = "middle", join: str = "plies", fineness: int = 1
+        cls, walls: Sequence[Any], line: str = "middle", fineness: int = 1, join: str = "plies"
     ) -> CrossSection:
         """Walls of plies along lines.
 
