@@ -103,13 +103,10 @@ def _join(one: End, other: End, by_depth: bool) -> None:
     (away, d_come), (go, d_go) = a.end(i), b.end(j)
     place, d_come = a.points[..., i, :], -d_come.flip(-1)
     if not by_depth and len(a.thickness) != len(b.thickness):
-        wanted = 'as many plies, or join="depth",'
-        raise refusal("a corner of walls with different numbers of plies", wanted)
-    ends = (d_come, d_come), (d_go, d_go)
-    if not by_depth:
-        ends = (d_come, d_go), (d_come, d_go)
-    for (wall, station), offsets, backward in zip((one, other), ends, (i == 0, j == -1), strict=True):
-        row = _mitre(place, -away, go, *offsets)
+        given = "a corner of walls with different numbers of plies"
+        raise refusal(given, 'as many plies, or join="depth",', are=True)
+    for wall, station, own, backward in ((a, i, d_come, i == 0), (b, j, d_go, j == -1)):
+        row = _mitre(place, -away, go, *((own, own) if by_depth else (d_come, d_go)))
         wall.rows[station] = row.flip(-2) if backward else row
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -85,7 +86,7 @@ class Wall:
         ]
         every = sorted([*own, *new], key=first_number)
         ply = [sum(first_number(x) > y for y in known[1:-1]) for x in every[1:]]
-        self.thickness = [b - a for a, b in zip(every, every[1:], strict=False)]
+        self.thickness = [b - a for a, b in pairwise(every)]
         self.angle = [self.angle[k] for k in ply]
         self.material = [self.material[k] for k in ply]
 
