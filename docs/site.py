@@ -113,7 +113,7 @@ SHOWN = 4
 GALLERY = {
     "Statics and stability": ("axes_and_signs", "spring", "lees_frame", "portal_frame",
                               "plastic_frame"),
-    "Sections": ("composite_box",),
+    "Sections": ("composite_box", "blade_section"),
     "Vibration": ("campbell", "rotor", "ground_resonance", "read_blade"),
     "Air": ("flutter", "gust", "wind_turbine"),
     "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),

@@ -92,7 +92,7 @@ ANOTHER = torch.linalg.inv(torch.tensor(DATA["stiffness_prevabs"], dtype=torch.f
 ANOTHER = about_shear_centre((ANOTHER + ANOTHER.T) / 2)
 errors = K.diagonal() / PUBLISHED.diagonal() - 1
 CHECK = errors.abs().max().item()
-EXPECTED, TOLERANCE = 0.032, 0.002
+EXPECTED, TOLERANCE = 0.030, 0.002
 
 ROWS = ("EA", 0, 0), ("GA along the chord", 1, 1), ("GA across", 2, 2), ("GJ", 3, 3)
 ROWS += ("EI flapwise", 4, 4), ("EI edgewise", 5, 5), ("extension-torsion", 0, 3)
@@ -105,7 +105,7 @@ print(f"mass {cross.mass[0, 0].item():.1f} kg/m, published {DATA['mass_chen']:.1
 
 def draw(path: Path = Path("out/blade_section.png")) -> None:
     """Elements, the stress along the fibres under a flapwise moment, the shear under torsion."""
-    top, middle, bottom = tb.plot.grid(3, 1, (13, 10.5))
+    top, middle, bottom = tb.plot.grid(3, 1, (13, 9))
     tb.plot.cross_section(cross, top)
     tb.plot.cross_section(cross, middle, show="11", M=(0, -1e5, 0), axes="material")
     middle.set_title("stress along the fibres, flapwise moment of 100 kN m")

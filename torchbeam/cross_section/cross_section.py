@@ -227,9 +227,12 @@ class CrossSection:
                 line's direction
             line: what the points describe: the "middle" of the wall, or where its "first" ply
                 begins
+            join: where two walls meet, each ply goes over into the one of its number in the other,
+                of as many "plies"; or keeps its "depth", and a thicker wall ends in a free face
 
-        Walls meet where their lines share a point. Two ends make a corner, of as many plies each. A
-        wall that ends within another's line stands on its face.
+        Walls meet where their lines share a point. Two ends make a corner. A wall that ends within
+        another's line stands on its face. Where a corner is so sharp that its faces meet far before
+        it, as at a trailing edge, the plies of both sides meet between them.
 
         Raises:
             ValueError: for walls that meet otherwise, or leave no room for each other.
