@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import choice, count, some
+from ..core.arguments import choice, count, instance, some
 from ..core.summary import kind, lines, span
 from ..core.validation import (
     Value,
@@ -25,7 +25,7 @@ from ..core.validation import (
 from . import blocks
 from .material import Material, bond
 from .mesh import Mesh, of_one_material, points_of
-from .polygon import polygon
+from .polygon import polygons
 from .tube import tube
 from .walls import laminate, thin_walled
 from .warping import solution
@@ -196,13 +196,44 @@ class CrossSection:
         Raises:
             ValueError: for fewer than three corners, edges that cross, or a hole outside.
         """
-        fineness = _fineness(fineness)
-        material = Material(E=E, nu=nu, rho=rho)
         if not isinstance(holes, (list, tuple)):
             raise refusal(f"holes = {shown(holes)}", "a list of polygons")
-        corners = [points_of("points", points, least=3)]
-        corners += [points_of("a hole", hole, least=3) for hole in holes]
-        return cls.of(polygon(corners, material, fineness))
+        material = Material(E=E, nu=nu, rho=rho)
+        parts = [(points_of("points", points, least=3), material)]
+        parts += [(points_of("a hole", hole, least=3), None) for hole in holes]
+        return cls.of(polygons(parts, _fineness(fineness)))
+
+    @classmethod
+    def polygons(cls, parts: Sequence[Any], fineness: int = 1) -> CrossSection:
+        """Polygons of several materials, beside and within each other.
+
+        Args:
+            parts: each (points, material): corners (..., n, 2) m, y and z, and a `Material`, whose
+                axis 1 is along x, 2 along y and 3 along z; or None for a hole. What several contain
+                belongs to the last of them: a bar in concrete comes behind the concrete. Parts
+                beside each other share whole edges
+
+        The mesh is that of the first sample, see `polygon`.
+
+        Raises:
+            ValueError: for polygons whose edges cross or touch between corners, that do not meet,
+                or of which nothing is left below later ones.
+
+        Examples:
+            >>> steel = tb.Material(E=210e9, nu=0.3, rho=7850.0)
+            >>> concrete = tb.Material(E=33e9, nu=0.2, rho=2400.0)
+            >>> outer = torch.tensor([(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)])
+            >>> column = tb.CrossSection.polygons([(outer, steel), (0.95 * outer, concrete)])
+        """
+        if not (isinstance(parts, (list, tuple)) and parts):
+            raise refusal(f"parts = {shown(parts)}", "a list of one or more")
+        if not all(isinstance(part, (tuple, list)) and len(part) == 2 for part in parts):
+            raise refusal(f"parts = {shown(parts)}", "(points, material) of each")
+        checked = [
+            (points_of("points", x, 3), m if m is None else instance("a material", m, Material))
+            for x, m in parts
+        ]
+        return cls.of(polygons(checked, _fineness(fineness)))
 
     @classmethod
     def laminate(cls, plies: Sequence[Any], width: Value, fineness: int = 1) -> CrossSection:
