@@ -50,12 +50,22 @@ def of_two(corners):
     return tb.CrossSection.polygon(torch.stack((KITE, corners.reshape(4, 2))), **PLAIN)
 
 
+def filled(width, inner, lift, E):
+    """The second of a batch of squares, filled and not in the middle."""
+    outer = torch.stack((SQUARE, width * SQUARE))
+    core = torch.stack((0.6 * SQUARE, inner * SQUARE + lift))
+    metal = tb.Material(E=E, nu=0.3, rho=2.0)
+    return tb.CrossSection.polygons([(outer, METAL), (core, metal)])
+
+
+METAL = tb.Material(**PLAIN)
 SHAPES = {
     "tube": (lambda *x: tb.CrossSection.tube(*x), [0.1, 0.08, 2.6, 0.3, 1.0]),
     "angle": (lambda *x: tb.CrossSection.angle(*x), [0.08, 0.05, 0.008, 2.6, 0.3, 1.0]),
     "laminate": (laminate, [0.002, 0.3, -0.4, 0.03, 140.0, 6.0, 0.3]),
     "walls": (two_cells, [0.004, 0.3, 0.003, 0.5]),
     "sharp edges": (lens, [0.02, 0.006, 0.3]),
+    "filled": (filled, [1.1, 0.5, 0.1, 0.4]),
     "polygon": (lambda *x: of_two(torch.stack(x)), KITE.flatten().tolist()),
 }
 
@@ -235,9 +245,6 @@ def test_polygons():
     assert_close(grown[1] * 2 ** (powers + powers[:, None]), grown[0])
 
 
-METAL = tb.Material(**PLAIN)
-
-
 def test_a_sharp_edge():
     """A wall round an outline of two arcs, and the same shape as a polygon with a hole: corners of
     the hole lie at R - t/cos(half a chord's angle), up to where its two sides cross. A plain mitre
@@ -266,6 +273,23 @@ def test_a_sharp_edge():
     parts = [(line, [(t, 0.0, METAL)]) for line in lines]  # the same corners, where walls meet
     parts = tb.CrossSection.thin_walled(parts, line="first", fineness=2)
     assert_close(parts.compliance, wall.compliance, rtol=1e-3, atol=1e-3 * S.max().item())
+
+
+def test_what_polygons_divide():
+    """Parts of one material, within each other, beside each other and behind a hole, are the whole
+    to the meshes' error; so the order of those beside each other says nothing.
+    """
+    whole = tb.CrossSection.polygon(SQUARE, **PLAIN).compliance
+    left = [(-1, -1), (0, -1), (0, 1), (-1, 1)]
+    right = [(0, -1), (1, -1), (1, 1), (0, 1)]
+    for parts in (
+        [(SQUARE, METAL), (0.3 * SQUARE + 0.2, METAL)],
+        [(left, METAL), (right, METAL)],
+        [(right, METAL), (left, METAL)],
+        [(SQUARE, METAL), (0.5 * SQUARE, None), (0.5 * SQUARE, METAL)],
+    ):
+        S = tb.CrossSection.polygons(parts).compliance
+        assert_close(S, whole, rtol=1e-3, atol=1e-3 * whole[0, 0].item())
 
 
 def test_plies_that_end():
@@ -304,6 +328,15 @@ def test_plies_that_end():
             "another",
         ),
         (lambda: tb.Section.polygon([(0, 0), (1, 1)], **PLAIN), "3 or more"),
+        (lambda: tb.Section.polygon([(0, 0), (2, 0), (1, 0), (1, 1)], **PLAIN), "cross"),
+        (lambda: parts(0.5 * SQUARE, SQUARE), "number 1, below later ones"),
+        (lambda: parts(SQUARE, SQUARE + torch.tensor([3.0, 0])), "in 2 parts"),
+        (lambda: parts(SQUARE, SQUARE + 2), "in 2 parts"),
+        (lambda: parts(SQUARE, SQUARE + torch.tensor([2.0, 1])), "cross or touch"),
+        (lambda: parts(SQUARE, SQUARE + torch.tensor([1.0, 0.5])), "cross or touch"),
+        (lambda: tb.CrossSection.polygons([(SQUARE, None)]), "a hole outside"),
+        (lambda: tb.CrossSection.polygons([SQUARE, METAL]), "(points, material)"),
+        (lambda: tb.CrossSection.polygons([(SQUARE, 3.0)]), "Material"),
         (
             lambda: tb.Section.polygon([(0, 0), (1, 0), (1, 1e-5), (0, 1e-5)], **PLAIN),
             "thin_walled",
@@ -325,6 +358,10 @@ def test_refusals(call, said):
     with pytest.raises(ValueError) as error:
         call()
     assert said in str(error.value), error.value
+
+
+def parts(*corners):
+    return tb.CrossSection.polygons([(x, METAL) for x in corners])
 
 
 def of_depths(line, join):
