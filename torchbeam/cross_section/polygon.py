@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor
 
-from ..core.validation import broadcast, refusal
+from ..core.arguments import instance
+from ..core.validation import broadcast, refusal, shown
 from ..math.shapes import stacked
 from .elements import plain
 from .material import Material
-from .mesh import Mesh, in_one_piece, meeting, of_materials
+from .mesh import Mesh, in_one_piece, meeting, of_materials, points_of
 from .triangulation import Triangulation, crossing, within
 
 ELEMENTS = 250  # at least, at fineness 1
@@ -22,13 +26,14 @@ THINNEST = (
 Part = tuple[Tensor, Material | None]
 
 
-def polygons(parts: list[Part], fineness: int) -> Mesh:
+def polygons(parts: Sequence[Any], fineness: int) -> Mesh:
     """Mesh of polygons (..., n, 2) m and their materials, None of a hole; that of the first sample,
     which the others' nodes follow. What several contain belongs to the last of them.
 
     The nodes of an edge keep their shares of it, and those within move as the harmonic map of the
     edges does: a shape that is stretched or moved takes its mesh along.
     """
+    parts = _parts(parts)
     broadcast("polygons", *(x.shape[:-2] for x, _ in parts))
     whole = stacked(*(x for x, _ in parts))
     every = plain(whole).reshape(-1, *whole.shape[-2:])
@@ -62,6 +67,20 @@ def polygons(parts: list[Part], fineness: int) -> Mesh:
     of_cell = torch.from_numpy(np.searchsorted(solid, mesh.part))
     materials = [material for _, material in parts if material is not None]
     return of_materials(nodes, torch.from_numpy(cells), materials, of_cell)
+
+
+def _parts(parts: Sequence[Any]) -> list[Part]:
+    if not (isinstance(parts, (list, tuple)) and parts):
+        raise refusal(f"parts = {shown(parts)}", "a list of one or more")
+    if not all(isinstance(part, (tuple, list)) and len(part) == 2 for part in parts):
+        raise refusal(f"parts = {shown(parts)}", "(points, material) of each")
+    return [
+        (
+            points_of("points" if material is not None else "a hole", points, least=3),
+            material if material is None else instance("a material", material, Material),
+        )
+        for points, material in parts
+    ]
 
 
 def _areas(rings: list[np.ndarray], filled: list[bool]) -> list[float] | None:
