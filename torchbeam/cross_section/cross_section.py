@@ -119,5 +119,5 @@ class CrossSection(Shapes):
         return stress[..., 0]
 
     @classmethod
-    def _from_solution(cls, cross: CrossSection) -> CrossSection:
-        return cross
+    def _solved(cls, mesh: Mesh) -> CrossSection:
+        return cls.of(mesh)

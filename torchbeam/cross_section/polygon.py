@@ -28,7 +28,7 @@ Part = tuple[Tensor, Material | None]
 
 def polygons(parts: Sequence[Any], fineness: int) -> Mesh:
     """Mesh of polygons (..., n, 2) m and their materials, None of a hole; that of the first sample,
-    which the others' nodes follow. What several contain belongs to the last of them.
+    which the others' nodes follow. A place within several belongs to the last of them.
 
     The nodes of an edge keep their shares of it, and those within move as the harmonic map of the
     edges does: a shape that is stretched or moved takes its mesh along.

@@ -14,7 +14,6 @@ from ..core.arguments import count, some
 from ..core.validation import Value, as_tensor, common_dtype, concrete, positive, refusal, shown
 
 if TYPE_CHECKING:
-    from .cross_section import CrossSection
     from .mesh import Mesh
 
 S = TypeVar("S", bound="Shapes")
@@ -26,7 +25,8 @@ class Shapes:
     """What is made by its shape. `fineness` multiplies the number of elements each way."""
 
     @classmethod
-    def _from_solution(cls: type[S], cross: CrossSection) -> S:
+    def _solved(cls: type[S], mesh: Mesh) -> S:
+        """Of the solution of a mesh."""
         raise NotImplementedError
 
     @classmethod
@@ -113,8 +113,8 @@ class Shapes:
 
         Args:
             parts: each (points, material): corners (..., n, 2) m, y and z, and a `Material`, whose
-                axis 1 is along x, 2 along y and 3 along z; or None for a hole. What several contain
-                belongs to the last of them: a bar in concrete comes behind the concrete. Parts
+                axis 1 is along x, 2 along y and 3 along z; or None for a hole. A place within
+                several polygons belongs to the last of them: bars come behind their concrete. Parts
                 beside each other share whole edges
 
         The mesh is that of the first sample, see `polygon`.
@@ -195,12 +195,6 @@ class Shapes:
         nodes, cells = outline(*sizes, _fineness(fineness))
         material, coupled = Material(E=E, nu=nu, rho=rho), shape not in UNCOUPLED
         return cls._solved(of_one_material(nodes, cells, material, coupled=coupled, offset=False))
-
-    @classmethod
-    def _solved(cls: type[S], mesh: Mesh) -> S:
-        from .cross_section import CrossSection
-
-        return cls._from_solution(CrossSection.of(mesh))
 
 
 def _fineness(value: int) -> int:

@@ -296,8 +296,10 @@ class Section(Shapes, Tree):
         return cls(S, mass).declared(coupled, offset, True)
 
     @classmethod
-    def _from_solution(cls, cross: Any) -> Section:
-        return cls.from_cross_section(cross)
+    def _solved(cls, mesh: Any) -> Section:
+        from ..cross_section.public import CrossSection
+
+        return cls.from_cross_section(CrossSection.of(mesh))
 
     @classmethod
     def _solid(cls, E, G, rho, A, shear_factor, I_y, I_z, J) -> Section:
