@@ -171,7 +171,8 @@ class Shapes:
 
         Walls meet where their lines share a point. Two ends make a corner. A wall that ends within
         another's line stands on its face. Where a corner is so sharp that its faces meet far before
-        it, as at a trailing edge, the plies of both sides meet between them.
+        it, as at a trailing edge, the plies of both sides meet between them. In a batch, the first
+        sample says where.
 
         Raises:
             ValueError: for walls that meet otherwise, or leave no room for each other.
