@@ -105,7 +105,7 @@ def merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
     """Nodes and cells with one node for those that lie at one place."""
     number, first = meeting("walls", plain(nodes).reshape(-1, *nodes.shape[-2:]))
     cells = torch.from_numpy(number)[cells]
-    in_one_piece("walls", cells.numpy())
+    in_one_piece("walls", plain(cells))
     return nodes[..., torch.from_numpy(first).to(nodes.device), :], cells
 
 

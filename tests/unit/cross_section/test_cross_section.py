@@ -119,6 +119,14 @@ def test_transforms():
     several = torch.stack((x, 1.1 * x))
     assert_close(torch.func.vmap(GJ)(several), torch.stack([GJ(y) for y in several]))
 
+    def edge(t):
+        return 1 / lens(t, 0.006, 0.3).compliance[3, 3]
+
+    t = torch.tensor(0.02, requires_grad=True)
+    (slope,) = torch.autograd.grad(edge(t), t)
+    assert_close(torch.func.jacrev(edge)(t.detach()), slope)
+    assert_close(torch.func.vmap(edge)(t.detach()[None])[0], edge(t).detach())
+
 
 def test_batches():
     """A sample alone is the same sample in a batch, of shapes and of materials; values differ."""
