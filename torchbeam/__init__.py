@@ -130,7 +130,7 @@ from .uncertainty.stream import Stream
 from .uncertainty.tornado import Tornado, tornado
 
 if TYPE_CHECKING:  # imported where they are first asked for
-    from .cross_section import CrossSection, Material
+    from .cross_section.public import CrossSection, Material
     from .mixed import BlockRate, MixedState, block_rate, consistent_state
 
 # fmt: off
@@ -194,7 +194,7 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name in ("CrossSection", "Material"):
-        from . import cross_section as package
+        from .cross_section import public as package
     else:
         package = mixed_forms()
     globals()[name] = getattr(package, name)

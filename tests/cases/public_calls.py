@@ -106,7 +106,9 @@ CALLS = {
     **{f"Section.{name}": (getattr(tb.Section, name), arguments | dict(fineness=1))
        for name, arguments in dict(
            laminate=dict(plies=PLIES, width=0.1),
-           thin_walled=dict(walls=[([(0.0, 0), (1, 0)], PLIES)], line="first")).items()},
+           polygons=dict(parts=[([(0.0, 0), (1, 0), (0, 1)], tb.Material(**ISOTROPIC))]),
+           thin_walled=dict(walls=[([(0.0, 0), (1, 0)], PLIES)], line="first", join="depth")
+       ).items()},
     "from_cross_section": (tb.Section.from_cross_section, dict(cross=TUBE)),
     "CrossSection.stress": (TUBE.stress, dict(F=FORCE, M=FORCE, axes="material")),
     "Material": (tb.Material, dict(E=1.0, nu=0.3, rho=1.0)),

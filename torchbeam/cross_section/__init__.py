@@ -1,11 +1,1 @@
-"""Sections from geometry: stiffness, mass and stresses of a cross-section by finite elements. What
-the library offers of it is imported from here, where it is asked for.
-"""
-
-from ..core.entry_point import entry_points
-from .cross_section import CrossSection
-from .material import Material
-
-__all__ = ["CrossSection", "Material"]
-
-entry_points(globals(), __all__)
+"""Sections from geometry: stiffness, mass and stresses of a cross-section by finite elements."""

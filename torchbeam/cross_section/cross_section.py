@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..core.arguments import choice, count, some
+from ..core.arguments import choice
 from ..core.summary import kind, lines, span
-from ..core.validation import (
-    Value,
-    as_tensor,
-    axis_last,
-    common_dtype,
-    concrete,
-    finite,
-    positive,
-    refusal,
-    shown,
-)
-from . import blocks
-from .material import Material, bond
-from .mesh import Mesh, of_one_material, points_of
-from .polygon import polygon
-from .tube import tube
-from .walls import laminate, thin_walled
+from ..core.validation import Value, as_tensor, axis_last, common_dtype, finite
+from .material import bond
+from .mesh import Mesh
+from .shapes import Shapes
 from .warping import solution
 
 AXES = "section", "material"
-FINEST = 8  # 64 times the elements
 
 
 @dataclass(frozen=True)
-class CrossSection:
+class CrossSection(Shapes):
     """A cross-section solved by finite elements: matrices, centres, warping, stresses.
 
     Args:
@@ -135,140 +119,5 @@ class CrossSection:
         return stress[..., 0]
 
     @classmethod
-    def tube(
-        cls, outer: Value, inner: Value, E: Value, nu: Value, rho: Value, fineness: int = 1
-    ) -> CrossSection:
-        """Circular tube between two radii (...) m, about its centre."""
-        outer, inner = _lengths(outer=outer, inner=inner)
-        _more("inner", inner, "outer", outer)
-        return cls._plain(tube, (outer, inner), E, nu, rho, fineness, coupled=False)
-
-    @classmethod
-    def box(
-        cls, width: Value, height: Value, thickness: Value, E: Value, nu: Value, rho: Value,
-        fineness: int = 1,
-    ) -> CrossSection:  # fmt: skip
-        """Rectangular tube of outer `width` along y and `height` along z, about its centre."""
-        sizes = _lengths(width=width, height=height, thickness=thickness)
-        _more("2 thickness", 2 * sizes[2], "width", sizes[0])
-        _more("2 thickness", 2 * sizes[2], "height", sizes[1])
-        return cls._plain(blocks.box, sizes, E, nu, rho, fineness, coupled=False)
-
-    @classmethod
-    def i_beam(
-        cls, width: Value, height: Value, flange: Value, web: Value, E: Value, nu: Value,
-        rho: Value, fineness: int = 1,
-    ) -> CrossSection:  # fmt: skip
-        """I of flanges along y and a web along z, of these thicknesses, about its centre."""
-        sizes = _flanged(width, height, flange, web)
-        return cls._plain(blocks.i_beam, sizes, E, nu, rho, fineness, coupled=False)
-
-    @classmethod
-    def channel(
-        cls, width: Value, height: Value, flange: Value, web: Value, E: Value, nu: Value,
-        rho: Value, fineness: int = 1,
-    ) -> CrossSection:  # fmt: skip
-        """Channel: a web along z and two flanges from it along +y, about its centroid."""
-        sizes = _flanged(width, height, flange, web)
-        return cls._plain(blocks.channel, sizes, E, nu, rho, fineness)
-
-    @classmethod
-    def angle(
-        cls, width: Value, height: Value, thickness: Value, E: Value, nu: Value, rho: Value,
-        fineness: int = 1,
-    ) -> CrossSection:  # fmt: skip
-        """Angle: a leg along +y and a leg along +z from their corner, about its centroid."""
-        sizes = _lengths(width=width, height=height, thickness=thickness)
-        _more("thickness", sizes[2], "width", sizes[0])
-        _more("thickness", sizes[2], "height", sizes[1])
-        return cls._plain(blocks.angle, sizes, E, nu, rho, fineness)
-
-    @classmethod
-    def polygon(
-        cls, points: Value, E: Value, nu: Value, rho: Value, holes: Sequence[Value] = (),
-        fineness: int = 1,
-    ) -> CrossSection:  # fmt: skip
-        """Polygon of corners (..., n, 2) m, y and z, with holes of the same kind.
-
-        The mesh is that of the first sample, which takes it along with its corners: that gives
-        derivatives. So a sample alone differs from the same one in a batch by an error of the mesh.
-
-        Raises:
-            ValueError: for fewer than three corners, edges that cross, or a hole outside.
-        """
-        fineness = _fineness(fineness)
-        material = Material(E=E, nu=nu, rho=rho)
-        if not isinstance(holes, (list, tuple)):
-            raise refusal(f"holes = {shown(holes)}", "a list of polygons")
-        corners = [points_of("points", points, least=3)]
-        corners += [points_of("a hole", hole, least=3) for hole in holes]
-        return cls.of(polygon(corners, material, fineness))
-
-    @classmethod
-    def laminate(cls, plies: Sequence[Any], width: Value, fineness: int = 1) -> CrossSection:
-        """Flat strip of plies, `width` (...) m along y, stacked along +z about its middle.
-
-        Args:
-            plies: from the lowest: each (thickness m, angle rad, material); the angle goes from x
-                towards y
-        """
-        return cls.of(laminate(plies, *_lengths(width=width), _fineness(fineness)))
-
-    @classmethod
-    def thin_walled(
-        cls, walls: Sequence[Any], line: str = "middle", fineness: int = 1
-    ) -> CrossSection:
-        """Walls of plies along lines.
-
-        Args:
-            walls: each (points, plies). The points (..., n, 2) m, y and z, are a line, closed if it
-                ends where it begins. The plies (thickness m, angle rad, material) are stacked to
-                its left, seen with y to the right and z up. A ply's angle goes from x towards the
-                line's direction
-            line: what the points describe: the "middle" of the wall, or where its "first" ply
-                begins
-
-        Walls meet where their lines share a point. Two ends make a corner, of as many plies each. A
-        wall that ends within another's line stands on its face.
-
-        Raises:
-            ValueError: for walls that meet otherwise, or leave no room for each other.
-        """
-        return cls.of(thin_walled(walls, line, _fineness(fineness)))
-
-    @classmethod
-    def _plain(
-        cls, shape: Any, sizes: Sequence[Tensor], E: Value, nu: Value, rho: Value, fineness: int,
-        coupled: bool = True,
-    ) -> CrossSection:  # fmt: skip
-        """Of one isotropic material, about its centroid."""
-        nodes, cells = shape(*sizes, _fineness(fineness))
-        material = Material(E=E, nu=nu, rho=rho)
-        return cls.of(of_one_material(nodes, cells, material, coupled=coupled, offset=False))
-
-
-def _fineness(value: int) -> int:
-    if count("fineness", value) > FINEST:
-        raise refusal(f"fineness = {shown(value)}", f"a whole number up to {FINEST}")
-    return value
-
-
-def _lengths(**values: Value) -> tuple[Tensor, ...]:
-    dtype, device = common_dtype(*values.values())
-    tensors = {name: as_tensor(x, dtype, device) for name, x in values.items()}
-    return torch.broadcast_tensors(*(positive(name, some(name, x)) for name, x in tensors.items()))
-
-
-def _flanged(width: Value, height: Value, flange: Value, web: Value) -> tuple[Tensor, ...]:
-    """Sizes of a shape with two flanges and a web."""
-    sizes = _lengths(width=width, height=height, flange=flange, web=web)
-    _more("web", sizes[3], "width", sizes[0])
-    _more("2 flange", 2 * sizes[2], "height", sizes[1])
-    return sizes
-
-
-def _more(small: str, a: Tensor, large: str, b: Tensor) -> None:
-    if not concrete(a < b).all():
-        lengths = f"{small} of {concrete(a).max().item():g} m and {large} of "
-        lengths += f"{concrete(b).min().item():g} m"
-        raise refusal(lengths, f"{small} below {large}", were=True)
+    def _solved(cls, mesh: Mesh) -> CrossSection:
+        return cls.of(mesh)

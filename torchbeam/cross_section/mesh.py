@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,17 @@ def of_one_material(nodes: Tensor, cells: Tensor, material: Material, **symmetry
     return Mesh(nodes, cells.to(nodes.device), stiffness, density, eye, **symmetry)
 
 
+def of_materials(nodes: Tensor, cells: Tensor, materials: list[Material], which: Tensor) -> Mesh:
+    """A mesh of several, whose axis 1 is x, 2 is y and 3 is z. which: (e,) of each element."""
+    mesh = of_one_material(nodes, cells, materials[0])
+    if len(materials) == 1:
+        return mesh
+    which = which.to(nodes.device)
+    stiffness = torch.stack(torch.broadcast_tensors(*(x.stiffness for x in materials)), -3)
+    density = torch.stack(torch.broadcast_tensors(*(x.rho for x in materials)), -1)
+    return replace(mesh, stiffness=stiffness[..., which, :, :], density=density[..., which])
+
+
 def ply_axes(angle: Tensor, tangent: Tensor) -> Tensor:
     """(..., 3, 3) axes of a ply as columns: turned by `angle` (...) rad from x towards the wall's
     `tangent` (..., 2), about the normal x cross tangent.
@@ -92,23 +103,39 @@ def with_middles(x: Tensor) -> Tensor:
 
 def merged(nodes: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
     """Nodes and cells with one node for those that lie at one place."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
+    number, first = meeting("walls", plain(nodes).reshape(-1, *nodes.shape[-2:]))
+    cells = torch.from_numpy(number)[cells]
+    in_one_piece("walls", plain(cells))
+    return nodes[..., torch.from_numpy(first).to(nodes.device), :], cells
+
+
+def meeting(name: str, every: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of points (samples, n, 2) the number (n,) of each one's place, and (m,) the first at each.
+    Raises ValueError where points of the first sample that meet do not in another.
+    """
     from scipy.spatial import cKDTree
 
-    every = plain(nodes)
-    every = every.reshape(-1, *every.shape[-2:])
     size = np.ptp(every[0], axis=0).max()
     pairs = cKDTree(every[0]).query_pairs(MEETING * size, output_type="ndarray")
     apart = np.abs(every[:, pairs[:, 0]] - every[:, pairs[:, 1]])
     if apart.max(initial=0.0) > 1e3 * MEETING * size:
-        raise refusal("walls that meet in some samples alone", "the same meetings in all", are=True)
-    same = torch.arange(every.shape[1])
+        given = f"{name} that meet in some samples alone"
+        raise refusal(given, "the same meetings in all", are=True)
+    same = np.arange(every.shape[1])
     for a, b in sorted(pairs.tolist()):
         same[b] = same[a]
-    used, number = torch.unique(same, return_inverse=True)
-    a, b = number[cells[:, :-1]].flatten().numpy(), number[cells[:, 1:]].flatten().numpy()
+    first, number = np.unique(same, return_inverse=True)
+    return number, first
+
+
+def in_one_piece(name: str, cells: np.ndarray) -> None:
+    """Raises ValueError where cells (e, k) of numbers are in parts that share none."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    used, number = np.unique(cells, return_inverse=True)
+    number = number.reshape(cells.shape)
+    a, b = number[:, :-1].ravel(), number[:, 1:].ravel()
     parts, _ = connected_components(coo_matrix((np.ones(len(a)), (a, b)), (len(used),) * 2), False)
     if parts > 1:
-        raise refusal(f"walls in {parts} parts", "walls that meet", are=True)
-    return nodes[..., used.to(nodes.device), :], number[cells]
+        raise refusal(f"{name} in {parts} parts", f"{name} that meet", are=True)

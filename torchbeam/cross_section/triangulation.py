@@ -1,4 +1,4 @@
-"""Triangulation of a polygon with holes, by Delaunay refinement.
+"""Triangulation of polygons beside and within each other, by Delaunay refinement.
 
 Points go in until no triangle is too large or too flat: at the centre of its circumcircle, or,
 where that would come too near to an edge of the boundary, at the middle of the edge (Ruppert 1995,
@@ -9,8 +9,6 @@ use, and `gmsh` is under the GPL.
 """
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 
@@ -23,27 +21,37 @@ Array = np.ndarray
 
 class Triangulation:
     """Corners `points` (p, 2), `triangles` (t, 3) of them counter-clockwise, and of each point its
-    polygon's edge and its share along that (-1 and 0 within). polygons: each (n, 2), the outer one
-    first.
+    polygon's edge and its share along that (-1 and 0 within).
+
+    corners: (c, 2), edges: (e, 2) numbers of theirs, each once. polygons: the edges (n,) of each,
+    and whether it is filled; what several contain belongs to the last. part: of each triangle.
     """
 
-    def __init__(self, polygons: list[Array], size: float) -> None:
-        first = np.cumsum([0, *map(len, polygons)])
-        self.corners = np.concatenate(polygons)
-        rings = [np.roll(np.arange(a, b), -1) for a, b in pairwise(first)]
-        follow = np.concatenate(rings)
-        self.edges = np.stack((np.arange(first[-1]), follow), 1)  # of the polygons
-        self.points, self.size = self.corners.copy(), size
-        self.edge, self.share = np.arange(first[-1]), np.zeros(first[-1])
+    def __init__(
+        self, corners: Array, edges: Array, polygons: list[tuple[Array, bool]], size: float
+    ) -> None:
+        self.corners, self.edges, self.polygons = corners, edges, polygons
+        self.points, self.size = corners.copy(), size
+        self.edge, self.share = np.full(len(corners), -1), np.zeros(len(corners))
+        for end in (1, 0):
+            self.edge[edges[:, end]], self.share[edges[:, end]] = np.arange(len(edges)), end
         # of the boundary: two points, the polygon's edge, the shares of both along it
-        self.pieces, self.piece_edge = self.edges.copy(), np.arange(first[-1])
-        self.piece_share = np.tile([0.0, 1.0], (first[-1], 1))
+        self.pieces, self.piece_edge = edges.copy(), np.arange(len(edges))
+        self.piece_share = np.tile([0.0, 1.0], (len(edges), 1))
         self._split_long()
         for _ in range(ROUNDS):
             self._split_encroached()
             self.triangles = self._inside()
             if not self._refine():
-                return
+                break
+        self.part = self.parts(self.points[self.triangles].mean(1))
+
+    def parts(self, points: Array) -> Array:
+        """Of points (p, 2) the filled polygon that has them, or -1."""
+        part = np.full(len(points), -1)
+        for k, (edges, filled) in enumerate(self.polygons):
+            part[within(points, self.corners, self.edges[edges])] = k if filled else -1
+        return part
 
     def _split(self, which: Array) -> None:
         """These pieces of the boundary in two."""
@@ -108,7 +116,7 @@ class Triangulation:
         twice = side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]
         flat = np.abs(twice) < FLAT * (side**2).sum((1, 2))  # of points on one edge, by rounding
         triangles[twice < 0] = triangles[twice < 0][:, ::-1]
-        return triangles[~flat & within(x.mean(1), self.corners, self.edges)]
+        return triangles[~flat & (self.parts(x.mean(1)) >= 0)]
 
     def _refine(self) -> bool:
         """Points for triangles that are too large or too flat; False where none is."""
@@ -144,7 +152,7 @@ class Triangulation:
             else:
                 chosen.append(k)
         new = centres[chosen]
-        new = new[within(new, self.corners, self.edges)] if len(new) else new
+        new = new[self.parts(new) >= 0]
         self._split(np.array(sorted(split), dtype=int))
         self.points = np.concatenate((self.points, new))
         self.edge = np.append(self.edge, np.full(len(new), -1))
@@ -163,7 +171,7 @@ def within(points: Array, corners: Array, edges: Array) -> Array:
 
 
 def crossing(corners: Array, edges: Array) -> bool:
-    """Whether two edges cross or touch, but for those that follow each other at their corner."""
+    """Whether two edges cross or touch, but at a corner of both; or go the same way from there."""
     p, q = corners[edges[:, 0]], corners[edges[:, 1]]
 
     def side(a: Array, b: Array, c: Array) -> Array:
@@ -178,4 +186,9 @@ def crossing(corners: Array, edges: Array) -> bool:
     box = (np.minimum(p, q)[i] <= np.maximum(p, q)[j]) & (
         np.minimum(p, q)[j] <= np.maximum(p, q)[i]
     )
-    return bool(((one <= 0) & (other <= 0) & box.all(1)).any())
+    corner, end = np.concatenate((edges, edges[:, ::-1])).T
+    y, z = (corners[end] - corners[corner]).T
+    turn = np.arctan2(z, y)
+    order = np.lexsort((turn, corner))
+    alike = (np.diff(corner[order]) == 0) & (np.diff(turn[order]) < FLAT)
+    return bool(((one <= 0) & (other <= 0) & box.all(1)).any() or alike.any())

@@ -8,10 +8,8 @@ stands on it, straight across at a free end. Elements divide what lies between r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -21,61 +19,24 @@ from ..math.shapes import stacked
 from .blocks import along
 from .elements import plain
 from .material import Material, turned
-from .mesh import MEETING, Mesh, grid, merged, ply_axes, points_of, with_middles
+from .meetings import meet
+from .mesh import Mesh, grid, merged, ply_axes, points_of, with_middles
+from .wall import Wall
 
 LINES = "middle", "first"
-LEAST_ACROSS = 4  # elements across a wall
+JOINS = "plies", "depth"
 CURVED = 5  # segments from which on a line counts as a curve, with as few elements each as will do
 ELEMENTS = 24  # along such a line, or one a segment
-SMOOTH = 0.87  # cosine: below 30 degrees, what differs in thickness is taken up in an element
 THINNEST = 5e-4  # of its width, a laminate: bending across it is lost in rounding beside stretching
 
 
-@dataclass
-class Wall:
-    """A wall. points: (..., n, 2) m. thickness: of each ply (...) m. vertices: numbers of places,
-    equal where lines share one. rows: of each station, its places across (..., plies + 1, 2).
-    feet: of a station on which a wall stands, such rows between its plies (..., k, plies + 1, 2).
-    """
-
-    points: Tensor
-    thickness: list[Tensor]
-    angle: list[Tensor]
-    material: list[Material]
-    first: float  # of the thickness, to the right of the line
-    vertices: list[int] = field(default_factory=list)
-    rows: dict[int, Tensor] = field(default_factory=dict)
-    feet: dict[int, Tensor] = field(default_factory=dict)
-
-    @property
-    def closed(self) -> bool:
-        return self.vertices[0] == self.vertices[-1]
-
-    @property
-    def direction(self) -> Tensor:
-        """(..., n - 1, 2) of its segments."""
-        return torch.nn.functional.normalize(self.points.diff(dim=-2), dim=-1)
-
-    @property
-    def offsets(self) -> Tensor:
-        """(..., plies + 1) m to the left of the line."""
-        t = torch.stack(torch.broadcast_tensors(*self.thickness), -1)
-        return torch.nn.functional.pad(t.cumsum(-1), (1, 0)) - self.first * t.sum(-1, keepdim=True)
-
-    def end(self, station: int) -> tuple[Tensor, Tensor]:
-        """Direction away from an end, station 0 or -1, and offsets to the left of it."""
-        if station == 0:
-            return self.direction[..., 0, :], self.offsets
-        return -self.direction[..., -1, :], -self.offsets.flip(-1)
-
-
-def thin_walled(walls: Sequence[Any], line: str, fineness: int) -> Mesh:
+def thin_walled(walls: Sequence[Any], line: str, join: str, fineness: int) -> Mesh:
     """The mesh of walls (points, plies)."""
     first = 0.5 if choice("line", line, LINES) == "middle" else 0.0
     if not (isinstance(walls, (list, tuple)) and walls):
         raise refusal(f"walls = {shown(walls)}", "a list of one or more")
     parts = [_wall(wall, first) for wall in walls]
-    _meet(parts)
+    meet(parts, choice("join", join, JOINS) == "depth")
     strips = [_strip(wall, fineness) for wall in parts]
     counts = [0]
     for nodes, *_ in strips:
@@ -98,7 +59,7 @@ def laminate(plies: Sequence[Any], width: Tensor, fineness: int) -> Mesh:
     if (thickness < THINNEST * plain(width)).any():
         given = f"a laminate of {float((thickness / plain(width)).min()):.1e} of its width"
         raise refusal(given, f"a thickness of {THINNEST:g} of it")
-    return thin_walled([(points, plies)], "middle", fineness)
+    return thin_walled([(points, plies)], "middle", "plies", fineness)
 
 
 def _wall(wall: Any, first: float) -> Wall:
@@ -120,105 +81,6 @@ def _wall(wall: Any, first: float) -> Wall:
     )
 
 
-def _meet(walls: list[Wall]) -> None:
-    """Rows of places of all walls' stations."""
-    known = [plain(wall.points).reshape(-1, *wall.points.shape[-2:])[0] for wall in walls]
-    near = MEETING * np.ptp(np.concatenate(known), axis=0).max()
-    places: list[np.ndarray] = []
-    passing: dict[int, tuple[Wall, int]] = {}
-    ends: dict[int, list[tuple[Wall, int]]] = {}
-    for wall, points in zip(walls, known, strict=True):
-        for p in points:
-            same = [k for k, q in enumerate(places) if np.linalg.norm(p - q) <= near]
-            wall.vertices.append(same[0] if same else len(places))
-            places += [] if same else [p]
-        if any(a == b for a, b in zip(wall.vertices, wall.vertices[1:], strict=False)):
-            raise refusal("a wall with two equal points in a row", "different ones", are=True)
-        inner = range(0 if wall.closed else 1, len(wall.vertices) - 1)
-        for k in inner:
-            if wall.vertices[k] in passing:
-                raise refusal("two lines that cross at a point", "walls that end there", are=True)
-            passing[wall.vertices[k]] = wall, k
-            wall.rows[k] = _mitre(wall, k, wall, k)
-        if not wall.closed:
-            for station in (0, -1):
-                ends.setdefault(wall.vertices[station], []).append((wall, station))
-    for vertex, meeting in ends.items():
-        if vertex in passing and len(meeting) == 1:
-            _stand(*meeting[0], *passing[vertex])
-        elif vertex in passing or len(meeting) > 2:
-            raise refusal(
-                f"{len(meeting) + (vertex in passing)} walls that meet at a point",
-                "two ends, or one end within the line of another wall", were=True, are=True,
-            )  # fmt: skip
-        elif len(meeting) == 2:
-            (a, i), (b, j) = meeting
-            if len(a.thickness) != len(b.thickness):
-                raise refusal("a corner of walls with different numbers of plies", "as many plies")
-            row = _mitre(a, i, b, j)
-            a.rows[i], b.rows[j] = row, (row.flip(-2) if i == j else row)
-        else:
-            wall, station = meeting[0]
-            direction, offsets = wall.end(station)
-            row = (
-                wall.points[..., station, None, :]
-                + offsets[..., None] * _left(direction)[..., None, :]
-            )
-            wall.rows[station] = row if station == 0 else row.flip(-2)
-
-
-def _mitre(a: Wall, i: int, b: Wall, j: int) -> Tensor:
-    """(..., plies + 1, 2) m, places between plies where wall a, coming, turns into wall b, by the
-    order of a; within one line at station i, or of two ends.
-    """
-    if a is b and i == j:
-        count = len(a.vertices) - 1
-        come, go = a.direction[..., (i - 1) % count, :], a.direction[..., i, :]
-        d_come = d_go = a.offsets
-        place = a.points[..., i, :]
-    else:
-        (away, d_come), (go, d_go) = a.end(i), b.end(j)
-        come, d_come, place = -away, -d_come.flip(-1), a.points[..., i, :]
-    n, m = _left(come), _left(go)
-    cosine = (n * m).sum(-1)[..., None, None]
-    middle, half = (d_come + d_go)[..., None] / 2, (d_come - d_go)[..., None] / 2
-    n, m = n[..., None, :], m[..., None, :]
-    row = middle * (n + m) / (1 + cosine)
-    if (plain(cosine) < SMOOTH).any():  # lines that differ in thickness meet at their crossing
-        row = row + half * (n - m) / (1 - cosine)
-    row = place[..., None, :] + row
-    return row.flip(-2) if a is not b and i == 0 else row
-
-
-def _stand(wall: Wall, station: int, base: Wall, k: int) -> None:
-    """A wall whose end stands on the face of another, within its line at station k."""
-    away, offsets = wall.end(station)
-    count = len(base.vertices) - 1
-    come, go = base.direction[..., (k - 1) % count, :], base.direction[..., k, :]
-    along_base = torch.nn.functional.normalize(come + go, dim=-1)
-    left = bool((plain((away * _left(along_base)).sum(-1)) > 0).all())
-    row, place = base.rows[k], base.points[..., k, :]
-    face = (row[..., -1 if left else 0, :] - place)[..., None, :]
-    # place + offset n + lambda away = place + face + s along
-    n = _left(away)[..., None, :]
-    s = (offsets - (face * n).sum(-1)) / (along_base[..., None, :] * n).sum(-1)
-    feet = s[..., None] * along_base[..., None, :]  # by the wall's order away from its end
-    ends = place[..., None, :] + face + feet
-    wall.rows[station] = ends if station == 0 else ends.flip(-2)
-    backward = bool((plain(s[..., 0]) > plain(s[..., -1])).all())
-    base.feet[k] = row[..., None, :, :] + (feet.flip(-2) if backward else feet)[..., None, :]
-
-
-def _left(direction: Tensor) -> Tensor:
-    y, z = direction.unbind(-1)
-    return torch.stack((-z, y), -1)
-
-
-def _across(plies: int) -> int:
-    """Elements across each of so many plies."""
-    return -(-LEAST_ACROSS // plies)
-
-
 def _strip(wall: Wall, fineness: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Nodes, cells, stiffness, density and axes of a wall's elements."""
     direction, count = wall.direction, len(wall.vertices) - 1
@@ -226,15 +88,12 @@ def _strip(wall: Wall, fineness: int) -> tuple[Tensor, Tensor, Tensor, Tensor, T
     for k in range(count if wall.closed else count + 1):
         station = -1 if k == count else k
         if k in wall.feet:
-            feet = wall.feet[k]
-            number = feet.shape[-3] - 1
+            feet, across = wall.feet[k]
+            number, across = feet.shape[-3] - 1, across * fineness
             rows += list(feet.unbind(-3))
-            mean = torch.nn.functional.normalize(
-                direction[..., k, :] + direction[..., (k - 1) % count, :], dim=-1
-            )
+            mean = torch.nn.functional.normalize(sum(wall.around(k)), dim=-1)
             tangents += [mean] * number
-            share = 1 / (_across(number) * fineness)
-            steps += [torch.full((_across(number) * fineness,), share, dtype=feet.dtype)] * number
+            steps += [torch.full((across,), 1 / across, dtype=feet.dtype)] * number
         else:
             rows.append(wall.rows[station])
         if k < count:
@@ -251,7 +110,7 @@ def _strip(wall: Wall, fineness: int) -> tuple[Tensor, Tensor, Tensor, Tensor, T
         lines.append(a[..., None, :, :] + start * (b - a)[..., None, :, :])
         numbers.append(step.shape[-1])
     lattice = stacked(*lines, rows[-1][..., None, :, :], axis=-3)
-    across = _across(len(wall.thickness)) * fineness
+    across = wall.across * fineness
     share = torch.linspace(0, 1, across + 1, dtype=lattice.dtype, device=lattice.device)[:-1, None]
     low, high = lattice[..., :-1, None, :], lattice[..., 1:, None, :]
     lattice = torch.cat(((low + share * (high - low)).flatten(-3, -2), lattice[..., -1:, :]), -2)

@@ -42,7 +42,7 @@ def cross_section(
     """
     from matplotlib.collections import PolyCollection
 
-    from ..cross_section import CrossSection
+    from ..cross_section.public import CrossSection
 
     instance("a cross-section", cross, CrossSection)
     choice("show", show, SHOWN)

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.leaves import leaf, with_values
+from ..core.leaves import Tree, leaf, with_values
 from ..core.summary import kind, lines, span
 from ..core.validation import (
     Value,
@@ -26,10 +26,10 @@ from ..core.validation import (
     refusal,
     shown,
 )
+from ..cross_section.shapes import Shapes
 from ..math.block_matrices import of_blocks
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
-from .solved_shapes import SolvedShapes
 
 SHEAR_FACTOR_RECTANGLE = 5 / 6  # Timoshenko's, Poisson's ratio neglected
 # solid circle, Poisson's ratio neglected (Cowper 1966 at nu = 0 gives 6/7)
@@ -40,7 +40,7 @@ ODD_FIFTH_POWERS = 1.0045237627951396  # 1 + 1/3^5 + 1/5^5 + ... = 31/32 zeta(5)
 
 
 @dataclass(frozen=True)
-class Section(SolvedShapes):
+class Section(Shapes, Tree):
     """A cross-section, per unit length, in its own axes: x along the beam, y and z across.
 
     Args:
@@ -294,6 +294,12 @@ class Section(SolvedShapes):
             top, low = mass[..., :3, :3], mass[..., 3:, 3:]
             mass = of_blocks(top, torch.zeros_like(top), torch.zeros_like(top), low)
         return cls(S, mass).declared(coupled, offset, True)
+
+    @classmethod
+    def _solved(cls, mesh: Any) -> Section:
+        from ..cross_section.public import CrossSection
+
+        return cls.from_cross_section(CrossSection.of(mesh))
 
     @classmethod
     def _solid(cls, E, G, rho, A, shear_factor, I_y, I_z, J) -> Section:

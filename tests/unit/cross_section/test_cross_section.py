@@ -30,6 +30,16 @@ def two_cells(first, angle, second, slope):
     return tb.CrossSection.thin_walled([(ring, [(first, angle, ply())]), web])
 
 
+def lens(t, more, angle, rise=0.1, width=0.4, count=12):
+    """An outline of two sharp edges, of which the right half has one ply more within."""
+    x = torch.linspace(1, -1, count + 1)
+    up = torch.stack((width * x, rise * (1 - x**2)), -1)
+    right = torch.cat((-up[count // 2 :], up[1 : count // 2 + 1]))
+    left = torch.cat((up[count // 2 :], -up[1 : count // 2 + 1]))
+    thin, thick = [(t, angle, ply())], [(0.6 * t, angle, ply()), (0.4 * t + more, 0.1, ply())]
+    return tb.CrossSection.thin_walled([(right, thick), (left, thin)], line="first", join="depth")
+
+
 def laminate(t, angle, other, width, *constants):
     plies = [(t, angle, ply(*constants)), (0.7 * t, other, ply(*constants))]
     return tb.CrossSection.laminate(plies, width)
@@ -40,11 +50,22 @@ def of_two(corners):
     return tb.CrossSection.polygon(torch.stack((KITE, corners.reshape(4, 2))), **PLAIN)
 
 
+def filled(width, inner, lift, E):
+    """The second of a batch of squares, filled and not in the middle."""
+    outer = torch.stack((SQUARE, width * SQUARE))
+    core = torch.stack((0.6 * SQUARE, inner * SQUARE + lift))
+    metal = tb.Material(E=E, nu=0.3, rho=2.0)
+    return tb.CrossSection.polygons([(outer, METAL), (core, metal)])
+
+
+METAL = tb.Material(**PLAIN)
 SHAPES = {
     "tube": (lambda *x: tb.CrossSection.tube(*x), [0.1, 0.08, 2.6, 0.3, 1.0]),
     "angle": (lambda *x: tb.CrossSection.angle(*x), [0.08, 0.05, 0.008, 2.6, 0.3, 1.0]),
     "laminate": (laminate, [0.002, 0.3, -0.4, 0.03, 140.0, 6.0, 0.3]),
     "walls": (two_cells, [0.004, 0.3, 0.003, 0.5]),
+    "sharp edges": (lens, [0.02, 0.006, 0.3]),
+    "filled": (filled, [1.1, 0.5, 0.1, 0.4]),
     "polygon": (lambda *x: of_two(torch.stack(x)), KITE.flatten().tolist()),
 }
 
@@ -98,6 +119,14 @@ def test_transforms():
     several = torch.stack((x, 1.1 * x))
     assert_close(torch.func.vmap(GJ)(several), torch.stack([GJ(y) for y in several]))
 
+    def edge(t):
+        return 1 / lens(t, 0.006, 0.3).compliance[3, 3]
+
+    t = torch.tensor(0.02, requires_grad=True)
+    (slope,) = torch.autograd.grad(edge(t), t)
+    assert_close(torch.func.jacrev(edge)(t.detach()), slope)
+    assert_close(torch.func.vmap(edge)(t.detach()[None])[0], edge(t).detach())
+
 
 def test_batches():
     """A sample alone is the same sample in a batch, of shapes and of materials; values differ."""
@@ -110,8 +139,11 @@ def test_batches():
     assert_close(both.stress(M=(0, 1.0, 0))[1, 1], one.stress(M=(0, 1.0, 0)))
     assert both.compliance.flatten(0, 1).diagonal(dim1=1, dim2=2).unique(dim=0).shape[0] == 6
     angles = torch.tensor([0.1, 0.5])
-    several = laminate(0.002, angles, -0.4, 0.03).compliance
-    assert_close(several[1], laminate(0.002, 0.5, -0.4, 0.03).compliance)
+    for shape, rest in ((laminate, (-0.4, 0.03)), (lens, ())):
+        t = torch.tensor([0.002, 0.0021])
+        args = (t, angles, *rest) if rest else (10 * t, 0.006, angles)
+        single = (0.0021, 0.5, *rest) if rest else (0.021, 0.006, 0.5)
+        assert_close(shape(*args).compliance[1], shape(*single).compliance)
     pushed = one.stress(F=torch.eye(3), M=torch.zeros(3))
     assert pushed.shape == (3, *one.stress().shape)
 
@@ -221,7 +253,72 @@ def test_polygons():
     assert_close(grown[1] * 2 ** (powers + powers[:, None]), grown[0])
 
 
-METAL = tb.Material(**PLAIN)
+def test_a_sharp_edge():
+    """A wall round an outline of two arcs, and the same shape as a polygon with a hole: corners of
+    the hole lie at R - t/cos(half a chord's angle), up to where its two sides cross. A plain mitre
+    would end behind the second station. Rows that lean cut the hole's corners: 2e-4 of the area.
+    Stresses are singular at the hole's edges, so that shear across converges slowly.
+    """
+    R, low, t, count = 1.0, 0.9, 0.03, 24
+    turn = torch.linspace(1, -1, count + 1) * math.acos(low / R)
+    inner = R - t / math.cos((turn[0] - turn[1]).item() / 2)
+    arc, hole = (
+        torch.stack((r * torch.sin(turn), r * torch.cos(turn) - low), -1) for r in (R, inner)
+    )
+    ring = torch.cat((arc, -arc[1:]))
+    wall = tb.CrossSection.thin_walled([(ring, [(t, 0.0, METAL)])], line="first", fineness=2)
+    k = int((hole[: count // 2, 1] < 0).sum())  # corners cut off
+    assert k >= 2
+    share = hole[k, 1] / (hole[k, 1] - hole[k - 1, 1])
+    edge = torch.lerp(hole[k], hole[k - 1], share)
+    half = torch.cat((edge[None], hole[k : count + 1 - k]))
+    solid = tb.CrossSection.polygon(ring[:-1], **PLAIN, holes=[torch.cat((half, -half))])
+    assert_close(wall.area.sum(), solid.area.sum(), rtol=3e-4, atol=0)
+    S, wanted = wall.compliance.diagonal(), solid.compliance.diagonal()
+    assert ((S / wanted - 1).abs() < torch.tensor([1.5e-3, 1.5e-3, 5e-3, 1.5e-3, 1e-3, 1e-3])).all()
+    quarter = count // 2
+    lines = ring[quarter : count + 1], -arc, ring[: quarter + 1]
+    parts = [(line, [(t, 0.0, METAL)]) for line in lines]  # the same corners, where walls meet
+    parts = tb.CrossSection.thin_walled(parts, line="first", fineness=2)
+    assert_close(parts.compliance, wall.compliance, rtol=1e-3, atol=1e-3 * S.max().item())
+
+
+def test_what_polygons_divide():
+    """Parts of one material, within each other, beside each other and behind a hole, are the whole
+    to the meshes' error; so the order of those beside each other says nothing.
+    """
+    whole = tb.CrossSection.polygon(SQUARE, **PLAIN).compliance
+    left = [(-1, -1), (0, -1), (0, 1), (-1, 1)]
+    right = [(0, -1), (1, -1), (1, 1), (0, 1)]
+    for parts in (
+        [(SQUARE, METAL), (0.3 * SQUARE + 0.2, METAL)],
+        [(left, METAL), (right, METAL)],
+        [(right, METAL), (left, METAL)],
+        [(SQUARE, METAL), (0.5 * SQUARE, None), (0.5 * SQUARE, METAL)],
+    ):
+        S = tb.CrossSection.polygons(parts).compliance
+        assert_close(S, whole, rtol=1e-3, atol=1e-3 * whole[0, 0].item())
+
+
+def test_plies_that_end():
+    """Joined by depth: a step of one material is the polygon of its shape; and a laminate is the
+    same where its plies are counted in another way.
+    """
+    walls = [([(0, 0), (1, 0)], [(0.2, 0.0, METAL)]),
+             ([(1, 0), (2.5, 0)], [(0.05, 0.0, METAL), (0.05, 0.0, METAL)])]  # fmt: skip
+    step = tb.CrossSection.thin_walled(walls, line="first", join="depth", fineness=2)
+    shape = [(0, 0), (2.5, 0), (2.5, 0.1), (1, 0.1), (1, 0.2), (0, 0.2)]
+    solid = tb.CrossSection.polygon(shape, **PLAIN, fineness=2)
+    assert_close(step.mass, solid.mass, rtol=1e-12, atol=1e-12)
+    S, wanted = step.compliance.diagonal(), solid.compliance.diagonal()
+    assert_close(S, wanted, rtol=1e-3, atol=0)
+    plies = [(0.02, 0.3, ply()), (0.01, -0.2, ply())]
+    other = [(0.005, 0.3, ply()), (0.015, 0.3, ply()), (0.01, -0.2, ply())]
+    lines = [(0, 0), (0.5, 0)], [(0.5, 0), (1, 0)]
+    ends = (tb.CrossSection.thin_walled([(lines[0], plies), (lines[1], x)], join="depth")
+            for x in (plies, other))  # fmt: skip
+    S, T = (x.compliance for x in ends)
+    assert_close(S, T, rtol=1e-3, atol=1e-3 * S[0, 0].item())
 
 
 @pytest.mark.parametrize(
@@ -239,6 +336,15 @@ METAL = tb.Material(**PLAIN)
             "another",
         ),
         (lambda: tb.Section.polygon([(0, 0), (1, 1)], **PLAIN), "3 or more"),
+        (lambda: tb.Section.polygon([(0, 0), (2, 0), (1, 0), (1, 1)], **PLAIN), "cross"),
+        (lambda: parts(0.5 * SQUARE, SQUARE), "number 1, below later ones"),
+        (lambda: parts(SQUARE, SQUARE + torch.tensor([3.0, 0])), "in 2 parts"),
+        (lambda: parts(SQUARE, SQUARE + 2), "in 2 parts"),
+        (lambda: parts(SQUARE, SQUARE + torch.tensor([2.0, 1])), "cross or touch"),
+        (lambda: parts(SQUARE, SQUARE + torch.tensor([1.0, 0.5])), "cross or touch"),
+        (lambda: tb.CrossSection.polygons([(SQUARE, None)]), "a hole outside"),
+        (lambda: tb.CrossSection.polygons([SQUARE, METAL]), "(points, material)"),
+        (lambda: tb.CrossSection.polygons([(SQUARE, 3.0)]), "Material"),
         (
             lambda: tb.Section.polygon([(0, 0), (1, 0), (1, 1e-5), (0, 1e-5)], **PLAIN),
             "thin_walled",
@@ -250,6 +356,9 @@ METAL = tb.Material(**PLAIN)
         (lambda: walled([(0, 0), (1, 0)], [(1, 0), (2, 0)], [(1, 0), (1, -1)]), "meet"),
         (lambda: walled([(0, 0), (1, 0)], [(3, 0), (4, 0)]), "2 parts"),
         (lambda: walled([(0, 0), (0.1, 0), (0.1, 0.1), (0.05, 0.1)], t=0.2), "overlap"),
+        (lambda: of_depths([(1, 0), (2, 0)], "plies"), 'as many plies, or join="depth", are'),
+        (lambda: of_depths([(2, 0), (1, 0)], "depth"), "run on"),
+        (lambda: of_depths([(1, 0), (2, 0)], "face"), "join"),
         (lambda: two_cells(0.004, 0.3, 0.003, 0.5).stress(F=(1.0, 2)), "(..., 3)"),
     ],
 )
@@ -257,6 +366,15 @@ def test_refusals(call, said):
     with pytest.raises(ValueError) as error:
         call()
     assert said in str(error.value), error.value
+
+
+def parts(*corners):
+    return tb.CrossSection.polygons([(x, METAL) for x in corners])
+
+
+def of_depths(line, join):
+    walls = [([(0, 0), (1, 0)], [(0.1, 0.0, METAL)]), (line, [(0.05, 0.0, METAL)] * 2)]
+    return tb.CrossSection.thin_walled(walls, join=join)
 
 
 def walled(*lines, t=0.01):
