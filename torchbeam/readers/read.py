@@ -19,7 +19,11 @@ FORMATS = {
     "vabs": "vabs",
     "swiftcomp": "vabs",
     "windio": "windio",
+    "mjcf": "mjcf",
+    "urdf": "mjcf",
 }
+
+PARTS = ("blade", "tower", "damping", "section", "scene", "arguments", "timestep")
 
 
 def read(
@@ -78,7 +82,7 @@ def read(
         choice("format", format, FORMATS)
     reader = _reader(text, format)
     if part is not None:
-        choice("part", part, ("blade", "tower", "damping", "section"))
+        choice("part", part, PARTS)
     length = None if length is None else number("length", length)
     if length is not None and length <= 0:
         raise refusal(f"length = {length:g}", "a positive one")
@@ -104,6 +108,6 @@ def _reader(text: Text, format: str | None) -> Any:
     for reader in map(load, names):
         if any(text.find(sign) is not None for sign in reader.SIGNS):
             return reader
-    wanted = "one of BeamDyn, ElastoDyn, windIO, VABS or SwiftComp"
+    wanted = "one of BeamDyn, ElastoDyn, windIO, VABS, SwiftComp, MJCF or URDF"
     wanted = wanted if format is None else f"one of format {shown(format)}"
     raise refusal(f"the file {text.path.name}", wanted)
