@@ -27,11 +27,11 @@ def motors(model: Model) -> dict[tuple[str, int], str]:
     """Names of the inputs of joints and tendons: those of motors, whose force is a control."""
     m, mujoco = model.m, model.mujoco
     plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE)
-    kinds = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon"}
+    kinds = {mujoco.mjtTrn.mjTRN_JOINT.value: "joint", mujoco.mjtTrn.mjTRN_TENDON.value: "tendon"}
     coordinate = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     named: dict[tuple[str, int], str] = {}
     for i in range(m.nu):
-        kind, at = kinds.get(m.actuator_trntype[i]), int(m.actuator_trnid[i][0])
+        kind, at = kinds.get(int(m.actuator_trntype[i])), int(m.actuator_trnid[i][0])
         fits = (m.actuator_gaintype[i], m.actuator_biastype[i], m.actuator_dyntype[i]) == plain
         fits = fits and kind is not None and (kind, at) not in named
         if kind == "joint":
@@ -80,10 +80,10 @@ def tendons(model: Model) -> Iterator[Tendon]:
 def equalities(model: Model) -> Iterator[Any]:
     """Connections and welds, which hold exactly."""
     m, d, kinds = model.m, model.d, model.mujoco.mjtEq
-    flexes = {kinds.mjEQ_FLEX} if model.rods else set()
+    edges = kinds.mjEQ_FLEX
     for i in range(m.neq):
         name, kind = f"the equality {model.name('equality', i)!r}", m.eq_type[i]
-        if not m.eq_active0[i] or kind in flexes:
+        if not m.eq_active0[i] or (kind == edges and model.rods):
             continue
         if kind not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
             model.changing.append(f"{name} of another kind than connect or weld")
