@@ -106,9 +106,10 @@ def grounded(model: Model, j: int) -> bool:
 
 
 def rotor(model: Model, b: int) -> np.ndarray:
-    """(3, 3) kg m^2 of a rotor in a hinge to the ground: it is as good as the body's."""
+    """(3, 3) kg m^2 of a rotor in a hinge to the ground, as the body's: the same about all axes, of
+    which the hinge leaves one.
+    """
     for j in model.joints_of(b):
         if grounded(model, j):
-            axis = model.d.xaxis[j]
-            return model.m.dof_armature[model.m.jnt_dofadr[j]] * np.outer(axis, axis)
+            return model.m.dof_armature[model.m.jnt_dofadr[j]] * np.eye(3)
     return np.zeros((3, 3))

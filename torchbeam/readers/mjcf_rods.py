@@ -71,7 +71,7 @@ def rods(model: Model, spec: Any) -> Iterator[Rod]:
 
 def _cable(model: Model, chain: list[int]) -> Iterator[Rod]:
     m, d, kinds = model.m, model.d, model.mujoco
-    name = model.name("body", chain[0])
+    name = model.name("body", chain[0]).removesuffix("B_first").rstrip("_") or "cable"
     twist, bend, flat = _config(m, chain[0])
     wrong = None
     balls = [model.joints_of(b) for b in chain[1:]]
