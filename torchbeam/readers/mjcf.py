@@ -178,12 +178,12 @@ class Model:
             return None
         (g,) = geoms
         at, axes = R.T @ (d.geom_xpos[g] - centre), R.T @ d.geom_xmat[g].reshape(3, 3)
-        size, half = m.geom_size[g], m.geom_size[g][1] * axes[:, 2]
-        if m.geom_type[g] == kinds.mjGEOM_SPHERE:
+        size, half, kind = m.geom_size[g], m.geom_size[g][1] * axes[:, 2], int(m.geom_type[g])
+        if kind == kinds.mjGEOM_SPHERE:
             return Sphere(at, size[0])
-        if m.geom_type[g] == kinds.mjGEOM_CAPSULE:
+        if kind == kinds.mjGEOM_CAPSULE:
             return Capsule(at - half, at + half, size[0])
-        if m.geom_type[g] != kinds.mjGEOM_BOX:
+        if kind != kinds.mjGEOM_BOX:
             return None
         turn = quat.logarithm(quat.from_matrix(torch.as_tensor(axes))).numpy()
         return Box(at, 2 * size, 2 * ROUNDING * size.min(), turn)

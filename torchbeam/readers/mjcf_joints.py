@@ -29,7 +29,7 @@ NONLINEAR = ("jnt_stiffnesspoly", "jnt_springyield", "dof_dampingpoly")
 
 def joint(model: Model, j: int, parent: Any, child: Any) -> list[Any]:
     """A joint at its place; none for a free one."""
-    kinds, kind = model.mujoco.mjtJoint, model.m.jnt_type[j]
+    kinds, kind = model.mujoco.mjtJoint, int(model.m.jnt_type[j])
     if kind == kinds.mjJNT_FREE:
         return []
     at, axis = model.d.xanchor[j].copy(), model.d.xaxis[j].copy()
@@ -102,7 +102,7 @@ def grounded(model: Model, j: int) -> bool:
     b = int(model.m.jnt_bodyid[j])
     alone = len(model.joints_of(b)) == 1 and isinstance(model.home[b], str)
     ground = model.home[int(model.m.body_parentid[b])] is None
-    return alone and ground and model.m.jnt_type[j] == model.mujoco.mjtJoint.mjJNT_HINGE
+    return alone and ground and int(model.m.jnt_type[j]) == model.mujoco.mjtJoint.mjJNT_HINGE
 
 
 def rotor(model: Model, b: int) -> np.ndarray:

@@ -75,7 +75,7 @@ def _cable(model: Model, chain: list[int]) -> Iterator[Rod]:
     twist, bend, flat = _config(m, chain[0])
     wrong = None
     balls = [model.joints_of(b) for b in chain[1:]]
-    if any(len(js) != 1 or m.jnt_type[js[0]] != kinds.mjtJoint.mjJNT_BALL for js in balls):
+    if any(len(js) != 1 or int(m.jnt_type[js[0]]) != kinds.mjtJoint.mjJNT_BALL for js in balls):
         wrong = "joints other than one ball for each link"
     axes = d.xmat[chain].reshape(-1, 3, 3)
     if flat and np.abs(axes - axes[0]).max() > STRAIGHT:
@@ -92,7 +92,7 @@ def _cable(model: Model, chain: list[int]) -> Iterator[Rod]:
     length = np.linalg.norm(np.diff(points, axis=0), axis=-1)
     numbers = []
     for b, g, size in zip(chain, geoms, length, strict=True):
-        box = m.geom_type[g] == kinds.mjtGeom.mjGEOM_BOX
+        box = int(m.geom_type[g]) == kinds.mjtGeom.mjGEOM_BOX
         J, Iy, Iz = _rectangle(*m.geom_size[g][1:]) if box else _circle(m.geom_size[g][0])
         axes_b = np.zeros(9)
         kinds.mju_quat2Mat(axes_b, m.body_iquat[b])

@@ -27,15 +27,16 @@ def motors(model: Model) -> dict[tuple[str, int], str]:
     """Names of the inputs of joints and tendons: those of motors, whose force is a control."""
     m, mujoco = model.m, model.mujoco
     plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE)
-    kinds = {mujoco.mjtTrn.mjTRN_JOINT.value: "joint", mujoco.mjtTrn.mjTRN_TENDON.value: "tendon"}
+    kinds = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon"}
     coordinate = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     named: dict[tuple[str, int], str] = {}
     for i in range(m.nu):
         kind, at = kinds.get(int(m.actuator_trntype[i])), int(m.actuator_trnid[i][0])
-        fits = (m.actuator_gaintype[i], m.actuator_biastype[i], m.actuator_dyntype[i]) == plain
+        types = m.actuator_gaintype[i], m.actuator_biastype[i], m.actuator_dyntype[i]
+        fits = tuple(map(int, types)) == plain
         fits = fits and kind is not None and (kind, at) not in named
         if kind == "joint":
-            fits = fits and m.jnt_type[at] in coordinate
+            fits = fits and int(m.jnt_type[at]) in coordinate
         if fits:
             named[kind, at] = model.name("actuator", i)
         else:
@@ -50,7 +51,7 @@ def tendons(model: Model) -> Iterator[Tendon]:
         name = f"the tendon {model.name('tendon', i)!r}"
         first = int(m.tendon_adr[i])
         path = range(first, first + int(m.tendon_num[i]))
-        if any(m.wrap_type[k] != model.mujoco.mjtWrap.mjWRAP_SITE for k in path):
+        if any(int(m.wrap_type[k]) != model.mujoco.mjtWrap.mjWRAP_SITE for k in path):
             model.changing.append(f"{name}, which does not go through sites alone")
             continue
         sites = [int(m.wrap_objid[k]) for k in path]
@@ -82,14 +83,14 @@ def equalities(model: Model) -> Iterator[Any]:
     m, d, kinds = model.m, model.d, model.mujoco.mjtEq
     edges = kinds.mjEQ_FLEX
     for i in range(m.neq):
-        name, kind = f"the equality {model.name('equality', i)!r}", m.eq_type[i]
+        name, kind = f"the equality {model.name('equality', i)!r}", int(m.eq_type[i])
         if not m.eq_active0[i] or (kind == edges and model.rods):
             continue
         if kind not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
             model.changing.append(f"{name} of another kind than connect or weld")
             continue
         ids, data = (int(m.eq_obj1id[i]), int(m.eq_obj2id[i])), m.eq_data[i]
-        if m.eq_objtype[i] == model.mujoco.mjtObj.mjOBJ_SITE:
+        if int(m.eq_objtype[i]) == model.mujoco.mjtObj.mjOBJ_SITE:
             bodies = [int(m.site_bodyid[s]) for s in ids]
             points = [d.site_xpos[s] for s in ids]
             axes = [d.site_xmat[s].reshape(3, 3) for s in ids]
