@@ -185,41 +185,59 @@ def test_a_rod_vibrates_as_in_mujoco(tmp_path):
 
 
 def test_what_is_soft_in_mujoco(tmp_path):
-    """Dry friction, springs of tendons and welds to 5e-4 of the displacement. Limits are springs as
-    stiff as MuJoCo's are at rest, without its losses: 5 % of the displacement with a damper. A joint
-    that sticks creeps by 1 % of the fall without friction, 2 % of this in 0.2 s, in both.
+    """Dry friction, springs of tendons and welds to 5e-4 of the displacement. A joint that sticks
+    creeps, by 2 % of the fall without friction in 0.4 s; by how much agrees to a quarter.
     """
-    site = '<site name="end" pos="0.3 0 0"/>'
-    wall = '<site name="wall" pos="0.1 0 0.4"/>'
+    site, wall = '<site name="end" pos="0.3 0 0"/>', '<site name="wall" pos="0.1 0 0.4"/>'
     mechanisms = {
         "slipping": bar(hinge(more='frictionloss="0.15" damping="0.3"'), TIP),
         "spring": bar(hinge(more='damping="0.05"'), TIP + site) + wall,
         "welded": bar(hinge(), TIP) + bar("<freejoint/>", "", "0.5 0 0", "other"),
         "stuck": bar(hinge(more='frictionloss="2"'), TIP),
-        "rope": bar(hinge(more='damping="0.3"'), TIP + site) + wall,
-        "limit": bar(hinge(more='range="-2 0.4" limited="true" damping="0.3"'), TIP),
     }
     more = f"""<tendon><spatial stiffness="60" springlength="0 0.35"><site site="1 wall"/>
-      <site site="1 end"/></spatial>
-      <spatial limited="true" range="0 0.55"><site site="4 wall"/><site site="4 end"/></spatial>
-      </tendon><equality><weld body1="2 first" body2="2 other" {STIFF}/></equality></mujoco>"""
+      <site site="1 end"/></spatial></tendon>
+      <equality><weld body1="2 first" body2="2 other" {STIFF}/></equality></mujoco>"""
     text = side_by_side(mechanisms).replace("</mujoco>", more)
     sites = [f"{k} tip" for k in range(len(mechanisms))]
     t = torch.linspace(0, 0.4, 9)
-    scene = read(text, tmp_path)
-    solution = tb.simulate(scene, t, step=4e-3)
+    solution = tb.simulate(read(text, tmp_path), t, step=4e-3)
     ours, theirs = sites_of(solution, text, sites), mujoco_motion(text, t, sites)
     off = np.sqrt(np.square(ours - theirs).sum(-1).mean(0))
     motion = np.sqrt(np.square(theirs - theirs[0]).sum(-1).mean(0))
     assert (off[:3] < 5e-4 * motion[:3]).all()
-    assert (off[4:] < 0.1 * motion[4:]).all()
-    assert off[3] < 0.01 * motion[0]
+    assert motion[3] < 0.02 * motion[0] and off[3] < 0.25 * motion[3]
+
+
+def test_a_limit_gives_way_at_rest_as_in_mujoco(tmp_path):
+    """The depth in a limit, of a joint and of a tendon, under a bar's weight: K of the scene times
+    MuJoCo's depth is the weight's moment, or the tendon's pull. (The impedance is constant here;
+    MuJoCo's default rises from 0.9 to 0.95 over a depth of 1 mm, K is that of the end.)
+    """
+    rest, hard = 'damping="3"', 'solimplimit="0.95 0.95 0.001"'
+    tendon = '<site name="end" pos="0.4 0 0"/>'
+    world = bar(hinge(more=f'range="-2 0.4" limited="true" {rest} {hard}'), "") + (
+        '<frame pos="0 1 0">' + bar(hinge(more=rest), tendon, name="hung")
+        + '<site name="wall" pos="0.4 0 0.5"/></frame>'
+    )  # fmt: skip
+    path = '<site site="wall"/><site site="end"/>'
+    rope = f'<tendon><spatial limited="true" range="0 0.5" {hard}>{path}</spatial></tendon>'
+    text = model(world, rope)
+    scene = read(text, tmp_path)
+    m = mujoco.MjModel.from_xml_string(text)
+    d = mujoco.MjData(m)
+    mujoco.mj_step(m, d, 8000)
+    moment = m.body_mass[1] * 9.81 * 0.2 * np.cos(d.qpos)
+    depths = d.qpos[0] - 0.4, d.ten_length[0] - 0.5
+    stiffness = scene.joints[0].limit_stiffness, scene.tendons[0].stiffness
+    for depth, K, load in zip(depths, stiffness, (moment[0], moment[1] / 0.4), strict=True):
+        assert abs(K.item() * depth / load - 1) < 0.005
 
 
 URDF = """<robot name="arm">
   <link name="base"/>
   <link name="upper"><inertial><origin xyz="0.2 0 0" rpy="0 0 0.3"/><mass value="1.5"/>
-    <inertia ixx="0.01" iyy="0.03" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>
+    <inertia ixx="0.02" iyy="0.03" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>
   <link name="tool"><inertial><mass value="0.3"/>
     <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <link name="slide"><inertial><mass value="0.2"/>
@@ -241,20 +259,20 @@ def test_urdf_is_read_likewise(tmp_path):
     arm = read(URDF, tmp_path, part="arguments", format="urdf")
     upper, (shoulder, feed) = arm["beam"]["upper"], arm["joints"]
     assert set(arm["beam"]) == {"upper", "slide"}
-    torch.testing.assert_close(upper.mass, torch.tensor(1.8).double())
+    torch.testing.assert_close(torch.as_tensor(upper.mass), torch.tensor(1.8).double())
     along = torch.tensor((np.cos(0.4), 0, -np.sin(0.4)))
     centre = torch.tensor((0, 0, 0.5)) + 0.42 / 1.8 * along
-    torch.testing.assert_close(upper.position, centre)
+    torch.testing.assert_close(torch.as_tensor(upper.position), centre)
     turned = 0.3  # of the inertia of `upper` alone, about its own z
     R = torch.tensor(((np.cos(turned), -np.sin(turned), 0), (np.sin(turned), np.cos(turned), 0), (0, 0, 1)))
-    own = torch.tensor(((0.01, 0.001, 0), (0.001, 0.03, 0), (0, 0, 0.02))).double()
+    own = torch.tensor(((0.02, 0.001, 0), (0.001, 0.03, 0), (0, 0, 0.02))).double()
     steiner = 1.5 * 0.3 / 1.8 * 0.2**2 * torch.diag(torch.tensor((0.0, 1, 1)))
     want = R @ own @ R.mT + 1e-3 * torch.eye(3) + steiner
-    torch.testing.assert_close(upper.inertia, want)
+    torch.testing.assert_close(torch.as_tensor(upper.inertia), want)
     assert isinstance(shoulder, tb.Hinge) and isinstance(feed, tb.Slider)
-    assert (shoulder.damping, shoulder.friction) == (0.2, 0.1)
-    torch.testing.assert_close(shoulder.limits, torch.tensor((-1.5, 1.2)).double())
-    torch.testing.assert_close(feed.axis, torch.tensor((np.sin(0.4), 0, np.cos(0.4))))
+    assert (float(shoulder.damping), float(shoulder.friction)) == (0.2, 0.1)
+    torch.testing.assert_close(torch.as_tensor(shoulder.limits), torch.tensor((-1.5, 1.2)).double())
+    torch.testing.assert_close(torch.as_tensor(feed.axis), torch.tensor((np.sin(0.4), 0, np.cos(0.4))))
 
 
 def test_a_motor_is_an_input_and_its_torque_has_a_gradient(tmp_path):
@@ -263,13 +281,13 @@ def test_a_motor_is_an_input_and_its_torque_has_a_gradient(tmp_path):
     text = model(bar(hinge("0 0 1", 'name="turn"'), ""), motor, OPTION.replace("-9.81", "0"))
     scene = read(text, tmp_path)
     assert scene.inputs == {"drive": 1}
-    u = torch.tensor([0.3], dtype=torch.float64, requires_grad=True)
+    u = torch.tensor([0.03], dtype=torch.float64, requires_grad=True)
     end = tb.simulate(scene, [0.0, 0.2], step=0.02, inputs={"drive": u}).joint[0].coordinate[-1]
     (by,) = torch.autograd.grad(end, u)
     m = mujoco.MjModel.from_xml_string(text)
     inertia = m.body_inertia[1][0] + m.body_mass[1] * 0.2**2
-    assert abs(end.item() / (0.3 * 0.2**2 / 2 / inertia) - 1) < 1e-6
-    assert abs(by.item() / (0.2**2 / 2 / inertia) - 1) < 1e-6
+    assert abs(end.item() / (0.03 * 0.2**2 / 2 / inertia) - 1) < 1e-5
+    assert abs(by.item() / (0.2**2 / 2 / inertia) - 1) < 1e-5
 
 
 JOINT = bar(hinge(more='name="j"'), '<site name="a"/>') + '<site name="w" pos="0 0 1"/>'
