@@ -29,7 +29,7 @@ EDGES, HEIGHT, RADIUS, YOUNG = 12, 2.0, 0.01, 70e9  # -, m, m, N/m^2
 DURATION, AFTER, DT, HOLD = 1.5, 1.0, 0.01, 5  # s, s, s, steps of one value of the force
 h = HEIGHT / EDGES
 MODEL = f"""<mujoco>
-  <option timestep="5e-4" integrator="discrete" gravity="0 0 -9.81"><flag contact="disable"/></option>
+  <option timestep="5e-4" integrator="discrete"><flag contact="disable"/></option>
   <worldbody>
     <body name="trolley">
       <joint name="rail" type="slide" axis="1 0 0" damping="2"/>

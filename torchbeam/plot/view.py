@@ -20,7 +20,7 @@ from ..core.validation import positive, refusal, shown
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.solution import Solution
-from ..state.state import State, rest
+from ..state.state import rest
 from .canvas import numbers
 from .moving_shapes import MovingShapes
 

@@ -102,7 +102,10 @@ def equalities(model: Model) -> Iterator[Any]:
                 turn = np.zeros(9)
                 model.mujoco.mju_quat2Mat(turn, data[6:10])
                 axes[0] = axes[0] @ turn.reshape(3, 3)
-            points = [d.xpos[b] + d.xmat[b].reshape(3, 3) @ p for b, p in zip(bodies, anchors, strict=True)]
+            points = [
+                d.xpos[b] + d.xmat[b].reshape(3, 3) @ p
+                for b, p in zip(bodies, anchors, strict=True)
+            ]
         off = np.linalg.norm(points[0] - points[1])
         if kind == kinds.mjEQ_WELD:
             off = max(off, np.abs(axes[0] - axes[1]).max())
@@ -111,7 +114,9 @@ def equalities(model: Model) -> Iterator[Any]:
             continue
         a, b = (model.end(body, points[0]) for body in bodies)
         turns = kind == kinds.mjEQ_CONNECT
-        if not turns and any(body in rod.points_only for rod in model.rods.values() for body in bodies):
+        if not turns and any(
+            body in rod.points_only for rod in model.rods.values() for body in bodies
+        ):
             model.changing.append(f"{name} of a vertex, whose body does not turn with the rod")
         elif turns:
             yield Ball(a, b, at=points[0].copy())

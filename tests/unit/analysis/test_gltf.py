@@ -29,6 +29,13 @@ def structure():
     )
 
 
+@pytest.fixture(scope="module")
+def motion():
+    """The scene, and its motion at four instants."""
+    scene = structure()
+    return scene, tb.simulate(scene, torch.linspace(0.1, 0.4, 4), step=0.05)
+
+
 def parts(path):
     """The JSON of a file, and a function from the number of an accessor to its numbers."""
     raw = path.read_bytes()
@@ -49,12 +56,11 @@ def parts(path):
     return document, numbers
 
 
-def test_a_shape_as_another_library_reads_it(tmp_path):
-    """trimesh: the vertices and faces of every part of the view, turned so that z is up; the ends
-    of the arm's tube are its corners, and the arm's volume that of the section times the length.
+def test_a_shape_as_another_library_reads_it(motion, tmp_path):
+    """trimesh: the vertices and faces of every part of the view, turned so that z is up;
+    the arm's volume is that of the section times the length.
     """
-    scene = structure()
-    state = tb.equilibrium(scene)
+    scene, state = motion[0], motion[1].state[-1]
     loaded = trimesh.load(tb.export(state, tmp_path / "shape.glb", scene=scene), process=False)
     shapes = MovingShapes(state, scene, 1).at(state, 0.0)
     assert set(loaded.geometry) == set(shapes)
@@ -72,12 +78,11 @@ def test_a_shape_as_another_library_reads_it(tmp_path):
     assert abs(loaded.geometry["sample 0/beam 0"].volume / (0.08 * 0.01) - 1) < 0.02
 
 
-def test_a_motion_is_an_animation(tmp_path):
+def test_a_motion_is_an_animation(motion, tmp_path):
     """At each instant the weighted morph targets are the vertices of the view, and the nodes of
     bodies are at their places; times count from 0, and a still obstacle has no channel.
     """
-    scene = structure()
-    solution = tb.simulate(scene, torch.linspace(0.1, 0.4, 4), step=0.05)
+    scene, solution = motion
     document, numbers = parts(tb.export(solution, tmp_path / "run.glb", scene=scene))
     (animation,) = document["animations"]
     channels = {}
@@ -90,7 +95,7 @@ def test_a_motion_is_an_animation(tmp_path):
     assert not any("obstacle" in name for name in moving) and "tendon 0" in moving
     shapes = MovingShapes(solution.state[0], scene, 1)
     for k in range(4):
-        for name, (_, static, now) in shapes.at(solution.state[k], 0.0).items():
+        for name, (_, _, now) in shapes.at(solution.state[k], 0.0).items():
             if (name, "weights") in channels:
                 node = next(n for n in document["nodes"] if n["name"] == name)
                 (primitive,) = document["meshes"][node["mesh"]]["primitives"]
@@ -101,7 +106,9 @@ def test_a_motion_is_an_animation(tmp_path):
                 want = now.get("vertices", now.get("points"))
                 np.testing.assert_allclose(points, want.reshape(-1, 3), atol=1e-6)
             elif "wxyz" in now:
-                np.testing.assert_allclose(channels[name, "translation"][k], now["position"], atol=1e-6)
+                np.testing.assert_allclose(
+                    channels[name, "translation"][k], now["position"], atol=1e-6
+                )
                 turn = channels[name, "rotation"][k][[3, 0, 1, 2]]
                 assert abs(abs(turn @ now["wxyz"]) - 1) < 1e-6
 
