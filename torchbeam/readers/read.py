@@ -1,4 +1,4 @@
-"""`read`: a beam, a section or a damping from a file of another program."""
+"""`read`: a beam, a section, a damping or a scene from a file of another program."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def read(
     order: int = 1,
     length: float | None = None,
 ) -> Any:  # by the file, as the docstring says
-    """Read a file of another program: a beam, a section, or a damping.
+    """Read a file of another program: a beam, a section, a damping, or a scene.
 
     | file | gives |
     |---|---|
@@ -45,16 +45,24 @@ def read(
     | ElastoDyn, blade or tower file with `length` | `Beam` |
     | windIO, versions 1 and 2 | `Beam` of the blade; `part="damping"`: `Damping` |
     | VABS (.K), SwiftComp (.k) | `Section` |
+    | MJCF (MuJoCo), URDF | `Scene`; `part="arguments"`: a dict of the arguments of `Scene` |
 
     A beam stands in the file's axes at its root, which are frame a. There z is along it, x towards
     the suction side (of a tower downwind), y towards the trailing edge. The axes of a section are x
     along the beam, y the file's x, z the file's y, turned by the structural twist. A section of
     VABS or SwiftComp has the file's own axes.
 
+    MJCF and URDF are read by MuJoCo itself. Frame a is the world, and the undeformed structure is
+    the model at `qpos0`. Bodies that are rigidly connected are one `Body`, cables and rods are
+    beams, motors are inputs. A scene is refused if it lacks something that changes the motion. The
+    arguments come without it, with a warning that names it.
+
     Args:
         path: the file
-        format: "beamdyn", "elastodyn", "windio", "vabs" or "swiftcomp"; None = by its contents
-        part: "blade", "tower", "damping" or "section"; None = the first that the file has
+        format: "beamdyn", "elastodyn", "windio", "vabs", "swiftcomp", "mjcf" or "urdf"; None = by
+            its contents
+        part: "blade", "tower", "damping" or "section"; of MJCF and URDF "scene", "arguments" or
+            "timestep" (s); None = the first that the file has
         elements: of equal length along the reference axis; None = a node at each point of the axis,
             of an ElastoDyn file at each station
         order: of the elements, 1 or 2
@@ -66,7 +74,9 @@ def read(
     Raises:
         ValueError: for another kind of file. For one that is cut off, has other counts than it
             says, or a matrix that is not symmetric or not positive. It names file and line.
-        ImportError: for windIO without PyYAML, which `torchbeam[readers]` brings.
+            For a model that MuJoCo refuses, or that is no scene.
+        ImportError: for windIO without PyYAML, which `torchbeam[readers]` brings. For MJCF and URDF
+            without MuJoCo: `torchbeam[mujoco]`.
 
     Examples:
         >>> from pathlib import Path

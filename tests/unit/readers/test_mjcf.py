@@ -14,9 +14,8 @@ mujoco = pytest.importorskip("mujoco")
 
 RIGID_ALONE = '<flag contact="disable"/>'
 OPTION = f'<option timestep="5e-4" integrator="RK4">{RIGID_ALONE}</option>'
-rods = pytest.mark.skipif(
-    int(mujoco.__version__.split(".")[0]) < 4, reason="flexes of one dimension are rods from 4 on"
-)
+FOUR = int(mujoco.__version__.split(".")[0]) > 3
+rods = pytest.mark.skipif(not FOUR, reason="flexes of one dimension are rods from 4 on")
 LINK = '<geom type="capsule" fromto="0 0 0 {} 0 0" size="0.02" density="1000"/>'
 
 
@@ -196,6 +195,27 @@ def test_a_rod_vibrates_as_in_mujoco(tmp_path):
     assert abs(frequency / measured - 1) < 2e-4
 
 
+@pytest.mark.skipif(FOUR, reason="cables went with MuJoCo 3")
+@pytest.mark.parametrize("shape", ["circle", "box"])
+def test_cables_move_as_in_mujoco(shape, tmp_path):
+    """Of the plugin `cable`, clamped, with six and twelve links, as rods: 3.1 % and 0.6 % of the
+    displacement (3.4 % and 0.7 % of a box). Measured with MuJoCo 3.3.7.
+    """
+    geom = {"circle": 'type="capsule" size=".01"', "box": 'type="box" size=".1 .02 .005"'}[shape]
+    t, off = torch.linspace(0, 1, 51), []
+    for n in (6, 12):
+        text = f"""<mujoco><extension><plugin plugin="mujoco.elasticity.cable"/></extension>
+          <option timestep="1.25e-4" integrator="implicitfast">{RIGID_ALONE}</option><worldbody>
+          <composite type="cable" curve="s" count="{n + 1} 1 1" size="1" initial="none" prefix="r_">
+          <plugin plugin="mujoco.elasticity.cable"><config key="twist" value="4e7"/>
+          <config key="bend" value="{1e8 if shape == "circle" else 3e8}"/></plugin>
+          <joint kind="main" damping="{0.012 / n}"/><geom {geom} density="1000"/>
+          </composite></worldbody></mujoco>"""
+        ours = tb.simulate(read(text, tmp_path), t, step=5e-3)["r"].tip.position[:, None].numpy()
+        off.append(differences(ours, mujoco_motion(text, t, ["r_S_last"])).item())
+    assert off[1] < 0.008 and 3.5 < off[0] / off[1] < 5.5
+
+
 def test_what_is_soft_in_mujoco(tmp_path):
     """Dry friction, springs of tendons and welds to 5e-4 of the displacement. A joint that sticks
     creeps, by 2 % of the fall without friction in 0.4 s; by how much agrees to a quarter.
@@ -275,7 +295,8 @@ def test_urdf_is_read_likewise(tmp_path):
     along = torch.tensor((np.cos(0.4), 0, -np.sin(0.4)))
     centre = torch.tensor((0, 0, 0.5)) + 0.42 / 1.8 * along
     torch.testing.assert_close(torch.as_tensor(upper.position), centre)
-    turned = 0.3  # of the inertia of `upper` alone, about its own z
+    # of the inertia of `upper` alone, about its own z; MuJoCo 3 forgets this turn
+    turned = 0.3 if FOUR else 0.0
     R = torch.tensor(
         ((np.cos(turned), -np.sin(turned), 0), (np.sin(turned), np.cos(turned), 0), (0, 0, 1))
     )
