@@ -74,8 +74,7 @@ def export(
 
     A glTF file shows what `tb.view` shows, of at most 16 samples of a batch: with a scene beams in
     their thickness, bodies, obstacles and tendons. A solution is an animation, exact at its
-    instants and linear between them. Its size grows with their number: 20 to 50 for each second of
-    a film are enough.
+    instants and linear between them; its size grows with their number.
 
     Raises:
         ValueError: for another type or form, a path of another ending, or a missing folder. For

@@ -26,7 +26,8 @@ from ..scene.joints import Weld
 from ..scene.scene import Scene
 from ..scene.supports import Support
 from .mjcf_joints import joint, rotor
-from .mjcf_rods import Rod, rods
+from .mjcf_model import Model
+from .mjcf_rods import CABLE, rods
 from .mjcf_ties import equalities, motors, tendons
 from .text import Text
 
@@ -61,34 +62,20 @@ def read(text: Text, part: str, length: float | None) -> Any:
         ) from None
     if part == "timestep":
         return float(compiled.opt.timestep)
-    return Model(mujoco, spec, compiled, text.path.name).read(part)
+    return Reader(mujoco, spec, compiled, text.path.name).arguments(part)
 
 
-class Model:
-    """A compiled model m, its pose d at qpos0, and the arguments of a scene.
-
-    home      of each MuJoCo body: None = the ground, the name of a body that it is rigidly part of,
-              or the name of a rod with the nodes that it is between
-    motors    name of the input that drives a joint, ("joint", number), or a tendon
-    changing  in words, what is left out, and the motion is another without; beside: likewise, of
-              what may not matter
-    """
+class Reader(Model):
+    """A model on its way to a scene."""
 
     def __init__(self, mujoco: Any, spec: Any, compiled: Any, file: str) -> None:
-        self.mujoco, self.m, self.file = mujoco, compiled, file
-        self.d = mujoco.MjData(compiled)
-        mujoco.mj_kinematics(self.m, self.d)
-        self.changing: list[str] = []
-        self.beside: list[str] = []
-        self.parts: dict[str, Any] = {}
-        self.joints: list[Any] = []
-        self.effects: list[Any] = []
-        self.supports: list[Any] = []
-        self.rods: dict[str, Rod] = {rod.name: rod for rod in rods(self, spec)}
-        self.home: dict[int, Any] = {0: None}
+        super().__init__(mujoco, compiled, file)
+        self.rods = {rod.name: rod for rod in rods(self, spec)}
         self.motors = motors(self)
+        plugins = {body.plugin.plugin_name for body in spec.bodies} - {"", CABLE}
+        self.changing += [f"the plugin {name}" for name in sorted(plugins)]
 
-    def read(self, part: str) -> Any:
+    def arguments(self, part: str) -> Any:
         """Raises ValueError for a scene without something that changes its motion."""
         self._homes()
         for rod in self.rods.values():
@@ -115,34 +102,6 @@ class Model:
         )
         return arguments if part == "arguments" else Scene(**arguments)
 
-    def name(self, kind: str, i: int) -> str:
-        """Of an object; of one without a name its kind and number."""
-        return getattr(self.m, kind)(i).name or f"{kind} {i}"
-
-    def joints_of(self, b: int) -> range:
-        first = int(self.m.body_jntadr[b])
-        return range(first, first + int(self.m.body_jntnum[b]))
-
-    def end(self, b: int, at: np.ndarray) -> Any:
-        """The node, or the part, of a MuJoCo body that is nearest to a place (3) m."""
-        home = self.home[b]
-        if not isinstance(home, tuple):
-            return home
-        name, nodes = home
-        apart = np.linalg.norm(self.rods[name].points[list(nodes)] - at, axis=-1)
-        return name, nodes[int(apart.argmin())]
-
-    def eyelet(self, b: int, at: np.ndarray) -> tuple[Any, np.ndarray]:
-        """The same, and the place in the axes of that node."""
-        node = self.end(b, at)
-        if node is None:
-            return None, at.copy()
-        part = self.parts[node if isinstance(node, str) else node[0]]
-        if isinstance(node, str):
-            return node, np.asarray(part.rotation).T @ (at - np.asarray(part.position))
-        R = quat.matrix(part.frames[node[1]]).numpy()
-        return node, R.T @ (at - part.nodes[node[1]].numpy())
-
     def _homes(self) -> None:
         for rod in self.rods.values():
             self.home |= {b: (rod.name, nodes) for b, nodes in rod.bodies.items()}
@@ -150,7 +109,7 @@ class Model:
             if b not in self.home:
                 parent = self.home[int(self.m.body_parentid[b])]
                 moves = self.m.body_jntnum[b] or (isinstance(parent, tuple) and self.m.body_mass[b])
-                self.home[b] = self.name("body", b) if moves else parent
+                self.home[b] = self.own(b) if moves else parent
 
     def _bodies(self) -> None:
         """Bodies that are rigidly connected are one, in the axes of the first."""
@@ -167,8 +126,6 @@ class Model:
             inertia = R.T @ inertia @ R
             surface = self._surface(group, centre, R)
             self.parts[name] = Body(mass, (inertia + inertia.T) / 2, centre, R, surface)
-            if m.body_gravcomp[group].any():
-                self.changing.append(f"gravity compensation of {name!r}")
 
     def _surface(self, group: list[int], centre: np.ndarray, R: np.ndarray) -> Any:
         """Of bodies with one geom, if it is a ball, a capsule or a box."""
@@ -198,7 +155,7 @@ class Model:
             child = (home[0], 0)
             if self.rods[home[0]].root != b:
                 return
-        elif home != self.name("body", b):
+        elif home != self.own(b):
             return
         parent, numbers = self.end(int(self.m.body_parentid[b]), at), self.joints_of(b)
         if not numbers:
@@ -243,6 +200,8 @@ class Model:
             self.effects.append(Gravity(option.gravity.copy()))
         if option.density or option.viscosity:
             self.changing.append("a fluid (density or viscosity)")
+        if self.m.body_gravcomp.any():
+            self.changing.append("gravity compensation")
         if switched := [name.lower() for name in SWITCHES if off.get(name)]:
             self.changing.append(f"{', '.join(switched)} switched off")
         touching = self.m.geom_contype.any() or self.m.flex_contype.any() or self.m.npair

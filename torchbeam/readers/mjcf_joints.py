@@ -13,16 +13,14 @@ Source: MuJoCo documentation, "Computation", "Solver parameters".
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..scene.ball import Ball
 from ..scene.effects.values import Input
 from ..scene.joints import Hinge, Slider
-
-if TYPE_CHECKING:
-    from .mjcf import Model
+from .mjcf_model import Model
 
 NONLINEAR = ("jnt_stiffnesspoly", "jnt_springyield", "dof_dampingpoly")
 
@@ -31,6 +29,10 @@ def joint(model: Model, j: int, parent: Any, child: Any) -> list[Any]:
     """A joint at its place; none for a free one."""
     kinds, kind = model.mujoco.mjtJoint, int(model.m.jnt_type[j])
     if kind == kinds.mjJNT_FREE:
+        dofs = slice(int(model.m.jnt_dofadr[j]), int(model.m.jnt_dofadr[j]) + 6)
+        arrays = (model.m.dof_damping, model.m.dof_armature, model.m.dof_frictionloss)
+        if any(x[dofs].any() for x in arrays):
+            model.changing.append(f"damping, friction or armature of {model.name('joint', j)!r}")
         return []
     at, axis = model.d.xanchor[j].copy(), model.d.xaxis[j].copy()
     law = _resistance(model, j)

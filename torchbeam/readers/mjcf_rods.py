@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +24,7 @@ from ..scene.beam import Beam
 from ..scene.effects.damping import Damping
 from ..scene.effects.point_mass import PointMass
 from ..scene.section import Section
-
-if TYPE_CHECKING:
-    from .mjcf import Model
+from .mjcf_model import Model
 
 CABLE = "mujoco.elasticity.cable"
 STRAIGHT = 1e-6  # of axes: how much they may differ along a straight cable
@@ -136,7 +134,7 @@ def _flex(model: Model, f: int, flex: Any) -> Iterator[Rod]:
         wrong = "which has a box as its section"
     elif not flex.young > 0:
         wrong = "which does not resist bending"
-    elif not (m.flex_edgeequality[f] or flex.edgestiffness > 0):
+    elif not (m.flex_edgeequality[f] == 1 or flex.edgestiffness > 0):
         wrong = "whose edges are free to stretch (no equality, no stiffness)"
     if wrong:
         model.changing.append(f"the flex {name!r}, {wrong}")
@@ -153,7 +151,7 @@ def _flex(model: Model, f: int, flex: Any) -> Iterator[Rod]:
     G = flex.shear or flex.young / (2 * (1 + flex.poisson))
     each = float(np.mean([m.body_mass[holders[k]] for k in vertices] or [0.0]))
     mass = each * (n - 1) / length.sum()
-    EA = math.inf if m.flex_edgeequality[f] else flex.edgestiffness * length.mean()
+    EA = math.inf if m.flex_edgeequality[f] == 1 else flex.edgestiffness * length.mean()
     number = G * J, flex.young * I, flex.young * I, mass, mass * radius**2 / 2
     pinned = [k for k in range(n) if k not in vertices]
     held, clamps = [], {}

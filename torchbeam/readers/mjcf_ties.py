@@ -6,7 +6,7 @@ Source: MuJoCo documentation, "Computation", "Actuation model", "Tendons", "Equa
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from ..scene.effects.tendon import Tendon
 from ..scene.effects.values import Input
 from ..scene.joints import Weld
 from .mjcf_joints import rest_stiffness
-
-if TYPE_CHECKING:
-    from .mjcf import Model
+from .mjcf_model import Model
 
 MET = 1e-6  # m, and of axes: how far an equality may be from fulfilled at qpos0
 NONLINEAR = ("tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield", "tendon_armature")
@@ -39,8 +37,13 @@ def motors(model: Model) -> dict[tuple[str, int], str]:
             fits = fits and int(m.jnt_type[at]) in coordinate
         if fits:
             named[kind, at] = model.name("actuator", i)
+            if m.actuator_ctrllimited[i] or m.actuator_forcelimited[i]:
+                model.beside.append(f"the range of the motor {named[kind, at]!r}")
         else:
             model.beside.append(f"the actuator {model.name('actuator', i)!r}, which is no motor")
+        for array in ("actuator_damping", "actuator_armature"):
+            if hasattr(m, array) and np.any(getattr(m, array)[i]):
+                model.changing.append(f"{array[9:]} of the actuator {model.name('actuator', i)!r}")
     return named
 
 

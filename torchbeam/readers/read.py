@@ -52,10 +52,9 @@ def read(
     along the beam, y the file's x, z the file's y, turned by the structural twist. A section of
     VABS or SwiftComp has the file's own axes.
 
-    MJCF and URDF are read by MuJoCo itself. Frame a is the world, and the undeformed structure is
-    the model at `qpos0`. Bodies that are rigidly connected are one `Body`, cables and rods are
-    beams, motors are inputs. A scene is refused if it lacks something that changes the motion. The
-    arguments come without it, with a warning that names it.
+    MJCF and URDF are read by MuJoCo itself, at `qpos0`. Frame a is the world. Rigidly connected
+    bodies are one `Body`, cables and rods are beams, motors are inputs. A scene that would lack
+    something that changes the motion is refused; its arguments come with a warning.
 
     Args:
         path: the file

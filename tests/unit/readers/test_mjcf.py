@@ -389,7 +389,8 @@ def test_what_may_not_matter_is_told(tmp_path):
     key = '<keyframe><key qpos="1"/></keyframe>'
     text = model(JOINT, servo + key, '<option timestep="0.004"/>')
     with pytest.warns(UserWarning, match="the actuator 'servo'.*contact of geoms.*keyframes"):
-        assert isinstance(read(text, tmp_path), tb.Scene)
+        scene = read(text, tmp_path)
+    assert isinstance(scene.beam.surface("first"), tb.Capsule)
     assert read(text, tmp_path, part="timestep") == 0.004
     for wrong, says in (("<mujoco><a/></mujoco>", "refuses: .*Element 'a'"), (model(""), "moves")):
         with pytest.raises(ValueError, match=says):
