@@ -53,6 +53,7 @@ def read(text: Text, part: str, length: float | None) -> Any:
         ) from None
     try:
         spec = mujoco.MjSpec.from_file(str(text.path))
+        _without_meshes(spec, mujoco.mjtGeom.mjGEOM_MESH)
         compiled = spec.compile()
     except ValueError as error:
         old = "; a version before 4 reads cables" if "composite" in str(error) else ""
@@ -63,6 +64,17 @@ def read(text: Text, part: str, length: float | None) -> Any:
     if part == "timestep":
         return float(compiled.opt.timestep)
     return Reader(mujoco, spec, compiled, text.path.name).arguments(part)
+
+
+def _without_meshes(spec: Any, kind: Any) -> None:
+    """Of bodies whose inertia is given, meshes are not needed: their files may be missing."""
+    for geom in list(spec.geoms):
+        if geom.type == kind and geom.parent.explicitinertial:
+            spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in list(spec.meshes):
+        if mesh.name not in used:
+            spec.delete(mesh)
 
 
 class Reader(Model):

@@ -271,7 +271,8 @@ URDF = """<robot name="arm">
   <link name="upper"><inertial><origin xyz="0.2 0 0" rpy="0 0 0.3"/><mass value="1.5"/>
     <inertia ixx="0.02" iyy="0.03" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>
   <link name="tool"><inertial><mass value="0.3"/>
-    <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><mesh filename="package://there/is/none.stl"/></geometry></collision></link>
   <link name="slide"><inertial><mass value="0.2"/>
     <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
@@ -286,7 +287,8 @@ URDF = """<robot name="arm">
 
 def test_urdf_is_read_likewise(tmp_path):
     """Fixed links are one body: 1.8 kg about (1.5 * 0.2 + 0.3 * 0.4)/1.8 = 0.2333 m from the
-    shoulder, turned by 0.4 rad; damping, friction, limits and axes as they stand in the file.
+    shoulder, turned by 0.4 rad; damping, friction, limits and axes as they stand in the file. A mesh is not needed where an
+    inertia is given.
     """
     arm = read(URDF, tmp_path, part="arguments", format="urdf")
     upper, (shoulder, feed) = arm["beam"]["upper"], arm["joints"]
