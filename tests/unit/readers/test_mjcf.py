@@ -2,6 +2,7 @@
 model in MuJoCo, with its fourth-order Runge-Kutta method where nothing stands against it.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,31 +59,41 @@ MECHANISMS = {
         '<body pos="0.2 0 0" euler="0.3 0.2 0.1"><geom type="box" size=".05 .1 .02"/></body>' + TIP,
     ),
     "rotor": bar(hinge(more='armature="0.05"'), TIP),
+    "slipping": bar(hinge(more='frictionloss="0.15" damping="0.3"'), TIP),
+    "pulled": bar(hinge(more='damping="0.05"'), TIP + '<site name="end" pos="0.3 0 0"/>')
+    + '<site name="wall" pos="0.1 0 0.4"/>',
+    "weld": bar(hinge(), TIP) + bar("<freejoint/>", "", "0.5 0 0", "other"),
+    "stuck": bar(hinge(more='frictionloss="2"'), TIP),
 }
+STEP = 2e-4
+STIFF = f'solref="{2 * STEP} 1" solimp="0.9999 0.9999 0.001"'
+TIES = f"""<tendon><spatial stiffness="60" springlength="0 0.35"><site site="pulled wall"/>
+  <site site="pulled end"/></spatial></tendon>
+  <equality><weld body1="weld first" body2="weld other" {STIFF}/></equality>"""
 
 
-def side_by_side(mechanisms: dict[str, str]) -> str:
-    """All of them in one model, whose names begin with their numbers."""
+def side_by_side() -> str:
+    """All of them in one model."""
     world = ""
-    for k, text in enumerate(mechanisms.values()):
-        named = text.replace('name="', f'name="{k} ')
+    for k, (name, text) in enumerate(MECHANISMS.items()):
+        named = text.replace('name="', f'name="{name} ')
         world += f'<frame pos="0 {k} 0">{named}</frame>'
-    return model(world)
+    return model(world, TIES)
 
 
-def mujoco_motion(text: str, t: torch.Tensor, sites: list[str], finer: int = 1) -> np.ndarray:
-    """Places of sites (time, site, 3)."""
+def places(text: str, t: torch.Tensor, kind: str, names: list[str], start=None) -> np.ndarray:
+    """Of sites or bodies (time, name, 3), in MuJoCo."""
     m = mujoco.MjModel.from_xml_string(text)
-    m.opt.timestep /= finer
     d = mujoco.MjData(m)
-    steps = round((t[1] - t[0]).item() / m.opt.timestep)
-    mujoco.mj_forward(m, d)
-    places = []
+    if start is not None:
+        start(m, d)
+    x = []
     for k in range(len(t)):
-        mujoco.mj_step(m, d, steps if k else 0)
+        if k:
+            mujoco.mj_step(m, d, round((t[1] - t[0]).item() / m.opt.timestep))
         mujoco.mj_kinematics(m, d)
-        places.append([d.site(name).xpos.copy() for name in sites])
-    return np.array(places)
+        x.append([getattr(d, kind)(name).xpos.copy() for name in names])
+    return np.array(x)
 
 
 def sites_of(solution: tb.Solution, text: str, sites: list[str]) -> np.ndarray:
@@ -104,25 +115,27 @@ def read(text: str, folder: Path, **options):
     return tb.read(path, **options)
 
 
-def differences(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+def differences(ours: np.ndarray, theirs: np.ndarray, least: float = 1e-3) -> np.ndarray:
     """RMS of how far each site is off, over that of its displacement."""
     motion = np.square(theirs - theirs[0]).sum(-1).mean(0)
-    assert (motion > 1e-3).all()
+    assert (motion > least).all()
     return np.sqrt(np.square(ours - theirs).sum(-1).mean(0) / motion)
 
 
 def test_mechanisms_move_as_in_mujoco(tmp_path):
-    """Within 2e-4 of the displacement: of second order in the step of 4 ms."""
-    text = side_by_side(MECHANISMS)
-    sites = [f"{k} tip" for k in range(len(MECHANISMS))]
+    """Within 2e-4 of the displacement, of second order in the step of 4 ms; 5e-4 where a tendon
+    pulls. A joint that sticks creeps by less than 2 % of a fall; by how much agrees to a quarter.
+    """
+    text, names = side_by_side(), list(MECHANISMS)
+    sites = [f"{name} tip" for name in names]
     t = torch.linspace(0, 0.4, 11)
     solution = tb.simulate(read(text, tmp_path), t, step=4e-3)
-    off = differences(sites_of(solution, text, sites), mujoco_motion(text, t, sites))
-    assert (off < 2e-4).all()
-
-
-STEP = 2e-4
-STIFF = f'solref="{2 * STEP} 1" solimp="0.9999 0.9999 0.001"'
+    ours, theirs = sites_of(solution, text, sites), places(text, t, "site", sites)
+    off = dict(zip(names, differences(ours, theirs, 1e-6).tolist(), strict=True))
+    motion = np.square(theirs - theirs[0]).sum(-1).mean(0) ** 0.5
+    assert motion[-1] < 0.02 * motion[0] and off.pop("stuck") < 0.25
+    assert off.pop("pulled") < 5e-4
+    assert {name: x for name, x in off.items() if not x < 2e-4} == {}
 
 
 def rod(edges: int, name: str = "rod", pin: str = "0 1", y: float = 0.0) -> str:
@@ -142,21 +155,6 @@ def explicit(gravity: str) -> str:
     )
 
 
-def places(text: str, t: torch.Tensor, bodies: list[str], start=None) -> np.ndarray:
-    """Of bodies (time, body, 3), in MuJoCo."""
-    m = mujoco.MjModel.from_xml_string(text)
-    d = mujoco.MjData(m)
-    if start is not None:
-        start(m, d)
-    x = []
-    for k in range(len(t)):
-        if k:
-            mujoco.mj_step(m, d, round((t[1] - t[0]).item() / m.opt.timestep))
-        mujoco.mj_kinematics(m, d)
-        x.append([d.body(name).xpos.copy() for name in bodies])
-    return np.array(x)
-
-
 @rods
 def test_rods_move_as_in_mujoco(tmp_path):
     """Clamped rods of six and twelve edges fall: the difference is of second order in an edge's
@@ -170,7 +168,7 @@ def test_rods_move_as_in_mujoco(tmp_path):
     t = torch.linspace(0, 0.5, 11)
     solution = tb.simulate(read(text, tmp_path), t, step=5e-3)
     x = [solution["a"].tip.position, solution["b"].tip.position, solution["weight"].position]
-    theirs = places(text, t, ["a_6", "b_12", "weight"])
+    theirs = places(text, t, "body", ["a_6", "b_12", "weight"])
     coarse, fine, hung = differences(torch.stack(x, 1).numpy(), theirs)
     assert fine < 0.006 and 3.5 < coarse / fine < 5
     assert hung < 0.002
@@ -187,7 +185,7 @@ def test_a_rod_vibrates_as_in_mujoco(tmp_path):
         for k in range(2, n + 1):
             d.qvel[m.body_dofadr[m.body(f"rod_{k}").id] + 2] = 0.02 * (k / n) ** 2
 
-    z = places(text, torch.linspace(0, 4, 1001), [f"rod_{n}"], pluck)[1:, 0, 2]
+    z = places(text, torch.linspace(0, 4, 1001), "body", [f"rod_{n}"], pluck)[1:, 0, 2]
     k = np.flatnonzero(z[:-1] * z[1:] < 0)
     crossing = (k - z[k] / (z[k + 1] - z[k])) * 4e-3
     measured = np.pi * (len(k) - 1) / (crossing[-1] - crossing[0])
@@ -212,33 +210,8 @@ def test_cables_move_as_in_mujoco(shape, tmp_path):
           <joint kind="main" damping="{0.012 / n}"/><geom {geom} density="1000"/>
           </composite></worldbody></mujoco>"""
         ours = tb.simulate(read(text, tmp_path), t, step=5e-3)["r"].tip.position[:, None].numpy()
-        off.append(differences(ours, mujoco_motion(text, t, ["r_S_last"])).item())
+        off.append(differences(ours, places(text, t, "site", ["r_S_last"])).item())
     assert off[1] < 0.008 and 3.5 < off[0] / off[1] < 5.5
-
-
-def test_what_is_soft_in_mujoco(tmp_path):
-    """Dry friction, springs of tendons and welds to 5e-4 of the displacement. A joint that sticks
-    creeps, by 2 % of the fall without friction in 0.4 s; by how much agrees to a quarter.
-    """
-    site, wall = '<site name="end" pos="0.3 0 0"/>', '<site name="wall" pos="0.1 0 0.4"/>'
-    mechanisms = {
-        "slipping": bar(hinge(more='frictionloss="0.15" damping="0.3"'), TIP),
-        "spring": bar(hinge(more='damping="0.05"'), TIP + site) + wall,
-        "welded": bar(hinge(), TIP) + bar("<freejoint/>", "", "0.5 0 0", "other"),
-        "stuck": bar(hinge(more='frictionloss="2"'), TIP),
-    }
-    more = f"""<tendon><spatial stiffness="60" springlength="0 0.35"><site site="1 wall"/>
-      <site site="1 end"/></spatial></tendon>
-      <equality><weld body1="2 first" body2="2 other" {STIFF}/></equality></mujoco>"""
-    text = side_by_side(mechanisms).replace("</mujoco>", more)
-    sites = [f"{k} tip" for k in range(len(mechanisms))]
-    t = torch.linspace(0, 0.4, 9)
-    solution = tb.simulate(read(text, tmp_path), t, step=4e-3)
-    ours, theirs = sites_of(solution, text, sites), mujoco_motion(text, t, sites)
-    off = np.sqrt(np.square(ours - theirs).sum(-1).mean(0))
-    motion = np.sqrt(np.square(theirs - theirs[0]).sum(-1).mean(0))
-    assert (off[:3] < 5e-4 * motion[:3]).all()
-    assert motion[3] < 0.02 * motion[0] and off[3] < 0.25 * motion[3]
 
 
 def test_a_limit_gives_way_at_rest_as_in_mujoco(tmp_path):
@@ -287,8 +260,8 @@ URDF = """<robot name="arm">
 
 def test_urdf_is_read_likewise(tmp_path):
     """Fixed links are one body: 1.8 kg about (1.5 * 0.2 + 0.3 * 0.4)/1.8 = 0.2333 m from the
-    shoulder, turned by 0.4 rad; damping, friction, limits and axes as they stand in the file. A mesh is not needed where an
-    inertia is given.
+    shoulder, turned by 0.4 rad; damping, friction, limits and axes as they stand in the file. A
+    mesh is not needed where an inertia is given.
     """
     arm = read(URDF, tmp_path, part="arguments", format="urdf")
     upper, (shoulder, feed) = arm["beam"]["upper"], arm["joints"]
@@ -314,23 +287,26 @@ def test_urdf_is_read_likewise(tmp_path):
     )
 
 
-def test_a_motor_is_an_input_and_its_torque_has_a_gradient(tmp_path):
-    """The input is the torque itself, whatever the gear; of a bar at rest, I q'' = u."""
+def test_motors_are_inputs_and_numbers_have_gradients(tmp_path):
+    """The input is the torque itself, whatever the gear. Of a bar at rest q = u t^2/(2 I), and the
+    derivative by a damper that is put in, at c = 0, is -u t^3/(6 I^2).
+    """
     motor = '<actuator><motor name="drive" joint="turn" gear="3"/></actuator>'
-    text = model(
-        bar(hinge("0 0 1", 'name="turn"'), ""),
-        motor,
-        OPTION.replace('RK4"', 'RK4" gravity="0 0 0"'),
-    )
-    scene = read(text, tmp_path)
-    assert scene.inputs == {"drive": 1}
+    text = model(bar(hinge("0 0 1", 'name="turn"'), ""), motor, explicit("0 0 0"))
+    given = read(text, tmp_path, part="arguments")
     u = torch.tensor([0.03], dtype=torch.float64, requires_grad=True)
-    end = tb.simulate(scene, [0.0, 0.2], step=0.02, inputs={"drive": u}).joint[0].coordinate[-1]
-    (by,) = torch.autograd.grad(end, u)
+    c = torch.zeros((), dtype=torch.float64, requires_grad=True)
+    given["joints"] = [replace(given["joints"][0], damping=c)]
+    scene = tb.Scene(**given)
+    assert scene.inputs == {"drive": 1}
+    t = 0.2
+    end = tb.simulate(scene, [0.0, t], step=5e-3, inputs={"drive": u}).joint[0].coordinate[-1]
+    by_u, by_c = torch.autograd.grad(end, (u, c))
     m = mujoco.MjModel.from_xml_string(text)
     inertia = m.body_inertia[1][0] + m.body_mass[1] * 0.2**2
-    assert abs(end.item() / (0.03 * 0.2**2 / 2 / inertia) - 1) < 1e-5
-    assert abs(by.item() / (0.2**2 / 2 / inertia) - 1) < 1e-5
+    assert abs(end.item() / (0.03 * t**2 / 2 / inertia) - 1) < 1e-5
+    assert abs(by_u.item() / (t**2 / 2 / inertia) - 1) < 1e-5
+    assert abs(by_c.item() / (-0.03 * t**3 / 6 / inertia**2) - 1) < 1e-3
 
 
 JOINT = bar(hinge(more='name="j"'), '<site name="a"/>') + '<site name="w" pos="0 0 1"/>'
