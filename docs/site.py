@@ -123,7 +123,7 @@ GALLERY = {
     "Motion": ("creep", "four_bar", "converge", "block_rate_matrix"),
     "Contact and tendons": (
         "capstan", "crossing", "finger_grasp", "knot", "pulley", "rope_pile", "tendon_arm"),
-    "Control": ("two_link", "parallel_robot", "mpc", "lqr"),
+    "Control": ("two_link", "parallel_robot", "mpc", "lqr", "mujoco_mast"),
     "Identification": (
         "identify", "identify_accelerometers", "identify_field", "identify_modes", "identify_wing",
         "identify_nuts", "identify_scipy"),

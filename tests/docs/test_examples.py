@@ -12,7 +12,8 @@ import torch
 from torchbeam.engine import engine_use
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
-EXTRA = {"identify_nuts": "pyro", "identify_scipy": "scipy"}  # packages that an example is about
+# packages that an example is about, and the least version
+EXTRA = {"identify_nuts": ("pyro",), "identify_scipy": ("scipy",), "mujoco_mast": ("mujoco", "4")}
 LONG = {"identify_accelerometers", "identify_field", "identify_nuts", "knot", "rope_pile"}
 
 
@@ -25,7 +26,7 @@ def test_example(path, tmp_path, monkeypatch):
     writes nothing and needs no matplotlib.
     """
     if path.stem in EXTRA:
-        pytest.importorskip(EXTRA[path.stem])
+        pytest.importorskip(*EXTRA[path.stem])
     torch.set_default_dtype(torch.float32)
     monkeypatch.chdir(tmp_path)
     # one eager step of what "auto" does not take is a warning, and an error

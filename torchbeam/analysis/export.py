@@ -1,4 +1,4 @@
-"""Export: motions, shapes and modes as files that ParaView opens.
+"""Export: motions, shapes and modes as files that ParaView opens, or as glTF.
 
 VTK's XML formats: a `.vtu` file is an unstructured grid at one instant, a `.pvd` file names one for
 each instant (Kitware, VTK file formats, https://docs.vtk.org/en/latest/vtk_file_formats).
@@ -28,6 +28,7 @@ from ..scene.scene import Scene
 from ..state.solution import Solution
 from ..state.state import State, rest
 from ..state.state_check import of_mesh
+from .gltf import write_gltf
 
 VERTEX, LINE, QUAD = 1, 3, 9  # VTK's numbers of cells
 CELL_TYPES = {1: VERTEX, 2: LINE, 4: QUAD}  # by their points
@@ -48,12 +49,12 @@ class Beside(NamedTuple):
 def export(
     what: Any, path: str | Path, *, state: State | None = None, scene: Scene | None = None
 ) -> Path:
-    """Write a motion, a shape or modes for ParaView.
+    """Write a motion, a shape or modes for ParaView, or a motion or a shape as glTF.
 
     Args:
         what: a `Solution`, a `State`, a `Scene` (undeformed), or `Modes`
         path: "run.pvd" for a solution: a folder "run" beside it gets a file for each instant.
-            "shape.vtu" for anything else
+            "shape.vtu" for anything else. "run.glb" is glTF 2.0, for Blender and web pages
         state: equilibrium of the modes
         scene: scene of a solution or a state: adds tendons of every sample, and obstacles and
             surfaces of bodies of the first sample
@@ -71,6 +72,10 @@ def export(
     of the turn). With a scene, `kind` tells the kind of each cell: 0 a beam, 1 a body, 2 a tendon,
     3 a surface. Tendons and surfaces have nan for all other data, and `part` -1.
 
+    A glTF file shows what `tb.view` shows, of at most 16 samples of a batch: with a scene beams in
+    their thickness, bodies, obstacles and tendons. A solution is an animation, exact at its
+    instants and linear between them; its size grows with their number.
+
     Raises:
         ValueError: for another type or form, a path of another ending, or a missing folder. For
             modes without their state, or with a state of another batch. For a scene of another
@@ -80,6 +85,7 @@ def export(
     Examples:
         >>> solution = tb.simulate(scene, torch.linspace(0, 0.1, 6), step=0.01)
         >>> path = tb.export(solution, "run.pvd", scene=scene)  # open it in ParaView
+        >>> film = tb.export(solution, "run.glb", scene=scene)
         >>> modes = tb.modes(scene, tb.equilibrium(scene))
         >>> path = tb.export(modes, "modes.vtu", state=tb.equilibrium(scene))
     """
@@ -102,20 +108,35 @@ def export(
                 f"{type(what).__name__} with a scene was given to export; a Solution or a State is "
                 "wanted with one"
             )
-    ending = ".pvd" if isinstance(what, Solution) else ".vtu"
-    path = file_of("path", path, ending, of=f" for a {type(what).__name__}")
+    endings = (".pvd" if isinstance(what, Solution) else ".vtu",)
+    endings += () if isinstance(what, Modes) else (".glb",)
+    path = file_of("path", path, *endings, of=f" for a {type(what).__name__}")
     if isinstance(what, Solution) and not isinstance(what.state, State):
         raise ValueError(
             f"a Solution of {type(what.state).__name__} was given to export; one of the nodal form "
             "is wanted"
         )
     folder(path.parent)
+    if path.suffix == ".glb":
+        return _gltf(what, path, scene)
     if isinstance(what, Solution):
         return _series(what, path, scene)
     if isinstance(what, Modes):
         _write(_grid(state, _mode_columns(what, state)), path)
     else:
         _write(_grid(rest(what) if isinstance(what, Scene) else what, scene=scene), path)
+    return path
+
+
+def _gltf(what: Any, path: Path, scene: Scene | None) -> Path:
+    """A solution at its instants, or a shape at one."""
+    if isinstance(what, Scene):
+        what, scene = rest(what), what
+    motion = isinstance(what, Solution)
+    states = what.state if motion else what.map(lambda x: x[None])
+    if scene is not None:
+        of_mesh(states[0], scene, "a state")
+    write_gltf(states, what.t.tolist() if motion else [0.0], scene, path)
     return path
 
 

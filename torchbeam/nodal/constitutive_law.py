@@ -231,7 +231,7 @@ class ViscoelasticLaw(ElasticLaw):
 
 def law_of(scene: Scene, space: Spatial) -> ElasticLaw:
     """The law of a scene's sections and its damping. Raises ValueError for six values of tau on a
-    section with an impossible strain.
+    coupled or linked section with an impossible strain.
     """
     beam, rigid = scene.beam, any(impossible(scene.beam))
     compliance = element_compliance(beam)
@@ -316,15 +316,15 @@ def _retardation(damping: Damping, beam: Beam, space: Spatial) -> Tensor:
     tau = damping.tau
     if not damping.six:
         return tau[..., None, None, None]
-    if any(beam.rigid):
-        raise ValueError(
-            "six-valued tau was given for a section with an impossible strain; one value is "
-            "wanted there"
-        )
     if not (coupled(beam) or beam.linked_interpolation):
         return space.project_section(torch.diag_embed(tau)).diagonal(dim1=-2, dim2=-1)[
             ..., None, :, None
         ]
+    if any(beam.rigid):
+        raise ValueError(
+            "six-valued tau was given for a coupled or linked section with an impossible strain; "
+            "one value is wanted there"
+        )
     S = beam.compliance if beam.taper is None else element_compliance(beam)
     retardation = S @ (geometric_means(tau)[..., None, :, :] * torch.linalg.inv(S))
     if not beam.linked_interpolation or beam.taper is not None:

@@ -13,29 +13,18 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ..core.arguments import count, instance
 from ..core.files import file_of, folder, reason, write
-from ..core.leaves import sent
 from ..core.validation import positive, refusal, shown
-from ..math import quaternions as quat
-from ..scene.effects.obstacle import Obstacle
-from ..scene.effects.obstacles import Sphere
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.solution import Solution
-from ..state.state import State, rest
-from .axis import axis_curve, nodes_of, rows_of
+from ..state.state import rest
 from .canvas import numbers
-from .obstacles import standing, surface_of
-from .sections import SIDE, Sections, across
-from .solids import Mesh, surface_mesh, tube_mesh
+from .moving_shapes import MovingShapes
 
 FPS = 25.0  # 1/s
-# matplotlib's
-COLOURS = ((31, 119, 180), (255, 127, 14), (44, 160, 44), (148, 103, 189), (140, 86, 75))
-FAILED, SOLID, ROPE = (214, 39, 40), (190, 190, 190), (60, 60, 60)
 
 
 def view(
@@ -127,7 +116,7 @@ class View:
             self._server = viser.ViserServer(host=host, port=port, label="torchbeam", verbose=False)
         self._drawn: dict[str, Any] = {}
         self._lock, self._closed = threading.Lock(), threading.Event()
-        self._shapes = _Shapes(states[0], scene, samples)
+        self._shapes = MovingShapes(states[0], scene, samples)
         self._frame_camera()
         last = len(self.t) - 1
         gui = self._server.gui
@@ -277,86 +266,3 @@ def _free_port(host: str, port: int) -> int:
         f"host = {shown(host)}, port = {port} was given to view, where no page can be served "
         f"({why}); an address of this machine and a port below 65536 are wanted"
     )
-
-
-class _Shapes:
-    """What is drawn of a state: name -> kind of viser's, what stays, what moves."""
-
-    def __init__(self, state: Any, scene: Scene | None, samples: int) -> None:
-        self.scene, self.samples, self.rows = scene, samples, rows_of(state)
-        parts = getattr(state, "parts", ())
-        self.beams = [part for part in parts if not part.body] if parts else [None]
-        self.bodies = [part for part in parts if part.body]
-        self.sections = Sections.of(scene, state)
-        self.size = self.sections.size
-
-    def at(self, state: Any, t: float) -> dict[str, tuple[str, dict, dict]]:
-        batch = state.position.shape[:-2]
-        position, axes = (x[: self.samples].double().cpu() for x in nodes_of(state))
-        failed = numbers(state.status.expand(state.batch_shape)).reshape(-1) != 0
-        shapes: dict[str, tuple[str, dict, dict]] = {}
-        for i, (x, R) in enumerate(zip(position, axes, strict=True)):
-            colour = FAILED if failed[i] else COLOURS[i % len(COLOURS)]
-            for k, (part, row) in enumerate(zip(self.beams, self.rows, strict=True)):
-                axis = axis_curve(x[None, row], R[None, row, :, 0])[0]
-                corners = self.sections.corners(k, part, len(axis), batch, i)
-                mesh = tube_mesh(axis, across(R[row, :, 1:], len(axis)), corners)
-                shapes |= _meshes(f"sample {i}/beam {k}", mesh, colour)
-            for k, part in enumerate(self.bodies):
-                surface = self._surface(part, batch, i)
-                pose = x[part.first_node], R[part.first_node]
-                mesh = surface_mesh(sent(surface, "cpu", torch.float64), self.size)
-                shapes |= _meshes(f"sample {i}/body {k}", mesh, colour, pose)
-        if self.scene is not None:
-            shapes |= self._ropes(state) | self._obstacles(t)
-        return shapes
-
-    def _surface(self, part: Any, batch: Any, i: int) -> Obstacle:
-        """Of a body: a small ball where there is nothing that it touches with."""
-        known = None if self.scene is None else surface_of(self.scene, part, batch, i)
-        return known or Sphere(torch.zeros(3), torch.tensor(2.5 * SIDE * self.size))
-
-    def _ropes(self, state: Any) -> dict[str, tuple[str, dict, dict]]:
-        ropes = {}
-        for k, tendon in enumerate(self.scene.tendons if isinstance(state, State) else ()):
-            points = numbers(tendon.at(state.position.detach(), state.rotation.detach()))
-            points = points.reshape(-1, *points.shape[-2:])[: self.samples]
-            lines = np.stack((points[:, :-1], points[:, 1:]), -2).reshape(-1, 2, 3)
-            look = dict(colors=ROPE, thickness=0.3 * SIDE * self.size)
-            ropes[f"tendon {k}"] = "line_segments", look, dict(points=lines.astype(np.float32))
-        return ropes
-
-    def _obstacles(self, t: float) -> dict[str, tuple[str, dict, dict]]:
-        shapes = {}
-        for k, obstacle in enumerate(standing(self.scene, t)):
-            mesh = surface_mesh(sent(obstacle, "cpu", torch.float64), self.size)
-            # one piece, as it is seen through
-            mesh = mesh._replace(dark=torch.zeros_like(mesh.dark))
-            through = 0.25 if getattr(obstacle, "inside", False) else 0.6
-            shapes |= _meshes(f"obstacle {k}", mesh, SOLID, opacity=through)
-        return shapes
-
-
-def _meshes(
-    name: str,
-    mesh: Mesh,
-    colour: tuple[int, int, int],
-    pose: tuple[Tensor, Tensor] | None = None,
-    **look: Any,
-) -> dict[str, tuple[str, dict, dict]]:
-    """Triangles of a mesh in two shades; with a centre and axes its form stays."""
-    shapes = {}
-    for shade, kept, end in ((1.0, ~mesh.dark, ""), (0.7, mesh.dark, " dark")):
-        if not kept.any():
-            continue
-        used, quads = mesh.quads[kept].unique(return_inverse=True)
-        points = numbers(mesh.points[used]).astype(np.float32)
-        faces = numbers(quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)).astype(np.uint32)
-        static = dict(faces=faces, color=tuple(int(shade * x) for x in colour), side="double")
-        static |= dict(flat_shading=True) | look
-        moving = dict(vertices=points)
-        if pose is not None:
-            static |= moving
-            moving = dict(position=numbers(pose[0]), wxyz=numbers(quat.from_matrix(pose[1])))
-        shapes[f"{name}{end}"] = "mesh_simple", static, moving
-    return shapes

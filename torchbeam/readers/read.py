@@ -1,4 +1,4 @@
-"""`read`: a beam, a section or a damping from a file of another program."""
+"""`read`: a beam, a section, a damping or a scene from a file of another program."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ FORMATS = {
     "vabs": "vabs",
     "swiftcomp": "vabs",
     "windio": "windio",
+    "mjcf": "mjcf",
+    "urdf": "mjcf",
 }
+
+PARTS = ("blade", "tower", "damping", "section", "scene", "arguments", "timestep")
 
 
 def read(
@@ -31,7 +35,7 @@ def read(
     order: int = 1,
     length: float | None = None,
 ) -> Any:  # by the file, as the docstring says
-    """Read a file of another program: a beam, a section, or a damping.
+    """Read a file of another program: a beam, a section, a damping, or a scene.
 
     | file | gives |
     |---|---|
@@ -41,16 +45,23 @@ def read(
     | ElastoDyn, blade or tower file with `length` | `Beam` |
     | windIO, versions 1 and 2 | `Beam` of the blade; `part="damping"`: `Damping` |
     | VABS (.K), SwiftComp (.k) | `Section` |
+    | MJCF (MuJoCo), URDF | `Scene`; `part="arguments"`: a dict of the arguments of `Scene` |
 
     A beam stands in the file's axes at its root, which are frame a. There z is along it, x towards
     the suction side (of a tower downwind), y towards the trailing edge. The axes of a section are x
     along the beam, y the file's x, z the file's y, turned by the structural twist. A section of
     VABS or SwiftComp has the file's own axes.
 
+    MJCF and URDF are read by MuJoCo itself, at `qpos0`. Frame a is the world. Rigidly connected
+    bodies are one `Body`, cables and rods are beams, motors are inputs. A scene that would lack
+    something that changes the motion is refused; its arguments come with a warning.
+
     Args:
         path: the file
-        format: "beamdyn", "elastodyn", "windio", "vabs" or "swiftcomp"; None = by its contents
-        part: "blade", "tower", "damping" or "section"; None = the first that the file has
+        format: "beamdyn", "elastodyn", "windio", "vabs", "swiftcomp", "mjcf" or "urdf"; None = by
+            its contents
+        part: "blade", "tower", "damping" or "section"; of MJCF and URDF "scene", "arguments" or
+            "timestep" (s); None = the first that the file has
         elements: of equal length along the reference axis; None = a node at each point of the axis,
             of an ElastoDyn file at each station
         order: of the elements, 1 or 2
@@ -62,7 +73,9 @@ def read(
     Raises:
         ValueError: for another kind of file. For one that is cut off, has other counts than it
             says, or a matrix that is not symmetric or not positive. It names file and line.
-        ImportError: for windIO without PyYAML, which `torchbeam[readers]` brings.
+            For a model that MuJoCo refuses, or that is no scene.
+        ImportError: for windIO without PyYAML, which `torchbeam[readers]` brings. For MJCF and URDF
+            without MuJoCo: `torchbeam[mujoco]`.
 
     Examples:
         >>> from pathlib import Path
@@ -78,7 +91,7 @@ def read(
         choice("format", format, FORMATS)
     reader = _reader(text, format)
     if part is not None:
-        choice("part", part, ("blade", "tower", "damping", "section"))
+        choice("part", part, PARTS)
     length = None if length is None else number("length", length)
     if length is not None and length <= 0:
         raise refusal(f"length = {length:g}", "a positive one")
@@ -104,6 +117,6 @@ def _reader(text: Text, format: str | None) -> Any:
     for reader in map(load, names):
         if any(text.find(sign) is not None for sign in reader.SIGNS):
             return reader
-    wanted = "one of BeamDyn, ElastoDyn, windIO, VABS or SwiftComp"
+    wanted = "one of BeamDyn, ElastoDyn, windIO, VABS, SwiftComp, MJCF or URDF"
     wanted = wanted if format is None else f"one of format {shown(format)}"
     raise refusal(f"the file {text.path.name}", wanted)

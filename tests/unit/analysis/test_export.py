@@ -142,8 +142,8 @@ def test_bad_input(tmp_path):
     solution = tb.simulate(scene(), torch.linspace(0, 0.1, 2), step=0.1)
     mixed = tb.Solution(solution.t, tb.consistent_state(scene())[None], lambda: None, tb.Stats())
     for what, name, given, message in (
-        (state, "run.pvd", {}, "one that ends in .vtu is wanted"),
-        (solution, "run.vtu", {}, "one that ends in .pvd is wanted"),
+        (state, "run.pvd", {}, "one that ends in .vtu or .glb is wanted"),
+        (solution, "run.vtu", {}, "one that ends in .pvd or .glb is wanted"),
         (3, "run.vtu", {}, "int was given to export"),
         (state, "a/b/c.vtu", {}, "folder"),
         (mixed, "run.pvd", {}, "a Solution of MixedState"),

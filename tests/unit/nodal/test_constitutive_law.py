@@ -58,3 +58,26 @@ def test_what_else_energy_depends_on():
     S = RIGID.clone().requires_grad_()
     pulled(tb.Section(S, MASS)).tip.position[-1].sum().backward()
     assert S.grad[0, 0] != 0
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_six_times_of_damping_beside_impossible_strains(engine):
+    """Those of impossible strains damp nothing; six alike are one; torsion has its own. A coupled
+    section and linked elements are refused.
+    """
+    section = tb.Section.from_stiffness(math.inf, math.inf, 0.6, (0.5, 0.8), 0.3, 1e-4)
+    beam = tb.Beam.straight(1.0, 2, section)
+
+    def tip(tau):
+        load = tb.TipLoad(force=(0, 0.3, 1.0), moment=(0.1, 0, 0))
+        scene = tb.Scene(beam, [load, tb.Damping(tau)])
+        return tb.simulate(scene, [0.0, 0.1], step=0.01, engine=engine).state[-1]
+
+    one = tip(0.02)
+    for impossible in ((0.02,) * 3, (0.0, 0.0, 0.0), (7.0, 0.0, 3.0)):
+        six = tip((*impossible, 0.02, 0.02, 0.02))
+        torch.testing.assert_close(six.position, one.position, rtol=0, atol=1e-9)
+    twisted = tip((0.0, 0, 0, 0.2, 0.02, 0.02)).rotation - one.rotation
+    assert twisted.abs().max() > 1e-4
+    with pytest.raises(ValueError, match=r"six-valued tau.*linked"):
+        tb.modes(tb.Scene(beam.linked(), [tb.Damping((0.1,) * 6)]))

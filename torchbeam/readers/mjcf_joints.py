@@ -1,0 +1,117 @@
+"""Joints of MJCF and URDF, and what acts in them.
+
+MuJoCo's limits and dry friction are soft constraints. A displacement r and a rate v of one joint
+with the inertia I, pushed by the effort I a0, obey
+
+    a + d (b v + d k r) = (1 - d) a0,    b = 2/(d1 t),    k = 1/(d1 t z)^2
+
+with t and z of `solref`, and the impedance d from d0 to d1 of `solimp`. At rest on a limit
+I a0 = K r with K = I d1^2 k/(1 - d1). A stuck joint creeps by v = (1 - d0) a0/(d0 b).
+
+Source: MuJoCo documentation, "Computation", "Solver parameters".
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..scene.ball import Ball
+from ..scene.effects.values import Input
+from ..scene.joints import Hinge, Slider
+from .mjcf_model import Model
+
+NONLINEAR = ("jnt_stiffnesspoly", "jnt_springyield", "dof_dampingpoly")
+
+
+def joint(model: Model, j: int, parent: Any, child: Any) -> list[Any]:
+    """A joint at its place; none for a free one."""
+    kinds, kind = model.mujoco.mjtJoint, int(model.m.jnt_type[j])
+    if kind == kinds.mjJNT_FREE:
+        dofs = slice(int(model.m.jnt_dofadr[j]), int(model.m.jnt_dofadr[j]) + 6)
+        arrays = (model.m.dof_damping, model.m.dof_armature, model.m.dof_frictionloss)
+        if any(x[dofs].any() for x in arrays):
+            model.changing.append(f"damping, friction or armature of {model.name('joint', j)!r}")
+        return []
+    at, axis = model.d.xanchor[j].copy(), model.d.xaxis[j].copy()
+    law = _resistance(model, j)
+    if kind == kinds.mjJNT_BALL:
+        if model.m.jnt_limited[j]:
+            model.changing.append(f"limits of the ball joint {model.name('joint', j)!r}")
+        return [Ball(parent, child, at=at, **law)]
+    effort, kind = ("torque", Hinge) if kind == kinds.mjJNT_HINGE else ("force", Slider)
+    law |= _coordinate(model, j, effort)
+    return [kind(parent, child, axis, at=at, **law)]
+
+
+def _resistance(model: Model, j: int) -> dict[str, Any]:
+    """Spring, damping and friction of a joint of any kind."""
+    m, name = model.m, f"the joint {model.name('joint', j)!r}"
+    dof, law = int(m.jnt_dofadr[j]), {}
+    if m.jnt_stiffness[j]:
+        law["stiffness"] = float(m.jnt_stiffness[j])
+    if m.dof_damping[dof]:
+        law["damping"] = float(m.dof_damping[dof])
+    if mu := float(m.dof_frictionloss[dof]):
+        d = m.dof_solimp[dof][0]
+        b = _reference(m.dof_solref[dof], m.dof_solimp[dof])[1]
+        law |= dict(friction=mu, slip_speed=mu * m.dof_invweight0[dof] * (1 - d) / (d * b))
+    if m.dof_armature[dof] and not grounded(model, j):
+        model.changing.append(f"armature of {name}")
+    for array in NONLINEAR:
+        at = dof if array.startswith("dof") else j
+        if hasattr(m, array) and np.any(getattr(m, array)[at]):
+            model.changing.append(f"{array[4:]} of {name}")
+    return law
+
+
+def _coordinate(model: Model, j: int, effort: str) -> dict[str, Any]:
+    """Limits, motor and pull of the spring, of a coordinate that is 0 at qpos0."""
+    m, q = model.m, int(model.m.jnt_qposadr[j])
+    law: dict[str, Any] = {}
+    if m.jnt_limited[j]:
+        inverse = m.dof_invweight0[m.jnt_dofadr[j]]
+        k = rest_stiffness(m.jnt_solref[j], m.jnt_solimp[j], inverse)
+        low, high = (m.jnt_range[j] - m.qpos0[q]).tolist()
+        law |= dict(limits=(low, high), limit_stiffness=k)
+    if pull := float(m.jnt_stiffness[j] * (m.qpos_spring[q] - m.qpos0[q])):
+        law[effort] = pull
+    if motor := model.motors.get(("joint", j)):
+        if effort in law:
+            name = model.name("joint", j)
+            model.changing.append(f"a motor beside the stretched spring of the joint {name!r}")
+        law[effort] = Input(motor, 1)
+    return law
+
+
+def _reference(solref: np.ndarray, solimp: np.ndarray) -> tuple[float, float]:
+    """k 1/s^2 and b 1/s; negative numbers are these themselves, times d1^2 and d1."""
+    largest = float(solimp[1])
+    if solref[0] <= 0:
+        return -solref[0] / largest**2, -solref[1] / largest
+    return 1 / (largest * solref[0] * solref[1]) ** 2, 2 / (largest * solref[0])
+
+
+def rest_stiffness(solref: np.ndarray, solimp: np.ndarray, inverse: float) -> float:
+    """K of a limit, of the inverse inertia 1/I."""
+    d = float(solimp[1])
+    return float(d * d * _reference(solref, solimp)[0] / ((1 - d) * inverse))
+
+
+def grounded(model: Model, j: int) -> bool:
+    """Whether a joint is a hinge to the ground of a body that has no other."""
+    b = int(model.m.jnt_bodyid[j])
+    alone = len(model.joints_of(b)) == 1 and isinstance(model.home[b], str)
+    ground = model.home[int(model.m.body_parentid[b])] is None
+    return alone and ground and int(model.m.jnt_type[j]) == model.mujoco.mjtJoint.mjJNT_HINGE
+
+
+def rotor(model: Model, b: int) -> np.ndarray:
+    """(3, 3) kg m^2 of a rotor in a hinge to the ground, as the body's: the same about all axes, of
+    which the hinge leaves one.
+    """
+    for j in model.joints_of(b):
+        if grounded(model, j):
+            return model.m.dof_armature[model.m.jnt_dofadr[j]] * np.eye(3)
+    return np.zeros((3, 3))
