@@ -246,10 +246,12 @@ def _gathered(g: Graph, x: np.ndarray, dim: int, at: np.ndarray, **_: object) ->
     rows = np.broadcast_to(rows, (*lead.shape, rows.shape[-1]))
 
     def choice(g: Graph, place: int, *xs: int) -> int:
-        chosen = xs[-1]
-        for k in reversed(range(len(xs) - 1)):
-            chosen = g.make("select", g.make("eq", place, g.const(float(k))), xs[k], chosen)
-        return chosen
+        if g.truths[xs[0]]:
+            chosen = xs[-1]
+            for k in reversed(range(len(xs) - 1)):
+                chosen = g.make("select", g.make("eq", place, g.const(float(k))), xs[k], chosen)
+            return chosen
+        return g.make("pick", ELEMENTWISE["clamp"](g, place, g.zero, g.const(len(xs) - 1.0)), *xs)
 
     chosen = elementwise(g, choice, lead, *np.moveaxis(rows, -1, 0))
     return np.moveaxis(chosen, -1, dim) if at.ndim else chosen[0]
