@@ -164,9 +164,14 @@ class DynamicStall(Tree):
 
     def _arm(self, f: Tensor) -> Tensor:
         """Share of the chord by which the lift acts ahead, linear in the table."""
-        places = torch.linspace(0, 1, ARMS + 1, dtype=f.dtype, device=f.device)
+        none, one = torch.zeros_like(f), torch.ones_like(f)
+        place = ARMS * torch.minimum(torch.maximum(f, none), one)
+        k = place.detach().floor().clamp(max=ARMS - 1)
         arms = self._arms if self.by_site else self._arms[..., None, :]
-        return (hats(f, places) * arms).sum(-1)
+        arms = arms.expand(*broadcast_shapes(arms.shape[:-1], f.shape), ARMS + 1)
+        at = k.long()[..., None].expand(*arms.shape[:-1], 1)
+        left, right = (torch.gather(arms, -1, at + n)[..., 0] for n in (0, 1))
+        return left + (place - k) * (right - left)
 
 
 def _root(f: Tensor) -> Tensor:
