@@ -213,6 +213,14 @@ class Module:
         self._declarations[called] = f"declare {lanes.vector} {called}({lanes.vector})"
         return called
 
+    def gather(self) -> str:
+        lanes, pointers = self.lanes, self.lanes.of("ptr")
+        called = f"@llvm.masked.gather.{lanes.suffix}.v{lanes.count}p0"
+        self._declarations[called] = (
+            f"declare {lanes.vector} {called}({pointers}, i32, {lanes.truth}, {lanes.vector})"
+        )
+        return called
+
     def text(self) -> str:
         return (
             "\n\n".join((*self._declarations.values(), *self._definitions.values(), *self.added))
@@ -316,38 +324,30 @@ class _Body:
         return text
 
     def _loaded(self, place: str, numbers: Table) -> str:
-        """One of the numbers, from where it lies; lane by lane, as processors that gather are no
-        faster.
-        """
-        lanes, base = self.lanes, self.place(self.inputs[numbers.field], numbers.first)
-        if (place, numbers.distance) not in self.offsets:
-            self.offsets[place, numbers.distance] = self._offsets(place, numbers.distance)
-        places = [
-            self.new(f"getelementptr inbounds i8, ptr {base}, i64 {offset}")
-            for offset in self.offsets[place, numbers.distance]
-        ]
-        loads = [f"load {lanes.scalar}, ptr {at}, align {lanes.bytes}" for at in places]
-        text, value = loads[0], "poison"
-        if lanes.count > 1:
-            for lane, load in enumerate(loads):
-                value = self.new(text) if lane else value
-                number = f"{lanes.scalar} {self.new(load)}, i32 {lane}"
-                text = f"insertelement {lanes.vector} {value}, {number}"
-        return text
-
-    def _offsets(self, place: str, distance: int) -> list[str]:
-        """Bytes to a place of a table from its beginning, for each lane."""
-        lanes, long = self.lanes, self.lanes.of("i64")
-        whole = self.new(f"fptosi {lanes.vector} {place} to {long}")
-        size = lanes.all("i64", str(distance * lanes.count * lanes.bytes))
-        offset = self.new(f"mul {long} {whole}, {size}")
+        """One of the numbers, from where it lies."""
+        lanes, pointers = self.lanes, self.lanes.of("ptr")
+        base = self.place(self.inputs[numbers.field], numbers.first)
+        offset = self._offset(place, numbers.distance)
+        at = self.new(f"getelementptr i8, ptr {base}, {lanes.of('i64')} {offset}")
         if lanes.count == 1:
-            return [offset]
-        own = ", ".join(f"i64 {lane * lanes.bytes}" for lane in range(lanes.count))
-        offset = self.new(f"add {long} {offset}, <{own}>")
-        return [
-            self.new(f"extractelement {long} {offset}, i32 {lane}") for lane in range(lanes.count)
-        ]
+            return f"load {lanes.scalar}, ptr {at}, align {lanes.bytes}"
+        return (
+            f"call {lanes.vector} {self.module.gather()}({pointers} {at}, i32 {lanes.bytes}, "
+            f"{lanes.truth} {lanes.constant(True)}, {lanes.vector} poison)"
+        )
+
+    def _offset(self, place: str, distance: int) -> str:
+        """Bytes to a place of a table from its beginning, in each lane."""
+        lanes, long = self.lanes, self.lanes.of("i64")
+        if (place, distance) not in self.offsets:
+            whole = self.new(f"fptosi {lanes.vector} {place} to {long}")
+            size = distance * lanes.count * lanes.bytes
+            offset = self.new(f"mul {long} {whole}, {lanes.all('i64', str(size))}")
+            if lanes.count > 1:
+                own = ", ".join(f"i64 {lane * lanes.bytes}" for lane in range(lanes.count))
+                offset = self.new(f"add {long} {offset}, <{own}>")
+            self.offsets[place, distance] = offset
+        return self.offsets[place, distance]
 
     def _elementary(self, op: str, args: list[str]) -> str:
         lanes, wide = self.lanes, self.lanes.of("double")
