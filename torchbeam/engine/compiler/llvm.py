@@ -7,8 +7,8 @@ A field lies in memory as [component][lane], float64 or float32, aligned to its 
 written overlaps nothing else. Truth values are 0 and 1 there. W = 1 is plain scalars. Products may
 be fused, reciprocals taken and signs of zeros lost (contract, arcp, nsz); NaN and inf are kept, and
 no sum is reordered: x - x is the test for both. Elementary functions are those of `elementary`, in
-float64 whatever the lanes are. Numbers are computed in an order by which few of them wait in
-registers at a time.
+float64 whatever the lanes are. A pick from numbers that lie equally far apart in an input loads the
+one of each lane. Numbers are computed in an order by which few of them wait in registers at a time.
 """
 
 from __future__ import annotations
@@ -89,10 +89,10 @@ def table(graph: Graph, node: int) -> Table | None:
     xs = graph.args[node][1:]
     if graph.ops[node] != "pick" or any(graph.ops[x] != "input" for x in xs):
         return None
-    (field, first), (_, second) = (graph.values[x] for x in xs[:2])
-    at = [(field, first + k * (second - first)) for k in range(len(xs))]
-    same = at == [graph.values[x] for x in xs]
-    return Table(field, first, second - first) if same else None
+    places = [graph.values[x] for x in xs]
+    (field, first), (_, second) = places[:2]
+    evenly = [(field, first + k * (second - first)) for k in range(len(xs))]
+    return Table(field, first, second - first) if places == evenly else None
 
 
 def read(graph: Graph, node: int) -> tuple[int, ...]:

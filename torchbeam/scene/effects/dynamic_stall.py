@@ -166,10 +166,10 @@ class DynamicStall(Tree):
         """Share of the chord by which the lift acts ahead, linear in the table."""
         none, one = torch.zeros_like(f), torch.ones_like(f)
         place = ARMS * torch.minimum(torch.maximum(f, none), one)
-        k = place.detach().floor().clamp(max=ARMS - 1)
+        k = place.detach().long().clamp(0, ARMS - 1)  # of NaN, too
         arms = self._arms if self.by_site else self._arms[..., None, :]
         arms = arms.expand(*broadcast_shapes(arms.shape[:-1], f.shape), ARMS + 1)
-        at = k.long()[..., None].expand(*arms.shape[:-1], 1)
+        at = k[..., None].expand(*arms.shape[:-1], 1)
         left, right = (torch.gather(arms, -1, at + n)[..., 0] for n in (0, 1))
         return left + (place - k) * (right - left)
 
