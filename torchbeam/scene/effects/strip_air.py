@@ -36,6 +36,8 @@ from .values import Input, Inputs, to_sites, value_at
 from .wake import Flow, delays
 from .wind import in_frame
 
+ROUNDING = 16  # units in the last place of the air along the beam that may be left across it
+
 
 @dataclass(frozen=True)
 class StripAir(LoadEffect):
@@ -300,11 +302,16 @@ class StripAir(LoadEffect):
         return in_frame(getattr(self.wind, "velocity", self.wind), point, t)
 
     def _flow(self, motion: Tensor) -> Flow:
-        """Without delay."""
+        """Without delay. What rounding leaves of air along the beam in the section's plane is none:
+        it has no angle, and lags would never come to rest in it.
+        """
+        along, plane = motion[..., :1], motion[..., 1:3]
+        least = (ROUNDING * torch.finfo(plane.dtype).eps * along).square()
+        plane = torch.where(plane.square().sum(-1, keepdim=True) > least, plane, 0.0)
         p = self._side * motion[..., 3:4]
         b = self.chord.abs()[..., None] / 2
-        q = motion[..., 2:3] + b * (0.5 - self._behind) * p
-        return Flow(-self._side * motion[..., 1:2], q, p, b, norm(motion[..., 1:3]))
+        q = plane[..., 1:] + b * (0.5 - self._behind) * p
+        return Flow(-self._side * plane[..., :1], q, p, b, norm(plane))
 
     @property
     def _side(self) -> Tensor:
