@@ -65,7 +65,9 @@ class Graph:
         self.truths: list[bool] = []
         self._known: dict[tuple, int] = {}
         self._rules = {
-            op: getattr(self, f"_{op}") for op in (*FOLDED, "select", "pick") if hasattr(self, f"_{op}")
+            op: getattr(self, f"_{op}")
+            for op in (*FOLDED, "select", "pick")
+            if hasattr(self, f"_{op}")
         }
         self.zero = self.const(0.0)  # node 0
         self.one = self.const(1.0)

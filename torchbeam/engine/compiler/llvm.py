@@ -70,8 +70,7 @@ def schedule(function: Function) -> Iterator[int | Store]:
                 done.add(node)
                 todo.append((node, True))
                 todo.extend(
-                    (x, False)
-                    for x in sorted(read(graph, node), key=lambda x: registers.get(x, 0))
+                    (x, False) for x in sorted(read(graph, node), key=lambda x: registers.get(x, 0))
                 )
         yield store
 

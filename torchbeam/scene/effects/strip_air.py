@@ -31,7 +31,15 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .strip_air_arguments import axes_of, chord_along, numbers_along, of_place, wind_value
+from .strip_air_arguments import (
+    axes_of,
+    chord_along,
+    coefficients,
+    not_vanishing,
+    numbers_along,
+    of_place,
+    wind_value,
+)
 from .values import Input, Inputs, to_sites, value_at
 from .wake import Flow, delays
 from .wind import in_frame
@@ -66,7 +74,8 @@ class StripAir(LoadEffect):
 
     Args:
         chord: m, along y of the section: leading edge at +y, of a negative one at -y. (..., 1) for
-            all, (..., N) of the elements, (..., N+1) of the nodes, or a function of s (..., sites)
+            all, (..., N) of the elements, (..., N+1) of the nodes, or a function of s (..., sites).
+            It may vanish at a tip; with states it counts as 1e-6 of the largest there
         axis: of the beam: share of the chord behind the leading edge; likewise
         lift_slope: c, 1/rad; likewise
         polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
@@ -86,7 +95,8 @@ class StripAir(LoadEffect):
     `energy.work`.
 
     Raises:
-        ValueError: for a chord of 0, a negative density, lags that are no such pairs.
+        ValueError: for a chord that is 0 everywhere, a negative density, lags that are no such
+            pairs, a polar that does not return three coefficients.
 
     Examples:
         >>> gliding = tb.Scene(beam, [tb.StripAir(0.1, wind=(0, -10.0, 0.5))])
@@ -165,6 +175,8 @@ class StripAir(LoadEffect):
             )
             for name, x in self._numbers().items()
         }
+        if self.internal:
+            numbers["chord"] = not_vanishing(numbers["chord"])
         if hasattr(self.polar, "at_sites"):
             numbers["polar"] = self.polar.at_sites(s)
         if hasattr(self.wind, "resolved"):
@@ -335,9 +347,7 @@ class StripAir(LoadEffect):
         of_polar = (
             self.polar.dynamic(angle, z[..., -self._stalls :]) if stall else self.polar(angle)
         )
-        lift, drag, moment = (
-            half * speed * taken("a polar's coefficient", x, Q)[..., None] for x in of_polar
-        )
+        lift, drag, moment = (half * speed * x[..., None] for x in coefficients(of_polar, Q))
         return lift * w - drag * U, lift * U + drag * w, 2 * b * speed * moment
 
     def _apparent(self, motion: Tensor, b: Tensor, a: Tensor) -> tuple[Tensor, Tensor]:
