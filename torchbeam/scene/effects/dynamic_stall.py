@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ...core.leaves import Tree, branch, leaf, with_values
 from ...core.validation import Value, refusal, shown
+from ...math.concrete import is_vmapped
 from ...math.hat_functions import hats
 from ...math.shapes import broadcast_shapes
 from .polar import Polar, at_sites, looked_up, pieces_through
@@ -44,7 +45,8 @@ class DynamicStall(Tree):
         pressure, separation: (...) semichords of travel, T_p and T_f
 
     Raises:
-        ValueError: for times that are not positive, a polar whose lift does not rise through 0.
+        ValueError: for times that are not positive, a polar whose lift does not rise through 0, or
+            that torch.vmap maps over.
 
     Examples:
         >>> flat = tb.Polar((-0.4, -0.2, 0.0, 0.2, 0.4), (-1.0, -1.2, 0, 1.2, 1.0), (0.2,) * 5)
@@ -199,6 +201,8 @@ def _arms(a: Tensor, f: Tensor, arm: Tensor, a0: Tensor) -> Tensor:
     """arm (..., n) at equal parts of f (..., n) from 0 to 1, (..., ARMS + 1): of positive angles up
     to the first at which f is 0.
     """
+    if is_vmapped(f):
+        raise refusal("DynamicStall of a polar within torch.vmap", "a batch of polars")
     rows = []
     shape = broadcast_shapes(f.shape, arm.shape)
     both = zip(f.expand(shape).reshape(-1, len(a)), arm.expand(shape).reshape(-1, len(a)),

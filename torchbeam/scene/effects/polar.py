@@ -102,7 +102,7 @@ class Polar(Tree):
         """
         a, cl = self.alpha, self.cl
         crosses = (cl[..., :-1] <= 0) & (cl[..., 1:] > 0)
-        if not crosses.any(-1).all():
+        if not concrete(crosses).any(-1).all():
             raise refusal("a Polar whose lift does not rise through 0", "one")
         near = torch.where(crosses, (a[:-1] + a[1:]).abs(), torch.inf)
         k = near.argmin(-1, keepdim=True)

@@ -13,7 +13,7 @@ from ...core.arguments import function as check_function
 from ...core.declared import real_numbers
 from ...core.functions_of_time import taken
 from ...core.leaves import Tree
-from ...core.validation import refusal
+from ...core.validation import concrete, refusal
 from .values import load_value
 
 SLENDER = 1e-6  # of the largest chord, in the place of one that vanishes at a tip
@@ -30,7 +30,7 @@ def numbers_along(name: str, value: Any) -> Any:
 def chord_along(name: str, value: Any) -> Any:
     """The same, not 0 everywhere."""
     value = numbers_along(name, value)
-    if not callable(value) and not torch.as_tensor(value != 0).any(-1).all():
+    if not callable(value) and not concrete(torch.as_tensor(value != 0)).any(-1).all():
         raise refusal(f"{name} of 0", "a chord other than 0")
     return value
 
