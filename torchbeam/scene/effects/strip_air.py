@@ -160,6 +160,13 @@ class StripAir(LoadEffect):
         by_site = by_site or getattr(self.polar, "by_site", False)
         return ("density", "wind") if by_site else ("density", "wind", "polar")
 
+    @property
+    def simpler(self) -> dict[str, StripAir]:
+        less = {} if self.lags is None else {"quasi-steady": replace(self, lags=None)}
+        if self._stalls and isinstance(self.polar.polar, Tree):
+            less["without dynamic stall"] = replace(self, polar=self.polar.polar)
+        return less
+
     def _numbers(self) -> dict[str, Any]:
         return dict(chord=self.chord, axis=self.axis, lift_slope=self.lift_slope)
 
