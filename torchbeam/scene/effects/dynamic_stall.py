@@ -129,24 +129,24 @@ class DynamicStall(Tree):
         """The same with the states (..., sites, 2)."""
         cl, cd, cm, f, separated = self._at(angle).unbind(-1)
         slope, zero, drag = map(self._each, self._numbers.unbind(-1))
-        y = states[..., 1]
+        y = 1 - states[..., 1]
         lift = cl + (y - f) * (slope * (angle - zero) - separated)
         more = (_root(f) - _root(y)) / 2 - (f - y) / 4
         return lift, cd + (cd - drag) * more, cm + lift * (self._arm(y) - self._arm(f))
 
     def rates(self, states: Tensor, angle: Tensor, turn: Tensor) -> Tensor:
         """Rates (..., sites, 2) of the states, a semichord of travel; turn (..., sites): b p/V."""
-        x, y = states.unbind(-1)
+        x, apart = states.unbind(-1)
         x_rate = (self._pressed(angle, turn) - x) / self._each(self.pressure)
-        y_rate = (self._attached(x) - y) / self._each(self.separation)
-        return torch.stack((x_rate, y_rate), -1)
+        rate = (1 - self._attached(x) - apart) / self._each(self.separation)
+        return torch.stack((x_rate, rate), -1)
 
     def advanced(self, states: Tensor, angle: Tensor, turn: Tensor, half: Tensor) -> Tensor:
         """The states in the middle of a step of which half (..., sites) is in semichords."""
-        x, y = states.unbind(-1)
+        x, apart = states.unbind(-1)
         h, k = (half / self._each(x) for x in (self.pressure, self.separation))
         x = (x + h * self._pressed(angle, turn)) / (1 + h)
-        return torch.stack((x, (y + k * self._attached(x)) / (1 + k)), -1)
+        return torch.stack((x, (apart + k * (1 - self._attached(x))) / (1 + k)), -1)
 
     def _at(self, angle: Tensor) -> Tensor:
         return looked_up(self._alpha, self._pieces, angle)
