@@ -34,8 +34,8 @@ class Polar(Tree):
             beam, between which the coefficients are linear; None = one
 
     Beyond the table the coefficients stay as they are at its ends; `extended` adds places up to
-    half a turn. Differentiable in the angle and in the table's coefficients. Native code looks at
-    every place of the table, and takes up to 256.
+    half a turn. Differentiable in the angle and in the table's coefficients. Native code compares
+    the angle with every place of the table, and takes up to 256.
 
     Raises:
         ValueError: for angles that do not increase or are beyond half a turn, or coefficients of
