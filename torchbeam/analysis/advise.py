@@ -116,8 +116,9 @@ def advise(
     Trials leave out each effect, the frame or root motion, extension and shear (by infinite
     stiffness), or rotary inertia. Others have less of an effect (air without lags or stall), small
     displacements (without geometric nonlinearity), or a plane (without motion out of it). All use
-    the mesh and step of the scene, whose errors they do not show. Changes need not add up, so all negligible ones are tried once more together. The
-    scene is not changed: the advice is data, see `Advice`.
+    the mesh and step of the scene, whose errors they do not show. Changes need not add up, so all
+    negligible ones are tried once more together. The scene is not changed: the advice is data, see
+    `Advice`.
 
     Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does
     not run.
