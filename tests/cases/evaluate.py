@@ -26,6 +26,11 @@ def _extreme(
     )
 
 
+def _pick(place: Tensor, *xs: Tensor) -> Tensor:
+    place, *xs = torch.broadcast_tensors(place, *xs)
+    return torch.gather(torch.stack(xs, -1), -1, place.long()[..., None])[..., 0]
+
+
 # fmt: off
 OPERATIONS: dict[str, Callable[..., Tensor]] = {
     "add": torch.add, "sub": torch.sub, "mul": torch.mul, "div": torch.div, "neg": torch.neg,
@@ -42,6 +47,7 @@ OPERATIONS: dict[str, Callable[..., Tensor]] = {
     "exponent": lambda x: torch.frexp(x).exponent.to(x.dtype) - 1,
     "mantissa": lambda x: 2 * torch.frexp(x).mantissa,
     "power2": lambda x: torch.ldexp(torch.ones_like(x), x), "stop": lambda x: x,
+    "pick": _pick,
 }
 # fmt: on
 

@@ -105,44 +105,57 @@ def added_mass(d, form=""):
     )
 
 
-@ingredient("effect", "StripAir", ("lags", "quasi-steady", "each node", "gust", "stall"))
+WINDS, FOILS = ("gust", "turbulence", "table", "induction"), ("polar", "stall")
+
+
+@ingredient("effect", "StripAir", ("lags", "quasi-steady", "each node", *WINDS, *FOILS))
 def strip_air(d, form):
+    """Lags of the wake with "lags", "gust" and "stall"."""
     numbers = dict(axis=(0.2, 0.5), lift_slope=(4.0, 7.0), density=(0.1, 0.3))
     read = {n: d.number(f"StripAir {n}", *r) for n, r in numbers.items()}
     wind = d.value("StripAir wind", 1.0, "value")
     nodes = 1 if form != "each node" else d.count + 1
     chord = d.tensor("StripAir chord", 0.2 + 0.1 * d.uniform(nodes))
-    if form in ("gust", "stall"):
-        return _blown(d, chord, wind, form)
+    field = _wind(d, wind, form) if form in WINDS else wind
+    polar = _polar(d, form) if form in FOILS else lambda x: None
+    lags = "wagner" if form in ("lags", "gust", "stall") else None
 
     def air(x):
         given = {n: r(x) if n == "density" else r(x)[..., None] for n, r in read.items()}
-        lags = dict(lags="wagner" if form == "lags" else None)
-        return tb.StripAir(chord(x), **given, wind=wind(x), **lags)
+        return tb.StripAir(chord(x), **given, wind=field(x), polar=polar(x), lags=lags)
 
     return air
 
 
-def _blown(d, chord, wind, form):
-    """In a sheared wind and a gust, or on a polar with dynamic stall."""
+def _wind(d, mean, form):
+    """A field: of shear and a gust, of harmonics, from a table, by a rotor."""
     if form == "gust":
-        peak, gradient, p = (
-            d.vector("Gust peak", 1.0),
-            d.number("Gust gradient", 0.5, 1.0),
-            d.number("Wind exponent", 0.1, 0.3),
+        peak, gradient = d.vector("Gust peak", 1.0), d.number("Gust gradient", 0.5, 1.0)
+        p = d.number("Wind exponent", 0.1, 0.3)
+        return lambda x: (
+            tb.Wind(mean(x), exponent=p(x), height=5.0)
+            + tb.Gust(peak(x), gradient(x), speed=5.0, start=-0.1)
         )
-        return lambda x: tb.StripAir(
-            chord(x),
-            wind=tb.Wind(wind(x), exponent=p(x), height=5.0)
-            + tb.Gust(peak(x), gradient(x), speed=5.0, start=-0.1),
-        )
+    if form == "turbulence":
+        sigma, length = d.number("Turbulence sigma", 0.2, 0.5), d.number("Turbulence length", 1, 3)
+        up = (1.0, 2.0, 3.0)  # along no mean wind
+        return lambda x: tb.Turbulence(mean(x), sigma(x), length(x), up=up, harmonics=3)
+    if form == "table":
+        values = d.tensor("WindTable values", d.uniform(2, 2, 1, 1, 3, low=-1.0))
+        return lambda x: tb.Wind(mean(x)) + tb.WindTable((-0.5, 1.0), values(x), x=(-2.0, 2.0))
+    slow = d.tensor("Induction axial", d.uniform(3))
+    turn = d.tensor("Induction swirl", d.uniform(3))
+    return lambda x: tb.Wind(mean(x)) + tb.Induction((0.0, 0.4, 2.0), slow(x), turn(x))
+
+
+def _polar(d, form):
     angles = torch.linspace(-3.1, 3.1, 25, dtype=torch.float64)
     cl = d.tensor("Polar cl", torch.sin(2 * angles + 0.1) + 0.1 * d.uniform(25))
-    return lambda x: tb.StripAir(
-        chord(x),
-        wind=wind(x),
-        polar=tb.DynamicStall(tb.Polar(angles, cl(x), 0.02 + angles.sin() ** 2)),
-    )
+
+    def foil(x):
+        return tb.Polar(angles, cl(x), 0.02 + angles.sin() ** 2, -0.1 * angles.sin())
+
+    return foil if form == "polar" else lambda x: tb.DynamicStall(foil(x))
 
 
 def _node(d):

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import Obstacle, own_leaves
+from torchbeam.extend import Obstacle, WindField, own_leaves
 from torchbeam.extend import quaternions as quat
 from torchbeam.scene.effects import Eyelet
 
@@ -227,12 +227,22 @@ class Similarity:
         """A function of t as it is told there."""
         return lambda t: self.value(q, tensor(f(self.instant(t))))
 
+    def field(self, wind: Callable) -> Callable:
+        """A wind, a function of place and t, as it is told there."""
+        return lambda x, t: self.value(
+            VELOCITY, tensor(wind(self.inverse.value(PLACE, x), self.instant(t)))
+        )
+
     def given(self, q: Quantity, value: Any) -> Any:
         """Whatever may stand in a field: numbers, a function of t, along the beam, an Input."""
         if value is None or isinstance(value, tb.Input):
             return value
         if isinstance(value, Obstacle):
             return self(value)
+        if isinstance(value, WindField):
+            return self.field(value.velocity)
+        if isinstance(value, (tb.Polar, tb.DynamicStall)):  # by the angle, in section axes
+            return value
         if isinstance(value, tb.PerElement):
             return tb.PerElement(self.given(q, value.value))
         if isinstance(value, tb.PerInterval):
@@ -249,9 +259,7 @@ class Similarity:
             return self._load(of)
         found = {name: self.given(q, getattr(of, name)) for name, q in quantities(of).items()}
         if isinstance(of, tb.Drag) and callable(of.flow):
-            found["flow"] = lambda x, t: self.value(
-                VELOCITY, tensor(of.flow(self.inverse.value(PLACE, x), self.instant(t)))
-            )
+            found["flow"] = self.field(of.flow)
         if isinstance(of, tb.Tendon):
             found["eyelets"] = [
                 (e.node, self.value(PLACE if e.node is None else OFFSET, torch.as_tensor(e.point)))

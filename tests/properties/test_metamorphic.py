@@ -17,9 +17,11 @@ import torch
 
 import torchbeam as tb
 from tests.cases.gradient_cases import IMPLICIT, Spec
+from tests.cases.gradient_effects import FOILS, WINDS
 from tests.cases.gradient_ingredients import TABLE
 from tests.cases.metamorphic_answers import ANSWERS
 from tests.cases.metamorphic_fuzz import Metamorphic, compare, said
+from tests.cases.metamorphic_parts import NotHere
 from tests.cases.metamorphic_relations import RELATIONS
 from tests.cases.metamorphic_similarity import FIELDS, quantities
 from tests.cases.metamorphic_users import EFFECTS as USERS
@@ -160,6 +162,23 @@ def test_scenes_said_twice(name):
             fuzz._take(row, report=False)
     assert not fuzz.failures
     assert len(fuzz.rows) > 10
+
+
+@pytest.mark.parametrize("form", [*WINDS, *FOILS])
+def test_wings_in_winds_said_twice(form):
+    """Each wind, by its own numbers and as a user's function of place and time; each polar. Speeds
+    are states of lags, which units do not change here; a batch stands for a mapped stall.
+    """
+    spec = scene(5, "3D", "velocity", *PLAIN, ("effect", f"StripAir {form}"), TIP)
+    of, refused = said(spec, "midpoint", gradient=False), set()
+    for relation in ("turned", "mirrored", "moved", "later", "units", "batch", "vmap"):
+        try:
+            row = compare(of, relation)
+        except (NotHere, ValueError):
+            refused.add(relation)
+        else:
+            assert row.passed, row
+    assert refused == {"gust": {"units"}, "stall": {"units", "vmap"}}.get(form, set())
 
 
 BUCKLED = (*PLAIN, ("effect", "TipLoad.force, follower Input"))

@@ -34,8 +34,8 @@ STRAINS = {"extension": (0,), "shear": (1, 2)}
 class Trial:
     """One thing changed about the scene.
 
-    what     in words: "without Gravity", "no shear", "small displacements", "in the plane xy",
-             "with Drag"
+    what     in words: "without Gravity", "StripAir quasi-steady", "no shear", "small
+             displacements", "in the plane xy", "with Drag"
     change   of the quantity: RMS of the difference over the RMS of its motion; nan where the trial
              did not run
     time     of the trial over that of the scene as given, both in one run
@@ -114,10 +114,11 @@ def advise(
         show: print the table
 
     Trials leave out each effect, the frame or root motion, extension and shear (by infinite
-    stiffness), or rotary inertia. Others have small displacements (without geometric nonlinearity),
-    or a plane (without motion out of it). All use the mesh and step of the scene, whose errors they
-    do not show. Changes need not add up, so all negligible ones are tried once more together. The
-    scene is not changed: the advice is data, see `Advice`.
+    stiffness), or rotary inertia. Others have less of an effect (air without lags or stall), small
+    displacements (without geometric nonlinearity), or a plane (without motion out of it). All use
+    the mesh and step of the scene, whose errors they do not show. Changes need not add up, so all
+    negligible ones are tried once more together. The scene is not changed: the advice is data, see
+    `Advice`.
 
     Raises ValueError for a tolerance that is not positive, RuntimeError where the scene itself does
     not run.
@@ -219,6 +220,13 @@ def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, 
             f"without {name}",
             lambda s, gone=effect: replace(s, effects=tuple(e for e in s.effects if e is not gone)),
         )
+        for how, simpler in effect.simpler.items():
+            yield (
+                f"{name} {how}",
+                lambda s, gone=effect, less=simpler: replace(
+                    s, effects=tuple(less if e is gone else e for e in s.effects)
+                ),
+            )
     for name in ("frame", "root"):
         if getattr(scene, name) is not None:
             yield f"without the {name}'s motion", lambda s, name=name: replace(s, **{name: None})

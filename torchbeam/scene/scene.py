@@ -19,6 +19,7 @@ from ..core.leaves import (
     batch_shapes,
     bound,
     branch,
+    constant,
     functions,
     leaves_in_order,
     option,
@@ -41,7 +42,6 @@ from .effects.interaction import Interaction
 from .effects.tendon import Tendon
 from .inputs import input_tensors
 from .joint import Joint, joints_of
-from .stations import Table
 from .structure import Structure
 from .supports import Frame, RootMotion, Support, supports_of
 
@@ -329,7 +329,7 @@ class Scene(Tree):
         """Whether anything may be a function of time, as any effect of a user's own."""
         held = (*self.effects, *self.joints, *self.supports, self.frame, self.root)
         called = [v for x in held if x is not None for v in vars(x).values() if callable(v)]
-        still = [isinstance(v, Table) or _is_rows(v) for v in called]
+        still = [constant(v) or _is_rows(v) for v in called]
         library = [type(e).__module__.startswith(f"{__package__}.") for e in self.effects]
         return any(map(functions, self.effects)) or not all(still + library)
 

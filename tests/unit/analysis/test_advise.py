@@ -42,6 +42,22 @@ def test_what_matters(advice):
         assert name not in advice.matters and of[name].change < 1e-3
 
 
+def test_what_air_can_do_without(monkeypatch):
+    """A wing that is suddenly met by wind: Wagner's function begins with half of the lift, so lags
+    change the answer by tens of per cent; a straight polar has no stall, to rounding.
+    """
+    monkeypatch.setenv("TORCHBEAM_ENGINE", "eager")
+    polar = tb.DynamicStall(tb.Polar((-0.4, 0.0, 0.4), (-2.0, 0, 2.0), (0.02,) * 3))
+    air = tb.StripAir(0.2, wind=(0, -2.0, 0.1), polar=polar)
+    advice = tb.advise(tb.Scene(BEAM, [air]), T[:3], TIP, step=0.02, repeats=1, show=False)
+    of = {t.what: t for t in advice.trials}
+    assert "StripAir quasi-steady" in advice.matters and of["StripAir quasi-steady"].change > 0.1
+    assert of["StripAir without dynamic stall"].change < 1e-9
+    steady = air.simpler["quasi-steady"]
+    assert steady.lags is None and list(steady.simpler) == ["without dynamic stall"]
+    assert isinstance(steady.simpler["without dynamic stall"].polar, tb.Polar)
+
+
 def test_a_change_is_what_two_runs_differ_by(advice):
     """The number of one trial from the two scenes themselves."""
     more = tb.Gravity((0.0, 0, -1e-4)), tb.Damping((1e-5,) * 6)

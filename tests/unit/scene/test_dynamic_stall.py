@@ -72,9 +72,26 @@ def test_at_rest_it_is_the_polar():
         both = []
         for air in (stalling, steady):
             z = torch.zeros(1, air.internal, dtype=DOUBLE)
-            z = air.advance(pitched(angle, 0.0, z), z, now, {}, torch.tensor(1e12, dtype=DOUBLE))
+            z = air.advance(pitched(angle, 0.0, z), z, now, {}, torch.tensor(1e15, dtype=DOUBLE))
             both.append(torch.cat(air.wrench(pitched(angle, 0.0, z), now, {}), -1))
         assert_close(*both, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [-16.0, 14.0, 16.0])
+def test_motion_begins_with_attached_flow(degrees):
+    """With all states 0, as at rest, a section has the lift of attached flow where the polar is
+    stalled: after Kirchhoff c times the angle (at a place of the table), of which the wake lets
+    half act at once; to rounding.
+    """
+    stalling = rigid(tb.DynamicStall(STEADY))
+    angle = math.atan(2 * math.tan(math.radians(degrees)))
+    now, z = torch.tensor(0.0, dtype=DOUBLE), torch.zeros(1, stalling.internal, dtype=DOUBLE)
+    point = pitched(angle, 0.0, z)
+    flow = stalling._flow(stalling._motion(point, now, {})).delayed(stalling.lags, z)
+    cl = stalling.polar.dynamic(flow.angle, z[..., -2:])[0]
+    assert_close(flow.angle, flow.angle.new_tensor([math.radians(degrees)]), rtol=1e-12, atol=0)
+    assert_close(cl, stalling.polar._numbers[0] * flow.angle, rtol=1e-9, atol=0)
+    assert cl.abs() > 1.05 * STEADY(flow.angle)[0].abs()
 
 
 def test_attached_flow_has_wagners_lags_alone():

@@ -65,6 +65,9 @@ def test_winds_are_added():
     x = places((0, 0, 0), (1, 2, 3))
     want = gust.velocity(x, NOW) + places((10.0, 0.4, 0))
     assert_close(both.velocity(x, NOW), want)
+    assert_close(sum([gust, gust]).velocity(x, NOW), 2 * gust.velocity(x, NOW))
+    with pytest.raises(TypeError):
+        1.0 + gust
 
 
 def karman(k, sigma, L, along):

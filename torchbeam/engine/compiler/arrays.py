@@ -240,16 +240,22 @@ def _inverse(g: Graph, A: np.ndarray, **_: object) -> tuple[np.ndarray, ...]:
 
 
 def _gathered(g: Graph, x: np.ndarray, dim: int, at: np.ndarray, **_: object) -> np.ndarray:
-    """By places that depend on inputs: a choice among all."""
+    """By places that depend on inputs: a choice among all; of a place that there is not, the
+    nearest.
+    """
     rows, lead = (np.moveaxis(y, dim, -1) if y.ndim else y[None] for y in (x, at))
     rows = rows[tuple(slice(n) for n in lead.shape[:-1])][..., None, :]
     rows = np.broadcast_to(rows, (*lead.shape, rows.shape[-1]))
 
     def choice(g: Graph, place: int, *xs: int) -> int:
-        chosen = xs[-1]
-        for k in reversed(range(len(xs) - 1)):
-            chosen = g.make("select", g.make("eq", place, g.const(float(k))), xs[k], chosen)
-        return chosen
+        if g.truths[xs[0]]:
+            chosen = xs[-1]
+            for k in reversed(range(len(xs) - 1)):
+                chosen = g.make("select", g.make("eq", place, g.const(float(k))), xs[k], chosen)
+            return chosen
+        last = g.const(len(xs) - 1.0)
+        place = g.make("select", g.make("le", g.zero, place), place, g.zero)  # 0 of NaN
+        return g.make("pick", g.make("select", g.make("lt", last, place), last, place), *xs)
 
     chosen = elementwise(g, choice, lead, *np.moveaxis(rows, -1, 0))
     return np.moveaxis(chosen, -1, dim) if at.ndim else chosen[0]

@@ -203,6 +203,10 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
     elif op == "select":
         yield args[1], lambda v: make("select", args[0], v, graph.zero)
         yield args[2], lambda v: make("select", args[0], graph.zero, v)
+    elif op == "pick":
+        for k, x in enumerate(args[1:]):
+            chosen = make("eq", args[0], graph.const(float(k)))
+            yield x, lambda v, chosen=chosen: make("select", chosen, v, graph.zero)
     elif op in ("max", "min"):
         taken = [make("eq", x, node) for x in args]
         count = graph.total(graph.number(x) for x in taken)

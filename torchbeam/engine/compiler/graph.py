@@ -53,8 +53,9 @@ class Graph:
     asinh, acosh, atanh, erf, erfc, pow, floor, round (half to even); max, min of any number
     (NaN wins); lt, le, eq; and, or, not; select(truth, a, b). Of a normal number, to lower
     functions: exponent (floor of log2|x|) and mantissa (in [1, 2)); power2(k) = 2^k of an integral
-    k from -1022 to 1023. stop(x), which is x, and whose derivative is 0. While tracing: factor(x),
-    an element of the factors of a matrix, which stands for that of the matrix.
+    k from -1022 to 1023. pick(k, x0, x1, ...): the number xk, of a whole k that there is. stop(x),
+    which is x, and whose derivative is 0. While tracing: factor(x), an element of the factors of a
+    matrix, which stands for that of the matrix.
     """
 
     def __init__(self) -> None:
@@ -64,7 +65,9 @@ class Graph:
         self.truths: list[bool] = []
         self._known: dict[tuple, int] = {}
         self._rules = {
-            op: getattr(self, f"_{op}") for op in (*FOLDED, "select") if hasattr(self, f"_{op}")
+            op: getattr(self, f"_{op}")
+            for op in (*FOLDED, "select", "pick")
+            if hasattr(self, f"_{op}")
         }
         self.zero = self.const(0.0)  # node 0
         self.one = self.const(1.0)
@@ -268,6 +271,11 @@ class Graph:
         if self.truths[a] and self.ops[a] == self.ops[b] == "const":
             return truth if self.values[a] else self.make("not", truth)
         return None
+
+    def _pick(self, place: int, *xs: int) -> int | None:
+        if self.is_const(place):
+            return xs[int(self.values[place])]
+        return xs[0] if len(set(xs)) == 1 else None
 
     # What is made of several nodes
 

@@ -7,8 +7,8 @@ A field lies in memory as [component][lane], float64 or float32, aligned to its 
 written overlaps nothing else. Truth values are 0 and 1 there. W = 1 is plain scalars. Products may
 be fused, reciprocals taken and signs of zeros lost (contract, arcp, nsz); NaN and inf are kept, and
 no sum is reordered: x - x is the test for both. Elementary functions are those of `elementary`, in
-float64 whatever the lanes are. Numbers are computed in an order by which few of them wait in
-registers at a time.
+float64 whatever the lanes are. A pick from numbers that lie equally far apart in an input loads the
+one of each lane. Numbers are computed in an order by which few of them wait in registers at a time.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import torch
 
 from .elementary import RULES, elementary
 from .function import Function
+from .graph import Graph
 
 
 class Store(NamedTuple):
@@ -41,12 +42,12 @@ def schedule(function: Function) -> Iterator[int | Store]:
     for node in function.live():
         if graph.ops[node] != "const":
             needs = sorted(
-                (registers[x] for x in set(graph.args[node]) if x in registers), reverse=True
+                (registers[x] for x in set(read(graph, node)) if x in registers), reverse=True
             )
             # a bit for each node that it depends on
             needed[node] = (graph.ops[node] != "input") << len(registers)
             registers[node] = max((n + k for k, n in enumerate(needs)), default=1)
-            for x in graph.args[node]:
+            for x in read(graph, node):
                 needed[node] |= needed.get(x, 0)
     stores = [
         Store(field, k, node)
@@ -69,9 +70,34 @@ def schedule(function: Function) -> Iterator[int | Store]:
                 done.add(node)
                 todo.append((node, True))
                 todo.extend(
-                    (x, False) for x in sorted(graph.args[node], key=lambda x: registers.get(x, 0))
+                    (x, False) for x in sorted(read(graph, node), key=lambda x: registers.get(x, 0))
                 )
         yield store
+
+
+class Table(NamedTuple):
+    """Numbers of a pick that lie equally far apart in an input, by components."""
+
+    field: str
+    first: int
+    distance: int
+
+
+def table(graph: Graph, node: int) -> Table | None:
+    """That of a pick; None where its numbers do not lie so."""
+    xs = graph.args[node][1:]
+    if graph.ops[node] != "pick" or any(graph.ops[x] != "input" for x in xs):
+        return None
+    places = [graph.values[x] for x in xs]
+    (field, first), (_, second) = places[:2]
+    evenly = [(field, first + k * (second - first)) for k in range(len(xs))]
+    return Table(field, first, second - first) if places == evenly else None
+
+
+def read(graph: Graph, node: int) -> tuple[int, ...]:
+    """The nodes whose values it needs: of a pick from a table the place alone."""
+    args = graph.args[node]
+    return args if table(graph, node) is None else args[:1]
 
 
 def _bits(rows: list[int], count: int) -> np.ndarray:
@@ -138,7 +164,7 @@ class Module:
         lanes, graph = self.lanes, function.graph
         inputs = {field: f"%in{k}" for k, field in enumerate(function.inputs)}
         outputs = {field: f"%out{k}" for k, field in enumerate(function.outputs)}
-        body = _Body(self, lanes, function)
+        body = _Body(self, lanes, function, inputs)
         for step in schedule(function):
             if isinstance(step, Store):
                 value, at = body.name(step.node), body.place(outputs[step.field], step.component)
@@ -186,6 +212,14 @@ class Module:
         self._declarations[called] = f"declare {lanes.vector} {called}({lanes.vector})"
         return called
 
+    def gather(self) -> str:
+        lanes, pointers = self.lanes, self.lanes.of("ptr")
+        called = f"@llvm.masked.gather.{lanes.suffix}.v{lanes.count}p0"
+        self._declarations[called] = (
+            f"declare {lanes.vector} {called}({pointers}, i32, {lanes.truth}, {lanes.vector})"
+        )
+        return called
+
     def text(self) -> str:
         return (
             "\n\n".join((*self._declarations.values(), *self._definitions.values(), *self.added))
@@ -196,8 +230,12 @@ class Module:
 class _Body:
     """Lines of a function: one value a node, called %n and its number."""
 
-    def __init__(self, module: Module, lanes: Lanes, function: Function) -> None:
+    def __init__(
+        self, module: Module, lanes: Lanes, function: Function, inputs: dict[str, str] | None = None
+    ) -> None:
+        """inputs: pointers by field."""
         self.module, self.lanes, self.graph = module, lanes, function.graph
+        self.inputs, self.offsets = inputs, {}
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
         self.count = 0
@@ -232,7 +270,7 @@ class _Body:
         if op == "stop":
             self.names[node] = self.name(self.graph.args[node][0])
             return
-        vector, args = lanes.vector, [self.name(x) for x in self.graph.args[node]]
+        vector, args = lanes.vector, [self.name(x) for x in read(self.graph, node)]
         if op in BINARY:
             text = f"{BINARY[op]} {FLAGS} {vector} {args[0]}, {args[1]}"
         elif op == "neg":
@@ -255,6 +293,9 @@ class _Body:
             text = self._extreme("ogt" if op == "max" else "olt", args)
         elif op in RULES:
             text = self._elementary(op, args)
+        elif op == "pick":
+            numbers = table(self.graph, node)
+            text = self._chosen(*args) if numbers is None else self._loaded(args[0], numbers)
         else:
             text = getattr(self, "_" + op)(args[0])
         self.line(f"%n{node} = {text}")
@@ -271,6 +312,41 @@ class _Body:
             )
             best = self.new(text) if k < len(args) - 2 else best
         return text
+
+    def _chosen(self, place: str, *numbers: str) -> str:
+        """One of the numbers, by comparisons."""
+        vector, truth, text = self.lanes.vector, self.lanes.truth, ""
+        for k, number in reversed([*enumerate(numbers[:-1])]):
+            other = self.new(text) if text else numbers[-1]
+            here = self.new(f"fcmp oeq {vector} {place}, {self.lanes.constant(float(k))}")
+            text = f"select {truth} {here}, {vector} {number}, {vector} {other}"
+        return text
+
+    def _loaded(self, place: str, numbers: Table) -> str:
+        """One of the numbers, from where it lies."""
+        lanes, pointers = self.lanes, self.lanes.of("ptr")
+        base = self.place(self.inputs[numbers.field], numbers.first)
+        offset = self._offset(place, numbers.distance)
+        at = self.new(f"getelementptr i8, ptr {base}, {lanes.of('i64')} {offset}")
+        if lanes.count == 1:
+            return f"load {lanes.scalar}, ptr {at}, align {lanes.bytes}"
+        return (
+            f"call {lanes.vector} {self.module.gather()}({pointers} {at}, i32 {lanes.bytes}, "
+            f"{lanes.truth} {lanes.constant(True)}, {lanes.vector} poison)"
+        )
+
+    def _offset(self, place: str, distance: int) -> str:
+        """Bytes to a place of a table from its beginning, in each lane."""
+        lanes, long = self.lanes, self.lanes.of("i64")
+        if (place, distance) not in self.offsets:
+            whole = self.new(f"fptosi {lanes.vector} {place} to {long}")
+            size = distance * lanes.count * lanes.bytes
+            offset = self.new(f"mul {long} {whole}, {lanes.all('i64', str(size))}")
+            if lanes.count > 1:
+                own = ", ".join(f"i64 {lane * lanes.bytes}" for lane in range(lanes.count))
+                offset = self.new(f"add {long} {offset}, <{own}>")
+            self.offsets[place, distance] = offset
+        return self.offsets[place, distance]
 
     def _elementary(self, op: str, args: list[str]) -> str:
         lanes, wide = self.lanes, self.lanes.of("double")

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ...core.leaves import Tree, branch, leaf, with_values
 from ...core.validation import Value, refusal, shown
+from ...math.concrete import is_vmapped
 from ...math.hat_functions import hats
 from ...math.shapes import broadcast_shapes
 from .polar import Polar, at_sites, looked_up, pieces_through
@@ -44,7 +45,8 @@ class DynamicStall(Tree):
         pressure, separation: (...) semichords of travel, T_p and T_f
 
     Raises:
-        ValueError: for times that are not positive, a polar whose lift does not rise through 0.
+        ValueError: for times that are not positive, a polar whose lift does not rise through 0, or
+            that torch.vmap maps over.
 
     Examples:
         >>> flat = tb.Polar((-0.4, -0.2, 0.0, 0.2, 0.4), (-1.0, -1.2, 0, 1.2, 1.0), (0.2,) * 5)
@@ -127,24 +129,24 @@ class DynamicStall(Tree):
         """The same with the states (..., sites, 2)."""
         cl, cd, cm, f, separated = self._at(angle).unbind(-1)
         slope, zero, drag = map(self._each, self._numbers.unbind(-1))
-        y = states[..., 1]
+        y = 1 - states[..., 1]
         lift = cl + (y - f) * (slope * (angle - zero) - separated)
         more = (_root(f) - _root(y)) / 2 - (f - y) / 4
         return lift, cd + (cd - drag) * more, cm + lift * (self._arm(y) - self._arm(f))
 
     def rates(self, states: Tensor, angle: Tensor, turn: Tensor) -> Tensor:
         """Rates (..., sites, 2) of the states, a semichord of travel; turn (..., sites): b p/V."""
-        x, y = states.unbind(-1)
+        x, apart = states.unbind(-1)
         x_rate = (self._pressed(angle, turn) - x) / self._each(self.pressure)
-        y_rate = (self._attached(x) - y) / self._each(self.separation)
-        return torch.stack((x_rate, y_rate), -1)
+        rate = (1 - self._attached(x) - apart) / self._each(self.separation)
+        return torch.stack((x_rate, rate), -1)
 
     def advanced(self, states: Tensor, angle: Tensor, turn: Tensor, half: Tensor) -> Tensor:
         """The states in the middle of a step of which half (..., sites) is in semichords."""
-        x, y = states.unbind(-1)
+        x, apart = states.unbind(-1)
         h, k = (half / self._each(x) for x in (self.pressure, self.separation))
         x = (x + h * self._pressed(angle, turn)) / (1 + h)
-        return torch.stack((x, (y + k * self._attached(x)) / (1 + k)), -1)
+        return torch.stack((x, (apart + k * (1 - self._attached(x))) / (1 + k)), -1)
 
     def _at(self, angle: Tensor) -> Tensor:
         return looked_up(self._alpha, self._pieces, angle)
@@ -164,9 +166,14 @@ class DynamicStall(Tree):
 
     def _arm(self, f: Tensor) -> Tensor:
         """Share of the chord by which the lift acts ahead, linear in the table."""
-        places = torch.linspace(0, 1, ARMS + 1, dtype=f.dtype, device=f.device)
+        none, one = torch.zeros_like(f), torch.ones_like(f)
+        place = ARMS * torch.minimum(torch.maximum(f, none), one)
+        k = place.detach().long().clamp(0, ARMS - 1)  # of NaN, too
         arms = self._arms if self.by_site else self._arms[..., None, :]
-        return (hats(f, places) * arms).sum(-1)
+        arms = arms.expand(*broadcast_shapes(arms.shape[:-1], f.shape), ARMS + 1)
+        at = k[..., None].expand(*arms.shape[:-1], 1)
+        left, right = (torch.gather(arms, -1, at + n)[..., 0] for n in (0, 1))
+        return left + (place - k) * (right - left)
 
 
 def _root(f: Tensor) -> Tensor:
@@ -194,6 +201,8 @@ def _arms(a: Tensor, f: Tensor, arm: Tensor, a0: Tensor) -> Tensor:
     """arm (..., n) at equal parts of f (..., n) from 0 to 1, (..., ARMS + 1): of positive angles up
     to the first at which f is 0.
     """
+    if is_vmapped(f):
+        raise refusal("DynamicStall of a polar within torch.vmap", "a batch of polars")
     rows = []
     shape = broadcast_shapes(f.shape, arm.shape)
     both = zip(f.expand(shape).reshape(-1, len(a)), arm.expand(shape).reshape(-1, len(a)),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import torch
@@ -134,6 +135,8 @@ class LoadEffect(Tree):
         by_place: of an effect without a node: whether it differs along the beam
         shared: names of leaves that are the same all along it even where others have `at_sites`
         by_mass: whether it acts on all masses, bodies included; else on beams alone, per length
+        simpler: effects that do with less, by how they differ in words; `advise` tries them in its
+            place
 
     Raises:
         TypeError: when the class is defined, for a field `node` without a value, which would take
@@ -161,6 +164,7 @@ class LoadEffect(Tree):
     by_place = True
     shared: ClassVar[tuple[str, ...]] = ()
     by_mass = False
+    simpler: ClassVar[Mapping[str, LoadEffect]] = MappingProxyType({})
     # whether its work is independent of the path where nothing moves: of what vanishes at rest, too
     conservative = False
     lossy = False  # of a contact: whether it takes energy

@@ -34,8 +34,8 @@ class Polar(Tree):
             beam, between which the coefficients are linear; None = one
 
     Beyond the table the coefficients stay as they are at its ends; `extended` adds places up to
-    half a turn. Differentiable in the angle and in the table's coefficients. Native code looks at
-    every place of the table, and takes up to 256.
+    half a turn. Differentiable in the angle and in the table's coefficients. Native code compares
+    the angle with every place of the table, and takes up to 256.
 
     Raises:
         ValueError: for angles that do not increase or are beyond half a turn, or coefficients of
@@ -102,7 +102,7 @@ class Polar(Tree):
         """
         a, cl = self.alpha, self.cl
         crosses = (cl[..., :-1] <= 0) & (cl[..., 1:] > 0)
-        if not crosses.any(-1).all():
+        if not concrete(crosses).any(-1).all():
             raise refusal("a Polar whose lift does not rise through 0", "one")
         near = torch.where(crosses, (a[:-1] + a[1:]).abs(), torch.inf)
         k = near.argmin(-1, keepdim=True)

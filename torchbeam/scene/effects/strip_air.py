@@ -31,10 +31,20 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .strip_air_arguments import axes_of, chord_along, numbers_along, of_place, wind_value
+from .strip_air_arguments import (
+    axes_of,
+    chord_along,
+    coefficients,
+    not_vanishing,
+    numbers_along,
+    of_place,
+    wind_value,
+)
 from .values import Input, Inputs, to_sites, value_at
 from .wake import Flow, delays
 from .wind import in_frame
+
+ROUNDING = 16  # units in the last place of the air along the beam that may be left across it
 
 
 @dataclass(frozen=True)
@@ -64,7 +74,8 @@ class StripAir(LoadEffect):
 
     Args:
         chord: m, along y of the section: leading edge at +y, of a negative one at -y. (..., 1) for
-            all, (..., N) of the elements, (..., N+1) of the nodes, or a function of s (..., sites)
+            all, (..., N) of the elements, (..., N+1) of the nodes, or a function of s (..., sites).
+            It may vanish at a tip; with states it counts as 1e-6 of the largest there
         axis: of the beam: share of the chord behind the leading edge; likewise
         lift_slope: c, 1/rad; likewise
         polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
@@ -84,7 +95,8 @@ class StripAir(LoadEffect):
     `energy.work`.
 
     Raises:
-        ValueError: for a chord of 0, a negative density, lags that are no such pairs.
+        ValueError: for a chord that is 0 everywhere, a negative density, lags that are no such
+            pairs, a polar that does not return three coefficients.
 
     Examples:
         >>> gliding = tb.Scene(beam, [tb.StripAir(0.1, wind=(0, -10.0, 0.5))])
@@ -148,6 +160,13 @@ class StripAir(LoadEffect):
         by_site = by_site or getattr(self.polar, "by_site", False)
         return ("density", "wind") if by_site else ("density", "wind", "polar")
 
+    @property
+    def simpler(self) -> dict[str, StripAir]:
+        less = {} if self.lags is None else {"quasi-steady": replace(self, lags=None)}
+        if self._stalls and isinstance(self.polar.polar, Tree):
+            less["without dynamic stall"] = replace(self, polar=self.polar.polar)
+        return less
+
     def _numbers(self) -> dict[str, Any]:
         return dict(chord=self.chord, axis=self.axis, lift_slope=self.lift_slope)
 
@@ -163,6 +182,8 @@ class StripAir(LoadEffect):
             )
             for name, x in self._numbers().items()
         }
+        if self.internal:
+            numbers["chord"] = not_vanishing(numbers["chord"])
         if hasattr(self.polar, "at_sites"):
             numbers["polar"] = self.polar.at_sites(s)
         if hasattr(self.wind, "resolved"):
@@ -300,11 +321,16 @@ class StripAir(LoadEffect):
         return in_frame(getattr(self.wind, "velocity", self.wind), point, t)
 
     def _flow(self, motion: Tensor) -> Flow:
-        """Without delay."""
+        """Without delay. What rounding leaves of air along the beam in the section's plane is none:
+        it has no angle, and lags would never come to rest in it.
+        """
+        along, plane = motion[..., :1], motion[..., 1:3]
+        least = (ROUNDING * torch.finfo(plane.dtype).eps * along).square()
+        plane = torch.where(plane.square().sum(-1, keepdim=True) > least, plane, 0.0)
         p = self._side * motion[..., 3:4]
         b = self.chord.abs()[..., None] / 2
-        q = motion[..., 2:3] + b * (0.5 - self._behind) * p
-        return Flow(-self._side * motion[..., 1:2], q, p, b, norm(motion[..., 1:3]))
+        q = plane[..., 1:] + b * (0.5 - self._behind) * p
+        return Flow(-self._side * plane[..., :1], q, p, b, norm(plane))
 
     @property
     def _side(self) -> Tensor:
@@ -328,9 +354,7 @@ class StripAir(LoadEffect):
         of_polar = (
             self.polar.dynamic(angle, z[..., -self._stalls :]) if stall else self.polar(angle)
         )
-        lift, drag, moment = (
-            half * speed * taken("a polar's coefficient", x, Q)[..., None] for x in of_polar
-        )
+        lift, drag, moment = (half * speed * x[..., None] for x in coefficients(of_polar, Q))
         return lift * w - drag * U, lift * U + drag * w, 2 * b * speed * moment
 
     def _apparent(self, motion: Tensor, b: Tensor, a: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,4 +1,4 @@
-"""Arguments of `StripAir`: numbers along the beam, wind."""
+"""Arguments of `StripAir`: numbers along the beam, wind, what polars return."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ...core.arguments import function as check_function
 from ...core.declared import real_numbers
+from ...core.functions_of_time import taken
 from ...core.leaves import Tree
-from ...core.validation import refusal
+from ...core.validation import concrete, refusal
 from .values import load_value
+
+SLENDER = 1e-6  # of the largest chord, in the place of one that vanishes at a tip
 
 
 def numbers_along(name: str, value: Any) -> Any:
@@ -24,11 +28,31 @@ def numbers_along(name: str, value: Any) -> Any:
 
 
 def chord_along(name: str, value: Any) -> Any:
-    """The same, none of them 0."""
+    """The same, not 0 everywhere."""
     value = numbers_along(name, value)
-    if not callable(value) and not torch.as_tensor(value).all():
+    if not callable(value) and not concrete(torch.as_tensor(value != 0)).any(-1).all():
         raise refusal(f"{name} of 0", "a chord other than 0")
     return value
+
+
+def not_vanishing(chord: Tensor) -> Tensor:
+    """Chords (..., sites), `SLENDER` of the largest where they are 0: lags in semichords of travel
+    ask for one.
+    """
+    largest = chord.abs().amax(-1, keepdim=True)
+    return torch.where(chord == 0, SLENDER * largest, chord)
+
+
+def coefficients(value: Any, like: Tensor) -> list[Tensor]:
+    """Lift, drag and moment (..., sites) that a polar returned; ValueError for other than three."""
+    try:
+        several = [*value]
+    except TypeError:
+        several = [value]
+    if len(several) != 3:
+        count = "one coefficient" if len(several) == 1 else f"{len(several)} coefficients"
+        raise refusal(f"a polar that returns {count}", "one of lift, drag and moment")
+    return [taken("a polar's coefficient", x, like) for x in several]
 
 
 def wind_value(name: str, value: Any) -> Any:

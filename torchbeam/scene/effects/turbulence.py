@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...core.arguments import boolean, choice, count, is_integer, listed, number, whole
 from ...core.leaves import leaf, option
-from ...core.validation import Value, broadcast, refusal, shown
+from ...core.validation import Value, broadcast, concrete, refusal, shown
 from ...math.element_shapes import gauss_points
 from ...math.quaternions import cross
 from .wind import WindField, direction, positive, vector
@@ -134,7 +134,7 @@ class Turbulence(WindField):
         e = direction("Turbulence's mean", self.mean)
         side = cross(self.up, e)
         size = side.square().sum(-1, keepdim=True).sqrt()
-        if (size < 1e-6).any():
+        if concrete(size < 1e-6).any():
             raise refusal("Turbulence with a mean wind along up", "one across it")
         axes = torch.stack(torch.broadcast_tensors(e, side / size, cross(e, side / size)), -2)
         waves, cosine, sine = self._isotropic() if self.isotropic else self._along(axes)
@@ -156,10 +156,13 @@ class Turbulence(WindField):
         """Numbers (seeds, *shape) of the normal distribution; of one seed without that axis."""
         seeds = (self.seed,) if is_integer(self.seed) else self.seed
         like = self.length
-        numbers = [
-            torch.randn(shape, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
-            for seed in seeds
-        ]
+        with torch._C._DisableFuncTorch():  # torch.vmap refuses what is drawn, whatever the seed
+            numbers = [
+                torch.randn(
+                    shape, dtype=torch.float64, generator=torch.Generator().manual_seed(seed)
+                )
+                for seed in seeds
+            ]
         numbers = torch.stack(numbers).to(like)
         return numbers[0] if is_integer(self.seed) else numbers
 

@@ -103,6 +103,10 @@ class WindField(Tree):
     def __add__(self, other: Any) -> WindField:
         return WindSum(self, other) if isinstance(other, WindField) else NotImplemented
 
+    def __radd__(self, other: Any) -> WindField:
+        """What `sum` begins with is no wind."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
+
 
 @dataclass(frozen=True, eq=False)
 class WindSum(WindField):

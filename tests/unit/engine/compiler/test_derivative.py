@@ -62,6 +62,9 @@ SCALARS = {
     "clamp": lambda x, y: x.clamp(-0.5, 0.5) * y,
     "floor": lambda x, y: x.floor() * y,
     "pow": lambda x, y: x**3 / y**2,
+    "pick": lambda x, y: torch.gather(
+        torch.stack((x, y, x * y, y * y), -1), -1, (x.abs() * 2).long().clamp(0, 3)[..., None]
+    )[..., 0],
 }
 
 

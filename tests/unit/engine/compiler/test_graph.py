@@ -78,6 +78,12 @@ def test_rules_of_logic(g, xy):
     )
 
 
+def test_a_pick_of_what_is_known_is_what_is_there(g, xy):
+    x, y = xy
+    assert g.make("pick", g.one, x, y, x) == y
+    assert g.make("pick", y, x, x, x) == x and g.ops[g.make("pick", y, x, y)] == "pick"
+
+
 @pytest.mark.parametrize(
     ("op", "args", "value"),
     [

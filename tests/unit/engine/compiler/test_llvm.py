@@ -257,6 +257,35 @@ def test_lanes_do_not_mix(name):
     assert any(x[3].isnan().any() for x in spoilt.values())
 
 
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_numbers_of_a_table_are_loaded_from_where_they_lie(lanes, dtype):
+    """Each lane its own, without a comparison, and computed numbers by comparisons: to the bit as
+    torch has them. Beyond the table, and at NaN, which torch refuses: numbers of the table.
+    """
+    torch.manual_seed(0)
+
+    def column(rows, k):
+        return torch.gather(rows, 0, k.long()[None, None].expand(1, 3))[0]
+
+    given = {"rows": torch.randn(lanes, 5, 3).to(dtype), "k": (torch.arange(lanes) % 5).to(dtype)}
+    form = {"rows": torch.randn(5, 3), "k": torch.tensor(2.0)}
+    table = trace(column, form)
+    computed = trace(lambda rows, k: column(rows.abs(), k), form)
+    for function in (table, computed):
+        found, expected = native(function, given, dtype), evaluate(function, given)
+        assert torch.equal(found["out"], expected["out"])
+    text = {}
+    for name, function in {"table": table, "computed": computed}.items():
+        module = Module(lanes, dtype)
+        module.define("column", function)
+        text[name] = module.text()
+    assert "fcmp oeq" not in text["table"] and "fcmp oeq" in text["computed"]
+    for beyond, row in {math.nan: 0, -7.0: 0, math.inf: 4, 9.0: 4}.items():
+        found = native(table, given | {"k": torch.full_like(given["k"], beyond)}, dtype)
+        assert torch.equal(found["out"], given["rows"][:, row])
+
+
 def test_gradients_are_compiled_too():
     torch.manual_seed(0)
     function, inputs = cases()["element in a plane"]
