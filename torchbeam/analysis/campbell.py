@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.arguments import boolean, choice, instance, instant
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
-from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
 from ..linear.bearing import Bearing
 from ..linear.multiblade import SpinningModel, spinning_model
-from ..linear.periodic import HARMONICS, NONE, ORDER, exponents, fastest
+from ..linear.periodic import NONE, fastest
 from ..linear.spinning import drawn, steady_spin
+from ..linear.spinning_modes import (
+    EQUAL,
+    SpinningModes,
+    constant_modes,
+    floquet_modes,
+    multiblade_modes,
+)
 from ..linear.steady_check import check_steady
 from ..linear.whirl import names_of, tracked, whirl
-from ..math.eigen_derivatives import attach, upright
-from ..math.quadratic_eigen import Pairs, slowest
+from ..math.eigen_derivatives import upright
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
@@ -31,11 +35,7 @@ from ..uncertainty.progress import Report
 from .campbell_diagram import Campbell
 
 METHODS = ("auto", "multiblade", "floquet")
-SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
-# of an eigenvalue: what the azimuth changes of it where blades are equal
-EQUAL = 1e-7
 LEAST_STEPS = 8
-ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 
 
 def campbell(
@@ -83,8 +83,8 @@ def campbell(
 
     Raises:
         ValueError: for a scene without such a bearing, a rotor that is held otherwise, loads that
-            change with the azimuth, internal states of loads, unequal blades with
-            method="multiblade", and steps too long for the modes asked for.
+            change with the azimuth, unequal blades with method="multiblade", and steps too long for
+            the modes asked for.
         RuntimeError: for a speed without a steady state.
 
     Examples:
@@ -104,75 +104,77 @@ def campbell(
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        return _diagram(
-            scene, speeds, values, time, (bearing, held, count, method, steps, progress)
-        )
+        spun = Bearing.of(scene, bearing, held)
+        spinning = _spinning(spun, speeds, values, time)
+        report = progress_of(progress, len(speeds))
+        done = (lambda n: None) if report is None else (lambda n: report.add(n, 0, False))
+        modes, used = _modes(spinning, count, method, steps, done)
+        return _diagram(spun, spinning, modes, count, used, steps)
 
     return in_double(diagram, scene, None, speeds, values, time)
 
 
 def _speeds(speeds: Any, scene: Scene) -> Tensor:
     """(n, 1, ...) rad/s, before the scene's batch axes. Raises ValueError for other speeds, and a
-    scene without a sample or with loads that remember.
+    scene without a sample.
     """
     if not scene.batch_shape.numel():
         empty = f"a scene with the batch axes {tuple(scene.batch_shape)}, without a sample,"
         raise refusal(empty, "one or more", are=True)
-    if any(scene.internal_states):
-        raise ValueError(
-            "loads with internal states were given to campbell; ones without are wanted"
-        )
     x = finite("speeds", as_tensor(speeds, scene.dtype, scene.device))
     if x.ndim != 1 or len(x) < 1 or bool(concrete(x[1:] <= x[:-1]).any()) or bool(x[0] < 0):
         raise refusal(f"speeds = {shown(speeds)}", "rising numbers (n,) from 0 on", are=True)
     return x.reshape(-1, *(1,) * len(scene.batch_shape))
 
 
-def _diagram(
-    scene: Scene, speeds: Tensor, values: Inputs, time: Tensor, options: tuple[Any, ...]
-) -> Campbell:
-    which, held, count, method, steps, progress = options
-    bearing = Bearing.of(scene, which, held)
+def _spinning(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> SpinningModel:
+    """Small motions about the steady state at speeds (n, ...) rad/s."""
     start = drawn(bearing, speeds, time, values)
     check_steady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)
     check_steady(bearing, problem, x)
-    spinning = spinning_model(bearing, problem, x, state, speeds)
-    free = spinning.M.shape[-1]
-    if count > free:
-        raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")
-    several = min(count + SPARE, free)
-    M, D, K = spinning.constant()
-    derivatives = wants_gradient(M, D, K)
-    with no_derivatives():
-        pairs = _finite(slowest(M, D, K, several, False, derivatives), count)
-        periodic = _periodic(spinning, pairs.eigenvalue, pairs.right)
-    unequal = bool(concrete(periodic > EQUAL).any())
+    return spinning_model(bearing, problem, x, state, speeds)
+
+
+def _modes(
+    spinning: SpinningModel, count: int, method: str, steps: int, done: Callable[[int], None]
+) -> tuple[SpinningModes, str]:
+    """`count` modes and some to spare, and by which method."""
+    pairs, periodic = constant_modes(spinning, count)
+    unequal = periodic > EQUAL
     if unequal and method == "multiblade":
         raise ValueError(
             "method = 'multiblade' was given for a rotor whose coefficients change with the "
-            f"azimuth, by {concrete(periodic).max().item():.1g} of an eigenvalue; three or more "
-            "equal blades, or method='floquet', are wanted"
+            f"azimuth, by {periodic:.1g} of an eigenvalue; three or more equal blades, or "
+            "method='floquet', are wanted"
         )
-    if method == "floquet" or unequal:
-        method = "floquet"
-        at_rest = pairs.eigenvalue, pairs.right
-        value, shape, error = _floquet(
-            spinning, at_rest, steps, min(count + SPARE, 2 * free), progress
-        )
-    else:
-        method = "multiblade"
-        value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, pairs.right)
-        value, shape = value[..., None], shape[..., None, :]
-        error = torch.zeros_like(value.real)
-    space, moves, shape = bearing.model.space, spinning.moves, shape.flatten(-3, -2)
-    moves = moves.to(shape.dtype)
+    if method != "floquet" and not unequal:
+        return multiblade_modes(spinning, pairs), "multiblade"
+    return floquet_modes(spinning, pairs, steps, count, done), "floquet"
+
+
+def _diagram(
+    bearing: Bearing,
+    spinning: SpinningModel,
+    modes: SpinningModes,
+    count: int,
+    method: str,
+    steps: int,
+) -> Campbell:
+    """`count` modes over the speeds, each in a column, by names."""
+    space, spinning = bearing.model.space, spinning.mechanical
+    speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
+    value, shape, error, about = modes
+    shape, moves = (
+        shape.flatten(-3, -2)[..., : spinning.M.shape[-1]],
+        spinning.moves.to(shape.dtype),
+    )
     with no_derivatives():
         nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
         unit = bearing.model.unit[..., None, None, :]
-        index = tracked(speeds.flatten(), value, (nodal / unit).flatten(-2), count)
+        index = tracked(speeds, value, (nodal / unit).flatten(-2), count)
     value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
-    _refuse_few_steps(speeds, value, pairs.eigenvalue[..., :count], steps)
+    _refuse_few_steps(speeds, value, about[..., :count], steps)
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
     below = value.imag < 0
     value = torch.where(below, value.conj(), value)
@@ -185,84 +187,17 @@ def _diagram(
     if space.unknowns < 6:
         eye = torch.eye(space.unknowns, dtype=spinning.M.dtype, device=nodal.device)
         nodal = nodal @ space.embed(eye).to(nodal.dtype)
-    return Campbell(speeds.flatten(), value, nodal, turning, names, error, method)
-
-
-def _finite(pairs: Pairs, count: int) -> Pairs:
-    """Those that all speeds and samples have: coordinates without inertia have none. ValueError
-    where they are less than `count`.
-    """
-    known = int(concrete(torch.isfinite(pairs.eigenvalue)).sum(-1).min())
-    if count > known:
-        raise refusal(f"count = {count}", f"at most {known}, all modes of the scene,")
-    parts = (x if x is None else x[..., :known] for x in pairs[3:])
-    rows = (x if x is None else x[..., :known, :] for x in pairs[1:3])
-    return Pairs(pairs.eigenvalue[..., :known], *rows, *parts)
+    return Campbell(speeds, value, nodal, turning, names, error, method)
 
 
 def _refuse_few_steps(speeds: Tensor, value: Tensor, near: Tensor, steps: int) -> None:
     """ValueError where steps of a turn do not tell all modes (n, ..., count); near: about these."""
     none = concrete((value.detach().abs() > abs(NONE) / 2).flatten(1).any(-1))
     if none.any():
-        slow = concrete(speeds).flatten()[none].min().item()
-        turns = (concrete(near).abs() / concrete(speeds)[..., None])[none].max().item()
+        slow, turns = concrete(speeds)[none].min().item(), concrete(near).abs().flatten(1).amax(-1)
+        turns = (turns / concrete(speeds))[none].max().item()
         wanted = max(2 * steps, math.ceil(turns * steps / fastest(torch.ones(()), steps).item()))
         modes = f"{near.shape[-1]} modes at {slow:g} rad/s"
         raise refusal(
             f"steps = {steps} of a turn for {modes}", f"steps = {wanted} or fewer modes", are=True
         )
-
-
-def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
-    """(...) of an eigenvalue: the most that coefficients that change with the azimuth would move
-    one, or couple two.
-    """
-    (M, D, _), W = spinning.constant(), spinning.speed[..., None, None]
-    v, by = right.mT, value[..., None, :]
-    slope = ((v.conj() * (2 * by * (M.to(v.dtype) @ v) + D.to(v.dtype) @ v)).sum(-2)).abs()
-    size = (slope[..., :, None] * slope[..., None, :]).sqrt()
-    most = torch.zeros_like(value.real[..., 0])
-    at = torch.tensor((0.7, 1.9), dtype=most.dtype, device=most.device)
-    change = (A - B for A, B in zip(spinning.periodic(at), spinning.constant(), strict=True))
-    for M, D, K in zip(*change, strict=True):
-        M, D, K = (A.to(v.dtype) for A in (M, D, K))
-        coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
-        share = coupling / size / torch.maximum(by.abs(), W)
-        share = torch.where(torch.isfinite(share), share, 0.0)
-        most = torch.maximum(most, share.amax((-1, -2)))
-    return most
-
-
-def _floquet(
-    spinning: SpinningModel, at_rest: tuple[Tensor, Tensor], steps: int, count: int, progress: Any
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Exponents (n, ..., m, h), shapes, and the error 1/s of the steps, by the largest harmonics of
-    each motion; at_rest: eigenvalues and shapes where nothing turns.
-    """
-    n, more = spinning.M.shape[-1], count - at_rest[0].shape[-1]
-    report = progress_of(progress, len(spinning.speed))
-    first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
-    value, shape = at_rest[0][:first], at_rest[1][:first]
-    value = torch.cat(
-        (value, torch.full_like(value[..., :1], NONE).expand(*value.shape[:-1], more)), -1
-    )
-    value, shape = value[..., None], pad(shape, (0, 0, 0, more))[..., None, :]
-    value, shape = (
-        value.expand(*value.shape[:-1], HARMONICS),
-        shape.repeat_interleave(HARMONICS, -2),
-    )
-    results = [(value, shape, torch.zeros_like(value.real))] if first else []
-    size = spinning.speed[0].numel() * steps * 4 * n**2
-    at_once = max(1, ROOM // size)
-    for k in range(first, len(spinning.speed), at_once):
-        some = spinning.at(slice(k, k + at_once))
-        of, limit = (some.periodic, some.speed), fastest(some.speed, steps)
-        value, shape = exponents(*of, steps, count, limit)
-        with no_derivatives():
-            coarse = exponents(*of, steps // 2, count, limit).exponent.flatten(-2)
-            apart = (value[..., :1] - coarse[..., None, :]).abs().amin(-1, keepdim=True)
-            error = apart.expand(value.shape) / (2**ORDER - 1)
-        results.append((value, shape, error))
-        if report is not None:
-            report.add(len(value), 0, False)
-    return tuple(torch.cat(x) for x in zip(*results, strict=True))

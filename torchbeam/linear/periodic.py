@@ -57,10 +57,11 @@ def fastest(speed: Tensor, steps: int) -> Tensor:
 
 
 def exponents(
-    matrices: Matrices, speed: Tensor, steps: int, count: int, limit: Tensor
+    matrices: Matrices, speed: Tensor, steps: int, count: int, limit: Tensor, states: int = 0
 ) -> Exponents:
     """Of M, D, K (s, ..., n, n) = matrices(psi), psi (s,), at speeds (...), the `count` slowest,
-    one of each pair, NONE where there are no more below a limit (...) rad/s.
+    one of each pair, NONE where there are no more below a limit (...) rad/s. The last `states`
+    coordinates have no inertia.
     """
     maps = _maps(matrices, speed, steps)
     n = maps.shape[-1] // 2
@@ -73,7 +74,9 @@ def exponents(
     g, rate = u[..., :n, :], u[..., n:, :]
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
     M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0].detach().to(harmonics.dtype)
-    size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
+    moves = harmonics[..., : n - states, :]
+    M = M[..., : n - states, : n - states]
+    size = (moves.conj() * (M @ moves)).real.sum(-2)  # (steps, ..., 2 n)
     most, k = size.topk(HARMONICS, dim=0)
     shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
     lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair
