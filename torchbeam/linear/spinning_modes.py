@@ -19,9 +19,9 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.validation import concrete, refusal
 from ..math.eigen_derivatives import attach
-from ..math.quadratic_eigen import Pairs, slowest
+from ..math.quadratic_eigen import STRAIGHT, Pairs, slowest
 from .multiblade import SpinningModel
-from .periodic import HARMONICS, NONE, ORDER, exponents, fastest
+from .periodic import HARMONICS, NONE, ORDER, UNSEEN, exponents, fastest
 from .whirl import whirl
 
 SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
@@ -29,7 +29,6 @@ SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 EQUAL = 1e-7
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 APERIODIC = 0.95  # damping ratio from which on a motion does not oscillate
-UNSEEN = 1e-16  # of a motion's squares: moves that are rounding
 
 
 class SpinningModes(NamedTuple):
@@ -58,7 +57,8 @@ def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float]:
             pairs = _finite(slowest(M, D, K, several, False, derivatives), count)
         else:
             pairs = slowest(M, D, K, M.shape[-1], False, derivatives, spinning.states)
-            at, swings = _swinging(spinning, pairs.eigenvalue, pairs.right)
+            upper = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
+            at, swings = _swinging(spinning, upper, pairs.right)
             known = int(concrete(swings.sum(-1)).min())
             pairs = _finite(_taken(pairs, at[..., : max(count, min(several, known))]), count)
         change = _periodic(spinning, pairs.eigenvalue, pairs.right)
@@ -76,14 +76,16 @@ def multiblade_modes(spinning: SpinningModel, pairs: Pairs) -> SpinningModes:
 
 def _swinging(spinning: SpinningModel, value: Tensor, shape: Tensor) -> tuple[Tensor, Tensor]:
     """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first those of motions that
-    oscillate or grow, one of each pair, the slowest first; and which are such (..., m) bool.
+    oscillate or grow, the slowest first, NONE last; and which are such (..., m) bool.
     """
     moves = shape[..., : -spinning.states]
-    harmonic = whirl(spinning, moves).round()
+    harmonic = whirl(spinning.mechanical, moves).round()
     seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
     size = (value - 1j * spinning.speed[..., None] * harmonic).abs()
-    swings = seen & (value.imag >= 0) & torch.isfinite(value.abs()) & (value.abs() < abs(NONE) / 2)
+    least = STRAIGHT * torch.maximum(value.abs(), spinning.speed[..., None])
+    swings = (value.imag.abs() > least) | (value.real > least)
     swings = swings & (value.real > -APERIODIC * size)
+    swings = swings & seen & (value.abs() < abs(NONE) / 2)
     order = value.abs().nan_to_num(torch.inf).argsort(dim=-1, stable=True)
     last = (~swings).to(torch.int8).gather(-1, order).argsort(dim=-1, stable=True)
     return order.gather(-1, last), swings
@@ -146,7 +148,7 @@ def floquet_modes(
     for k in range(first, len(spinning.speed), at_once):
         some = spinning.at(slice(k, k + at_once))
         of, limit = (some.periodic, some.speed), fastest(some.speed, steps)
-        wanted = 2 * spinning.M.shape[-1] if spinning.states else several
+        wanted = 2 * free + spinning.states if spinning.states else several
         value, shape = exponents(*of, steps, wanted, limit, spinning.states)
         if spinning.states:
             value, shape = _swinging_exponents(some, value, shape, several, count)
