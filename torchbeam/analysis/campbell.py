@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,10 +12,12 @@ from torch import Tensor
 from ..core.arguments import boolean, choice, instance, instant
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
+from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
 from ..linear.bearing import Bearing
 from ..linear.multiblade import SpinningModel, spinning_model
-from ..linear.periodic import NONE, fastest
+from ..linear.periodic import NONE, Exponents, fastest
+from ..linear.periodic_orbit import orbit_exponents
 from ..linear.spinning import drawn, steady_spin
 from ..linear.spinning_modes import (
     EQUAL,
@@ -24,18 +26,20 @@ from ..linear.spinning_modes import (
     floquet_modes,
     multiblade_modes,
 )
-from ..linear.steady_check import check_steady
+from ..linear.steady_check import unsteady
 from ..linear.whirl import names_of, tracked, whirl
 from ..math.eigen_derivatives import upright
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
+from ..state.state import State
 from ..uncertainty.evaluation import progress_of
 from ..uncertainty.progress import Report
 from .campbell_diagram import Campbell
 
 METHODS = ("auto", "multiblade", "floquet")
 LEAST_STEPS = 8
+ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
 
 
 def campbell(
@@ -104,12 +108,11 @@ def campbell(
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        spun = Bearing.of(scene, bearing, held)
-        spinning = _spinning(spun, speeds, values, time)
+        spin = _spin(Bearing.of(scene, bearing, held), speeds, values, time)
         report = progress_of(progress, len(speeds))
         done = (lambda n: None) if report is None else (lambda n: report.add(n, 0, False))
-        modes, used = _modes(spinning, count, method, steps, done)
-        return _diagram(spun, spinning, modes, count, used, steps)
+        modes, used = _modes(spin, values, count, method, steps, done)
+        return _diagram(spin, modes, count, used, steps)
 
     return in_double(diagram, scene, None, speeds, values, time)
 
@@ -127,20 +130,40 @@ def _speeds(speeds: Any, scene: Scene) -> Tensor:
     return x.reshape(-1, *(1,) * len(scene.batch_shape))
 
 
-def _spinning(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> SpinningModel:
-    """Small motions about the steady state at speeds (n, ...) rad/s."""
+class Spin(NamedTuple):
+    """Steady spin at speeds (n, ...) rad/s, small motions about it, and what else moves the rotor
+    over a turn, in words; None = nothing does.
+    """
+
+    bearing: Bearing
+    state: State
+    model: SpinningModel
+    unsteady: str | None
+
+
+def _spin(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
     start = drawn(bearing, speeds, time, values)
-    check_steady(bearing, *start)
+    reason = unsteady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)
-    check_steady(bearing, problem, x)
-    return spinning_model(bearing, problem, x, state, speeds)
+    reason = reason or unsteady(bearing, problem, x)
+    return Spin(bearing, state, spinning_model(bearing, problem, x, state, speeds), reason)
 
 
 def _modes(
-    spinning: SpinningModel, count: int, method: str, steps: int, done: Callable[[int], None]
+    spin: Spin, values: Inputs, count: int, method: str, steps: int, done: Callable[[int], None]
 ) -> tuple[SpinningModes, str]:
     """`count` modes and some to spare, and by which method."""
+    bearing, spinning = spin.bearing, spin.model
     pairs, periodic = constant_modes(spinning, count)
+    if spin.unsteady is not None:
+        _refuse_unsteady(spin, method)
+        state = spin.state.broadcast(spinning.speed.shape)
+
+        def orbit(k: int, steps: int, count: int, limit: Tensor) -> Exponents:
+            of = bearing, spinning.at(k), state[k], values, ORBIT_STEPS * steps
+            return orbit_exponents(*of, count, limit)
+
+        return floquet_modes(spinning, pairs, steps, count, done, orbit), "floquet"
     unequal = periodic > EQUAL
     if unequal and method == "multiblade":
         raise ValueError(
@@ -148,21 +171,36 @@ def _modes(
             f"azimuth, by {periodic:.1g} of an eigenvalue; three or more equal blades, or "
             "method='floquet', are wanted"
         )
-    if method != "floquet" and not unequal:
-        return multiblade_modes(spinning, pairs), "multiblade"
-    return floquet_modes(spinning, pairs, steps, count, done), "floquet"
+    if method == "floquet" or unequal:
+        return floquet_modes(spinning, pairs, steps, count, done), "floquet"
+    return multiblade_modes(spinning, pairs), "multiblade"
 
 
-def _diagram(
-    bearing: Bearing,
-    spinning: SpinningModel,
-    modes: SpinningModes,
-    count: int,
-    method: str,
-    steps: int,
-) -> Campbell:
+def _refuse_unsteady(spin: Spin, method: str) -> None:
+    """ValueError for a rotor without a steady state where one is wanted."""
+    options = {
+        "method='multiblade'": method == "multiblade",
+        "held=False": spin.bearing.damping is not None,
+        "several bearings": bool(spin.bearing.others),
+    }
+    for option, taken in options.items():
+        if taken:
+            raise ValueError(
+                f"{spin.unsteady} was given to campbell with {option}; method='floquet', a speed "
+                "that is held and one bearing are wanted, or loads that turn with the rotor or act "
+                "along its axis"
+            )
+    if wants_gradient(spin.model.M, spin.model.D, spin.model.K):
+        raise ValueError(
+            f"{spin.unsteady} was given to campbell with derivatives, which periodic motions do "
+            "not have; tensors without gradient are wanted"
+        )
+
+
+def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: int) -> Campbell:
     """`count` modes over the speeds, each in a column, by names."""
-    space, spinning = bearing.model.space, spinning.mechanical
+    bearing, spinning = spin.bearing, spin.model.mechanical
+    space = bearing.model.space
     speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
     value, shape, error, about = modes
     shape, moves = (

@@ -53,7 +53,8 @@ class SpinningModel(Tree):
     """M, D, K (..., n, n) of coordinates g that do not spin, at psi = 0: of supports, and b.
 
     M_r, D_r, K_r (..., m, m) of the rotor, r = B g at psi = 0, B (..., m, n);  S (..., m, m)
-    moves (..., w nodes, n): of all nodes by g, at psi = 0
+    moves (..., w nodes, n): of all nodes by g, at psi = 0;  Z (..., w nodes, m): of the rotor's
+            by r
     states  how many internal states come last, of g and of r
     order   by which part of a turn the rotor comes onto itself, 0 = by none from a third on
     bladed  whether parts of the rotor lie off the axis
@@ -70,9 +71,11 @@ class SpinningModel(Tree):
     B: Tensor = leaf(2)
     S: Tensor = leaf(2)
     moves: Tensor = leaf(2)
+    Z: Tensor = leaf(2)
     order: int
     bladed: bool
     harmonics: int
+    nodes: int
     states: int = 0
 
     @cached
@@ -84,7 +87,16 @@ class SpinningModel(Tree):
             name: getattr(self, name) for name in ("M", "D", "K", "M_r", "D_r", "K_r", "B", "S")
         }
         cut = {name: X[..., : -self.states, : -self.states] for name, X in square.items()}
-        return replace(self, **cut, moves=self.moves[..., : -self.states], states=0)
+        cut |= {name: getattr(self, name)[..., : -self.states] for name in ("moves", "Z")}
+        return replace(self, **cut, states=0)
+
+    def moves_at(self, psi: Tensor) -> Tensor:
+        """Those of all nodes by g (s, ..., w nodes, n), frame a, at azimuths psi (s,)."""
+        w, psi = self.moves.shape[-2] // self.nodes, psi.reshape(-1, *(1,) * self.S.ndim)
+        turn = torch.linalg.matrix_exp(psi * self.S[..., :w, :w])[..., None, :, :]
+        moves = self.Z @ torch.linalg.matrix_exp(-psi * self.S) @ self.B
+        moves = (turn @ moves.unflatten(-2, (self.nodes, w))).flatten(-3, -2)
+        return self.moves - self.Z @ self.B + moves
 
     def at(self, k: int | slice | tuple[int, ...]) -> SpinningModel:
         """Of one speed, of some, or of one sample of one."""
@@ -181,9 +193,11 @@ def spinning_model(
         B,
         block_diagonal(X, S_b),
         moves[..., : len(node), :],
+        Z[..., : len(node), :],
         order,
         bladed,
         2 * max(1, (order - 1) // 2),
+        model.node_count,
         states,
     )
 

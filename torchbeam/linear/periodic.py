@@ -68,17 +68,35 @@ def exponents(
     """
     maps = _maps(matrices, speed, steps, states)
     n = (maps.shape[-1] + states) // 2
-    multiplier, vectors = torch.linalg.eig(maps[-1])
+    M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0]
+    moved, rates = maps[:-1, ..., :n, :], maps[:-1, ..., n:, :]
+    return of_turn(maps[-1], moved, rates, M, speed, count, limit, states)
+
+
+def of_turn(
+    turn: Tensor,
+    g: Tensor,
+    rate: Tensor,
+    M: Tensor,
+    speed: Tensor,
+    count: int,
+    limit: Tensor,
+    states: int,
+) -> Exponents:
+    """The same of the map over a turn (..., m, m), and what that makes of g, with internal states
+    behind, and of rates, (steps, ..., n, m) and (steps, ..., r, m) at as many azimuths.
+    """
+    steps, n = len(g), g.shape[-2]
+    multiplier, vectors = torch.linalg.eig(turn)
     period = 2 * math.pi / speed.abs()[..., None]
     principal = torch.log(multiplier) / period
     at = torch.arange(steps, device=speed.device) * (period[..., None] / steps)  # (..., 1, steps)
-    decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)  # (steps, ..., 2 n)
-    u = (maps[:-1].to(vectors.dtype) @ vectors) * decay[..., None, :]
-    g, moves, rate = u[..., :n, :], u[..., : n - states, :], u[..., n:, :]
+    decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)[..., None, :]
+    g, rate = (X.to(vectors.dtype) @ vectors * decay for X in (g, rate))  # (steps, ..., n, m)
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
-    M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0].detach().to(harmonics.dtype)
-    M, of_moves = M[..., : n - states, : n - states], harmonics[..., : n - states, :]
-    size = (of_moves.conj() * (M @ of_moves)).real.sum(-2)  # (steps, ..., 2 n)
+    moves, of_moves = g[..., : n - states, :], harmonics[..., : n - states, :]
+    M = M[..., : n - states, : n - states].detach().to(harmonics.dtype)
+    size = (of_moves.conj() * (M @ of_moves)).real.sum(-2)  # (steps, ..., m)
     most, k = size.topk(HARMONICS, dim=0)
     shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
     lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair

@@ -9,7 +9,7 @@ come last.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,14 +21,18 @@ from ..core.validation import concrete, refusal
 from ..math.eigen_derivatives import attach
 from ..math.quadratic_eigen import STRAIGHT, Pairs, slowest
 from .multiblade import SpinningModel
-from .periodic import HARMONICS, NONE, ORDER, UNSEEN, exponents, fastest
+from .periodic import HARMONICS, NONE, ORDER, UNSEEN, Exponents, exponents, fastest
 from .whirl import whirl
 
 SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
 EQUAL = 1e-7
+MIDPOINT = 2  # order of the steps of an orbit
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 APERIODIC = 0.95  # damping ratio from which on a motion does not oscillate
+
+
+Orbit = Callable[[int, int, int, Tensor], Exponents]
 
 
 class SpinningModes(NamedTuple):
@@ -134,28 +138,44 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
 
 
 def floquet_modes(
-    spinning: SpinningModel, pairs: Pairs, steps: int, count: int, done: Callable[[int], None]
+    spinning: SpinningModel,
+    pairs: Pairs,
+    steps: int,
+    count: int,
+    done: Callable[[int], None],
+    orbit: Orbit | None = None,
 ) -> SpinningModes:
     """Exponents by so many steps a turn; pairs: those where nothing turns. `done` is called with
-    how many speeds more are.
+    how many speeds more are. orbit(k, steps, count, limit): those of a motion that changes over the
+    turn, at the k-th speed, by steps of second order.
     """
     free = spinning.mechanical.M.shape[-1]
     several = min(count + SPARE, 2 * free)
     first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
     results = [_at_rest(pairs, several, first)] if first else []
     size = spinning.speed[0].numel() * steps * 4 * spinning.M.shape[-1] ** 2
-    at_once = max(1, ROOM // size)
+    at_once = max(1, ROOM // size) if orbit is None else 1
+    wanted = 2 * free + spinning.states if spinning.states else several
     for k in range(first, len(spinning.speed), at_once):
         some = spinning.at(slice(k, k + at_once))
-        of, limit = (some.periodic, some.speed), fastest(some.speed, steps)
-        wanted = 2 * free + spinning.states if spinning.states else several
-        value, shape = exponents(*of, steps, wanted, limit, spinning.states)
+        limit = fastest(some.speed, steps)
+
+        def by(steps: int, k: int = k, some: SpinningModel = some, limit: Tensor = limit) -> Any:
+            if orbit is not None:
+                return (x[None] for x in orbit(k, steps, wanted, limit[0]))
+            return exponents(some.periodic, some.speed, steps, wanted, limit, spinning.states)
+
+        value, shape = by(steps)
         if spinning.states:
             value, shape = _swinging_exponents(some, value, shape, several, count)
         with no_derivatives():
-            coarse = exponents(*of, steps // 2, wanted, limit, spinning.states).exponent.flatten(-2)
-            apart = (value[..., :1] - coarse[..., None, :]).abs().amin(-1, keepdim=True)
-            error = apart.expand(value.shape) / (2**ORDER - 1)
+            coarse = next(iter(by(steps // 2))).flatten(-2)
+            apart = coarse[..., None, :] - value[..., :1]
+            apart = apart.gather(-1, apart.abs().argmin(-1, keepdim=True))
+            share = 2 ** (ORDER if orbit is None else MIDPOINT) - 1
+            error = (apart.abs() / share).expand(value.shape)
+        if orbit is not None:
+            value = value - apart / share
         results.append((value, shape, error))
         done(len(value))
     return SpinningModes(*map(torch.cat, zip(*results, strict=True)), pairs.eigenvalue)
