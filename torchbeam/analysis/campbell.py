@@ -32,7 +32,7 @@ from ..math.eigen_derivatives import upright
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
-from ..state.state import State
+from ..state.state import State, rest
 from ..uncertainty.evaluation import progress_of
 from ..uncertainty.progress import Report
 from .campbell_diagram import Campbell
@@ -132,13 +132,15 @@ def _speeds(speeds: Any, scene: Scene) -> Tensor:
 
 class Spin(NamedTuple):
     """Steady spin at speeds (n, ...) rad/s, small motions about it, and what else moves the rotor
-    over a turn, in words; None = nothing does.
+    over a turn, in words; None = nothing does. drawn: small motions about the shape as drawn, whose
+    coordinates are those of the modes where something does: there blades are alike.
     """
 
     bearing: Bearing
     state: State
     model: SpinningModel
     unsteady: str | None
+    drawn: SpinningModel
 
 
 def _spin(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
@@ -146,7 +148,10 @@ def _spin(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spi
     reason = unsteady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)
     reason = reason or unsteady(bearing, problem, x)
-    return Spin(bearing, state, spinning_model(bearing, problem, x, state, speeds), reason)
+    model = as_drawn = spinning_model(bearing, problem, x, state, speeds)
+    if reason is not None:
+        as_drawn = spinning_model(bearing, *start, rest(bearing.model.scene), speeds)
+    return Spin(bearing, state, model, reason, as_drawn)
 
 
 def _modes(
@@ -160,10 +165,11 @@ def _modes(
         state = spin.state.broadcast(spinning.speed.shape)
 
         def orbit(k: int, steps: int, count: int, limit: Tensor) -> Exponents:
-            of = bearing, spinning.at(k), state[k], values, ORBIT_STEPS * steps
+            of = bearing, spin.drawn.at(k), state[k], values, ORBIT_STEPS * steps
             return orbit_exponents(*of, count, limit)
 
-        return floquet_modes(spinning, pairs, steps, count, done, orbit), "floquet"
+        pairs = pairs._replace(right=_in_coordinates_of(spin.drawn, spinning, pairs.right))
+        return floquet_modes(spin.drawn, pairs, steps, count, done, orbit), "floquet"
     unequal = periodic > EQUAL
     if unequal and method == "multiblade":
         raise ValueError(
@@ -174,6 +180,13 @@ def _modes(
     if method == "floquet" or unequal:
         return floquet_modes(spinning, pairs, steps, count, done), "floquet"
     return multiblade_modes(spinning, pairs), "multiblade"
+
+
+def _in_coordinates_of(other: SpinningModel, spinning: SpinningModel, shape: Tensor) -> Tensor:
+    """Shapes (..., m, n) of one model in the coordinates of another one."""
+    n = spinning.mechanical.M.shape[-1]
+    to = torch.linalg.pinv(other.mechanical.moves) @ spinning.mechanical.moves
+    return torch.cat(((to.to(shape.dtype) @ shape[..., :n].mT).mT, shape[..., n:]), -1)
 
 
 def _refuse_unsteady(spin: Spin, method: str) -> None:
@@ -199,7 +212,7 @@ def _refuse_unsteady(spin: Spin, method: str) -> None:
 
 def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: int) -> Campbell:
     """`count` modes over the speeds, each in a column, by names."""
-    bearing, spinning = spin.bearing, spin.model.mechanical
+    bearing, spinning = spin.bearing, spin.drawn.mechanical
     space = bearing.model.space
     speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
     value, shape, error, about = modes

@@ -6,7 +6,7 @@ the orbit as its fixed point: Newton's method finds it (shooting). Central diffe
 steps, all as one batch, give the derivative of the map, whose eigenvalues tell Floquet's exponents,
 and what becomes of small motions on the way.
 
-Coordinates of a state are moves from that of the steady spin, with loads as at the azimuth 0, see
+Coordinates of a state are moves from the shape as drawn, in which equal blades are alike, see
 `Chart`.
 """
 
@@ -26,7 +26,7 @@ from ..dynamics.stepper import Stepper
 from ..math.block_matrices import block_diagonal
 from ..nodal.moves import move_between, remembered_count
 from ..scene.effects import Inputs
-from ..state.state import State
+from ..state.state import State, rest
 from .bearing import Bearing
 from .chart import Chart
 from .multiblade import SpinningModel
@@ -65,17 +65,15 @@ class Shooting:
     def of(
         cls, bearing: Bearing, spinning: SpinningModel, start: State, steps: int, inputs: Inputs
     ) -> Shooting:
-        """About the steady spin `start` at one speed."""
+        """From near the steady spin `start` at one speed; spinning: small motions as drawn."""
         scene, speed = bearing.model.scene, spinning.speed.flatten()[0]
         t, joints = start.t.flatten()[0], list(scene.joints)
         led = with_values(joints[bearing.joint], angle=lambda now: speed * (now - t))
         joints[bearing.joint] = led
         period = 2 * math.pi / speed.item()
+        moves = spinning.mechanical.moves
         stepper = Stepper(replace(scene, joints=joints), period / steps, tolerance=TOLERANCE)
-        still = replace(
-            start, velocity=torch.zeros_like(start.velocity), spin=torch.zeros_like(start.spin)
-        )
-        chart = Chart.of(bearing.model, still, spinning.mechanical.moves)
+        chart = Chart.of(bearing.model, rest(scene).broadcast(start.batch_shape), moves)
         states = remembered_count(start)
         return cls(bearing, spinning, chart, stepper, speed, steps, inputs, states)
 
