@@ -97,7 +97,7 @@ def test_lags_of_the_wake_are_in_the_map_over_a_turn():
 
 @pytest.mark.parametrize("options", [dict(method="multiblade"), dict(held=False)])
 def test_what_wants_a_steady_state_is_refused(options):
-    with pytest.raises(ValueError, match="change with its azimuth.*was given to campbell with"):
+    with pytest.raises(ValueError, match=r"change with its azimuth.*was given to campbell with"):
         tb.campbell(hinged(), [16.0], bearing=0, count=1, **options)
 
 

@@ -58,8 +58,8 @@ def campbell(
     """Frequencies and damping of a rotor on its support over the speed at which it spins.
 
     The rotor is all that hangs on the second part of a `Hinge`, the bearing. It spins at a
-    speed; the support stands. Small motions are about the steady state: blades under their
-    centrifugal loads, the support under the rotor's steady load.
+    speed; the support stands. Small motions are about the steady state, blades under their
+    centrifugal loads and the support under the rotor's, or about a periodic orbit.
 
     Args:
         scene: a structure in a frame at rest, drawn at the azimuth 0
@@ -73,23 +73,27 @@ def campbell(
         method: "multiblade": coordinates that do not spin, in which three and more equal blades
             have constant coefficients. "floquet": exponents over a turn, for two blades, unequal
             blades and shafts that are not round. "auto": multiblade where it is exact
-        steps: of a turn, of "floquet"; their error is of sixth order
+        steps: of a turn, of "floquet"; their error is of sixth order. A periodic orbit takes four
+            times as many, of fourth order
         t, inputs: of the loads, as in `equilibrium`
         progress: as in `monte_carlo`, of the speeds of "floquet"
 
     - **Frequencies** are those seen from the ground. Of two blades, of unequal ones, and of motions
       in which neighbours of an even number of blades move against each other, they are those of the
       harmonic that is largest in axes that turn with the blades.
-    - **Loads** on the rotor must look the same from it at every azimuth: no gravity across the
-      axis.
+    - **Loads** that change with the azimuth, as gravity across the axis, and a rotor out of balance
+      make a periodic orbit, about which small motions are then. It is found by "floquet", of a
+      speed that is held, and has no derivatives.
+    - **Internal states** of loads and of `Viscoelastic` are part of the motions. Motions that decay
+      without oscillating are then left out, as far as there are others.
     - **Derivatives** by all that the scene holds and by the speeds, where eigenvalues are distinct.
     - **Cost.** Dense: O(n^3) of all coordinates a speed; "floquet" that for every step of a turn.
 
     Raises:
         ValueError: for a scene without such a bearing, a rotor that is held otherwise, loads that
-            change with the azimuth, unequal blades with method="multiblade", and steps too long for
-            the modes asked for.
-        RuntimeError: for a speed without a steady state.
+            change with the azimuth or unequal blades with method="multiblade", and steps too long
+            for the modes asked for.
+        RuntimeError: for a speed without a steady state, or a periodic orbit.
 
     Examples:
         >>> disc = tb.Body(mass=2.0, inertia=(0.02, 0.01, 0.01), position=(1.0, 0, 0))
