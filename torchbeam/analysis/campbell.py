@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ..core.arguments import boolean, choice, instance, instant
 from ..core.arguments import count as check_count
@@ -17,25 +16,30 @@ from ..core.leaves import wants_gradient
 from ..core.validation import as_tensor, concrete, finite, refusal, shown
 from ..linear.bearing import Bearing
 from ..linear.multiblade import SpinningModel, spinning_model
-from ..linear.periodic import HARMONICS, NONE, ORDER, exponents, fastest
+from ..linear.periodic import NONE, Exponents, fastest
+from ..linear.periodic_orbit import orbit_exponents
 from ..linear.spinning import drawn, steady_spin
-from ..linear.steady_check import check_steady
+from ..linear.spinning_modes import (
+    EQUAL,
+    SpinningModes,
+    constant_modes,
+    floquet_modes,
+    multiblade_modes,
+)
+from ..linear.steady_check import unsteady
 from ..linear.whirl import names_of, tracked, whirl
-from ..math.eigen_derivatives import attach, upright
-from ..math.quadratic_eigen import Pairs, slowest
+from ..math.eigen_derivatives import upright
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
+from ..state.state import State, rest
 from ..uncertainty.evaluation import progress_of
 from ..uncertainty.progress import Report
 from .campbell_diagram import Campbell
 
 METHODS = ("auto", "multiblade", "floquet")
-SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
-# of an eigenvalue: what the azimuth changes of it where blades are equal
-EQUAL = 1e-7
 LEAST_STEPS = 8
-ROOM = 20_000_000  # numbers of maps over a turn that are held at once
+ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
 
 
 def campbell(
@@ -54,8 +58,8 @@ def campbell(
     """Frequencies and damping of a rotor on its support over the speed at which it spins.
 
     The rotor is all that hangs on the second part of a `Hinge`, the bearing. It spins at a
-    speed; the support stands. Small motions are about the steady state: blades under their
-    centrifugal loads, the support under the rotor's steady load.
+    speed; the support stands. Small motions are about the steady state, blades under their
+    centrifugal loads and the support under the rotor's, or about a periodic orbit.
 
     Args:
         scene: a structure in a frame at rest, drawn at the azimuth 0
@@ -69,23 +73,27 @@ def campbell(
         method: "multiblade": coordinates that do not spin, in which three and more equal blades
             have constant coefficients. "floquet": exponents over a turn, for two blades, unequal
             blades and shafts that are not round. "auto": multiblade where it is exact
-        steps: of a turn, of "floquet"; their error is of sixth order
+        steps: of a turn, of "floquet"; their error is of sixth order. A periodic orbit takes four
+            times as many, of fourth order
         t, inputs: of the loads, as in `equilibrium`
         progress: as in `monte_carlo`, of the speeds of "floquet"
 
     - **Frequencies** are those seen from the ground. Of two blades, of unequal ones, and of motions
       in which neighbours of an even number of blades move against each other, they are those of the
       harmonic that is largest in axes that turn with the blades.
-    - **Loads** on the rotor must look the same from it at every azimuth: no gravity across the
-      axis.
+    - **Loads** that change with the azimuth, as gravity across the axis, and a rotor out of balance
+      make a periodic orbit, about which small motions are then. It is found by "floquet", of a
+      speed that is held, and has no derivatives.
+    - **Internal states** of loads and of `Viscoelastic` are part of the motions. Motions that decay
+      without oscillating are then left out, as far as there are others.
     - **Derivatives** by all that the scene holds and by the speeds, where eigenvalues are distinct.
     - **Cost.** Dense: O(n^3) of all coordinates a speed; "floquet" that for every step of a turn.
 
     Raises:
         ValueError: for a scene without such a bearing, a rotor that is held otherwise, loads that
-            change with the azimuth, internal states of loads, unequal blades with
-            method="multiblade", and steps too long for the modes asked for.
-        RuntimeError: for a speed without a steady state.
+            change with the azimuth or unequal blades with method="multiblade", and steps too long
+            for the modes asked for.
+        RuntimeError: for a speed without a steady state, or a periodic orbit.
 
     Examples:
         >>> disc = tb.Body(mass=2.0, inertia=(0.02, 0.01, 0.01), position=(1.0, 0, 0))
@@ -104,75 +112,124 @@ def campbell(
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        return _diagram(
-            scene, speeds, values, time, (bearing, held, count, method, steps, progress)
-        )
+        spin = _spin(Bearing.of(scene, bearing, held), speeds, values, time)
+        report = progress_of(progress, len(speeds))
+        done = (lambda n: None) if report is None else (lambda n: report.add(n, 0, False))
+        modes, used = _modes(spin, values, count, method, steps, done)
+        return _diagram(spin, modes, count, used, steps)
 
     return in_double(diagram, scene, None, speeds, values, time)
 
 
 def _speeds(speeds: Any, scene: Scene) -> Tensor:
     """(n, 1, ...) rad/s, before the scene's batch axes. Raises ValueError for other speeds, and a
-    scene without a sample or with loads that remember.
+    scene without a sample.
     """
     if not scene.batch_shape.numel():
         empty = f"a scene with the batch axes {tuple(scene.batch_shape)}, without a sample,"
         raise refusal(empty, "one or more", are=True)
-    if any(scene.internal_states):
-        raise ValueError(
-            "loads with internal states were given to campbell; ones without are wanted"
-        )
     x = finite("speeds", as_tensor(speeds, scene.dtype, scene.device))
     if x.ndim != 1 or len(x) < 1 or bool(concrete(x[1:] <= x[:-1]).any()) or bool(x[0] < 0):
         raise refusal(f"speeds = {shown(speeds)}", "rising numbers (n,) from 0 on", are=True)
     return x.reshape(-1, *(1,) * len(scene.batch_shape))
 
 
-def _diagram(
-    scene: Scene, speeds: Tensor, values: Inputs, time: Tensor, options: tuple[Any, ...]
-) -> Campbell:
-    which, held, count, method, steps, progress = options
-    bearing = Bearing.of(scene, which, held)
+class Spin(NamedTuple):
+    """Steady spin at speeds (n, ...) rad/s, small motions about it, and what else moves the rotor
+    over a turn, in words; None = nothing does. drawn: small motions about the shape as drawn, whose
+    coordinates are those of the modes where something does: there blades are alike.
+    """
+
+    bearing: Bearing
+    state: State
+    model: SpinningModel
+    unsteady: str | None
+    drawn: SpinningModel
+
+
+def _spin(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
     start = drawn(bearing, speeds, time, values)
-    check_steady(bearing, *start)
+    reason = unsteady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)
-    check_steady(bearing, problem, x)
-    spinning = spinning_model(bearing, problem, x, state, speeds)
-    free = spinning.M.shape[-1]
-    if count > free:
-        raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")
-    several = min(count + SPARE, free)
-    M, D, K = spinning.constant()
-    derivatives = wants_gradient(M, D, K)
-    with no_derivatives():
-        pairs = _finite(slowest(M, D, K, several, False, derivatives), count)
-        periodic = _periodic(spinning, pairs.eigenvalue, pairs.right)
-    unequal = bool(concrete(periodic > EQUAL).any())
+    reason = reason or unsteady(bearing, problem, x)
+    model = as_drawn = spinning_model(bearing, problem, x, state, speeds)
+    if reason is not None:
+        as_drawn = spinning_model(bearing, *start, rest(bearing.model.scene), speeds)
+    return Spin(bearing, state, model, reason, as_drawn)
+
+
+def _modes(
+    spin: Spin, values: Inputs, count: int, method: str, steps: int, done: Callable[[int], None]
+) -> tuple[SpinningModes, str]:
+    """`count` modes and some to spare, and by which method."""
+    bearing, spinning = spin.bearing, spin.model
+    pairs, periodic = constant_modes(spinning, count)
+    if spin.unsteady is not None:
+        _refuse_unsteady(spin, method)
+        state = spin.state.broadcast(spinning.speed.shape)
+
+        def orbit(k: int, steps: int, count: int, limit: Tensor) -> Exponents:
+            of = bearing, spin.drawn.at(k), state[k], values, ORBIT_STEPS * steps
+            return orbit_exponents(*of, count, limit)
+
+        pairs = pairs._replace(right=_in_coordinates_of(spin.drawn, spinning, pairs.right))
+        return floquet_modes(spin.drawn, pairs, steps, count, done, orbit), "floquet"
+    unequal = periodic > EQUAL
     if unequal and method == "multiblade":
         raise ValueError(
             "method = 'multiblade' was given for a rotor whose coefficients change with the "
-            f"azimuth, by {concrete(periodic).max().item():.1g} of an eigenvalue; three or more "
-            "equal blades, or method='floquet', are wanted"
+            f"azimuth, by {periodic:.1g} of an eigenvalue; three or more equal blades, or "
+            "method='floquet', are wanted"
         )
     if method == "floquet" or unequal:
-        method = "floquet"
-        at_rest = pairs.eigenvalue, pairs.right
-        value, shape, error = _floquet(
-            spinning, at_rest, steps, min(count + SPARE, 2 * free), progress
+        return floquet_modes(spinning, pairs, steps, count, done), "floquet"
+    return multiblade_modes(spinning, pairs), "multiblade"
+
+
+def _in_coordinates_of(other: SpinningModel, spinning: SpinningModel, shape: Tensor) -> Tensor:
+    """Shapes (..., m, n) of one model in the coordinates of another one."""
+    n = spinning.mechanical.M.shape[-1]
+    to = torch.linalg.pinv(other.mechanical.moves) @ spinning.mechanical.moves
+    return torch.cat(((to.to(shape.dtype) @ shape[..., :n].mT).mT, shape[..., n:]), -1)
+
+
+def _refuse_unsteady(spin: Spin, method: str) -> None:
+    """ValueError for a rotor without a steady state where one is wanted."""
+    options = {
+        "method='multiblade'": method == "multiblade",
+        "held=False": spin.bearing.damping is not None,
+        "several bearings": bool(spin.bearing.others),
+    }
+    for option, taken in options.items():
+        if taken:
+            raise ValueError(
+                f"{spin.unsteady} was given to campbell with {option}; method='floquet', a speed "
+                "that is held and one bearing are wanted, or loads that turn with the rotor or act "
+                "along its axis"
+            )
+    if wants_gradient(spin.model.M, spin.model.D, spin.model.K):
+        raise ValueError(
+            f"{spin.unsteady} was given to campbell with derivatives, which periodic motions do "
+            "not have; tensors without gradient are wanted"
         )
-    else:
-        method = "multiblade"
-        value, shape = attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, pairs.right)
-        value, shape = value[..., None], shape[..., None, :]
-        error = torch.zeros_like(value.real)
-    space, moves, shape = bearing.model.space, spinning.moves, shape.flatten(-3, -2)
-    moves = moves.to(shape.dtype)
+
+
+def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: int) -> Campbell:
+    """`count` modes over the speeds, each in a column, by names."""
+    bearing, spinning = spin.bearing, spin.drawn.mechanical
+    space = bearing.model.space
+    speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
+    value, shape, error, about = modes
+    shape, moves = (
+        shape.flatten(-3, -2)[..., : spinning.M.shape[-1]],
+        spinning.moves.to(shape.dtype),
+    )
     with no_derivatives():
         nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
         unit = bearing.model.unit[..., None, None, :]
-        index = tracked(speeds.flatten(), value, (nodal / unit).flatten(-2), count)
+        index = tracked(speeds, value, (nodal / unit).flatten(-2), count)
     value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
-    _refuse_few_steps(speeds, value, pairs.eigenvalue[..., :count], steps)
+    _refuse_few_steps(speeds, value, about[..., :count], steps)
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
     below = value.imag < 0
     value = torch.where(below, value.conj(), value)
@@ -185,84 +242,17 @@ def _diagram(
     if space.unknowns < 6:
         eye = torch.eye(space.unknowns, dtype=spinning.M.dtype, device=nodal.device)
         nodal = nodal @ space.embed(eye).to(nodal.dtype)
-    return Campbell(speeds.flatten(), value, nodal, turning, names, error, method)
-
-
-def _finite(pairs: Pairs, count: int) -> Pairs:
-    """Those that all speeds and samples have: coordinates without inertia have none. ValueError
-    where they are less than `count`.
-    """
-    known = int(concrete(torch.isfinite(pairs.eigenvalue)).sum(-1).min())
-    if count > known:
-        raise refusal(f"count = {count}", f"at most {known}, all modes of the scene,")
-    parts = (x if x is None else x[..., :known] for x in pairs[3:])
-    rows = (x if x is None else x[..., :known, :] for x in pairs[1:3])
-    return Pairs(pairs.eigenvalue[..., :known], *rows, *parts)
+    return Campbell(speeds, value, nodal, turning, names, error, method)
 
 
 def _refuse_few_steps(speeds: Tensor, value: Tensor, near: Tensor, steps: int) -> None:
     """ValueError where steps of a turn do not tell all modes (n, ..., count); near: about these."""
     none = concrete((value.detach().abs() > abs(NONE) / 2).flatten(1).any(-1))
     if none.any():
-        slow = concrete(speeds).flatten()[none].min().item()
-        turns = (concrete(near).abs() / concrete(speeds)[..., None])[none].max().item()
+        slow, turns = concrete(speeds)[none].min().item(), concrete(near).abs().flatten(1).amax(-1)
+        turns = (turns / concrete(speeds))[none].max().item()
         wanted = max(2 * steps, math.ceil(turns * steps / fastest(torch.ones(()), steps).item()))
         modes = f"{near.shape[-1]} modes at {slow:g} rad/s"
         raise refusal(
             f"steps = {steps} of a turn for {modes}", f"steps = {wanted} or fewer modes", are=True
         )
-
-
-def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
-    """(...) of an eigenvalue: the most that coefficients that change with the azimuth would move
-    one, or couple two.
-    """
-    (M, D, _), W = spinning.constant(), spinning.speed[..., None, None]
-    v, by = right.mT, value[..., None, :]
-    slope = ((v.conj() * (2 * by * (M.to(v.dtype) @ v) + D.to(v.dtype) @ v)).sum(-2)).abs()
-    size = (slope[..., :, None] * slope[..., None, :]).sqrt()
-    most = torch.zeros_like(value.real[..., 0])
-    at = torch.tensor((0.7, 1.9), dtype=most.dtype, device=most.device)
-    change = (A - B for A, B in zip(spinning.periodic(at), spinning.constant(), strict=True))
-    for M, D, K in zip(*change, strict=True):
-        M, D, K = (A.to(v.dtype) for A in (M, D, K))
-        coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
-        share = coupling / size / torch.maximum(by.abs(), W)
-        share = torch.where(torch.isfinite(share), share, 0.0)
-        most = torch.maximum(most, share.amax((-1, -2)))
-    return most
-
-
-def _floquet(
-    spinning: SpinningModel, at_rest: tuple[Tensor, Tensor], steps: int, count: int, progress: Any
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Exponents (n, ..., m, h), shapes, and the error 1/s of the steps, by the largest harmonics of
-    each motion; at_rest: eigenvalues and shapes where nothing turns.
-    """
-    n, more = spinning.M.shape[-1], count - at_rest[0].shape[-1]
-    report = progress_of(progress, len(spinning.speed))
-    first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
-    value, shape = at_rest[0][:first], at_rest[1][:first]
-    value = torch.cat(
-        (value, torch.full_like(value[..., :1], NONE).expand(*value.shape[:-1], more)), -1
-    )
-    value, shape = value[..., None], pad(shape, (0, 0, 0, more))[..., None, :]
-    value, shape = (
-        value.expand(*value.shape[:-1], HARMONICS),
-        shape.repeat_interleave(HARMONICS, -2),
-    )
-    results = [(value, shape, torch.zeros_like(value.real))] if first else []
-    size = spinning.speed[0].numel() * steps * 4 * n**2
-    at_once = max(1, ROOM // size)
-    for k in range(first, len(spinning.speed), at_once):
-        some = spinning.at(slice(k, k + at_once))
-        of, limit = (some.periodic, some.speed), fastest(some.speed, steps)
-        value, shape = exponents(*of, steps, count, limit)
-        with no_derivatives():
-            coarse = exponents(*of, steps // 2, count, limit).exponent.flatten(-2)
-            apart = (value[..., :1] - coarse[..., None, :]).abs().amin(-1, keepdim=True)
-            error = apart.expand(value.shape) / (2**ORDER - 1)
-        results.append((value, shape, error))
-        if report is not None:
-            report.add(len(value), 0, False)
-    return tuple(torch.cat(x) for x in zip(*results, strict=True))

@@ -18,13 +18,15 @@ equal blades, turned by 2 pi/B, and Pi_k the projection on its harmonic k,
 of s are constant as well, where all of these commute with S: for three and more equal blades. For
 others each is exp(psi S) (...) exp(-psi S), periodic; two blades and unequal ones keep their own
 axes, S = 0 on b.
+
+Internal states of loads, and what elements have crept by, are coordinates without inertia behind b,
+see `system_matrices`: numbers of a section's axes, which P takes from blade to blade as they are.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -34,17 +36,15 @@ from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import Tree, leaf, map_leaves
 from ..core.validation import concrete
 from ..equations.steady import Configuration
-from ..math import quaternions as quat
 from ..math.block_matrices import block_diagonal
 from ..math.shapes import broadcast_shapes
 from ..nodal.coordinates.spatial import Spatial
-from ..scene.parts import Part
 from ..state.state import State
 from .bearing import Bearing
+from .cyclic_symmetry import beside_states, generator, symmetry
 from .spinning import SpinningProblem
-from .system_matrices import of_nodes, rigid_constraints
+from .system_matrices import of_nodes, rigid_constraints, with_states
 
-MET = 1e-6  # of the structure's size: blades that are turned onto each other
 RANK = 1e-9  # of the largest singular value
 
 
@@ -53,7 +53,9 @@ class SpinningModel(Tree):
     """M, D, K (..., n, n) of coordinates g that do not spin, at psi = 0: of supports, and b.
 
     M_r, D_r, K_r (..., m, m) of the rotor, r = B g at psi = 0, B (..., m, n);  S (..., m, m)
-    moves (..., w nodes, n): of all nodes by g, at psi = 0
+    moves (..., w nodes, n): of all nodes by g, at psi = 0;  Z (..., w nodes, m): of the rotor's
+            by r
+    states  how many internal states come last, of g and of r
     order   by which part of a turn the rotor comes onto itself, 0 = by none from a third on
     bladed  whether parts of the rotor lie off the axis
     harmonics  highest one of M, D, K in psi
@@ -69,9 +71,32 @@ class SpinningModel(Tree):
     B: Tensor = leaf(2)
     S: Tensor = leaf(2)
     moves: Tensor = leaf(2)
+    Z: Tensor = leaf(2)
     order: int
     bladed: bool
     harmonics: int
+    nodes: int
+    states: int = 0
+
+    @cached
+    def mechanical(self) -> SpinningModel:
+        """Of the moves alone."""
+        if not self.states:
+            return self
+        square = {
+            name: getattr(self, name) for name in ("M", "D", "K", "M_r", "D_r", "K_r", "B", "S")
+        }
+        cut = {name: X[..., : -self.states, : -self.states] for name, X in square.items()}
+        cut |= {name: getattr(self, name)[..., : -self.states] for name in ("moves", "Z")}
+        return replace(self, **cut, states=0)
+
+    def moves_at(self, psi: Tensor) -> Tensor:
+        """Those of all nodes by g (s, ..., w nodes, n), frame a, at azimuths psi (s,)."""
+        w, psi = self.moves.shape[-2] // self.nodes, psi.reshape(-1, *(1,) * self.S.ndim)
+        turn = torch.linalg.matrix_exp(psi * self.S[..., :w, :w])[..., None, :, :]
+        moves = self.Z @ torch.linalg.matrix_exp(-psi * self.S) @ self.B
+        moves = (turn @ moves.unflatten(-2, (self.nodes, w))).flatten(-3, -2)
+        return self.moves - self.Z @ self.B + moves
 
     def at(self, k: int | slice | tuple[int, ...]) -> SpinningModel:
         """Of one speed, of some, or of one sample of one."""
@@ -113,11 +138,14 @@ def spinning_model(
 ) -> SpinningModel:
     """About a steady spin at speeds (...)."""
     model, space = bearing.model, bearing.model.space
-    M, D, K, _ = of_nodes(model, state, problem.t, problem.inputs, problem)
+    M, D, K, lags = of_nodes(model, state, problem.t, problem.inputs, problem)
     G, G_other = _constraints(bearing, rigid_constraints(K))
     M, K = M.dense(), K.dense()
     D = torch.zeros_like(K) if D is None else D.dense()
     lead = broadcast_shapes(*(A.shape[:-2] for A in (M, D, K)), speed.shape)
+    states = model.lag_count
+    if lags is not None:
+        M, D, K = with_states(M, D, K, lags)
     axis, w = bearing.axis(x), space.unknowns
     centre = bearing.reduced(x, axis.point)
     node = torch.arange(model.node_count, device=M.device).repeat_interleave(w)
@@ -137,16 +165,19 @@ def spinning_model(
         turn = pad(unit, (w - unit.shape[-1], 0))[..., None].expand(*lead, w, 1)
         Z_s, Y = pad(Z_s, (0, 1)), torch.cat((Y, turn), -1)
     X = block_diagonal(space.skew(unit), space.spin_skew(unit)).expand(*lead, w, w)
-    order, P, bladed = _symmetry(bearing, X)
-    S_b = _generator(P, Z_b, size, order)
+    order, P, bladed = symmetry(bearing, X)
+    Z_b, size = beside_states(Z_b, states), pad(size, (0, states), value=1.0)
+    S_b = generator(P, Z_b, size, order)
     if S_b is None:
         order, S_b = 0, Z_b.new_zeros(*lead, Z_b.shape[-1], Z_b.shape[-1])
+    Z_y, Z_s = (pad(A, (0, 0, 0, states)) for A in (Z_y, Z_s))
     Z, moves = torch.cat((Z_y, Z_b), -1), torch.cat((Z_s + Z_y @ Y, Z_b), -1)
     eye = torch.eye(Z_b.shape[-1], dtype=M.dtype, device=M.device)
     B = block_diagonal(Y, eye.expand(*lead, *eye.shape))
     free_moves = torch.eye(B.shape[-1], dtype=B.dtype, device=B.device)
     if bearing.others:
-        free_moves = _null_space(G_other @ moves)
+        of_moves = moves[..., : len(node), : moves.shape[-1] - states]
+        free_moves = beside_states(_null_space(G_other @ of_moves), states)
         B, moves = B @ free_moves, moves @ free_moves
     M_g, D_g, K_g = (moves.mT @ A @ moves for A in (M, D, K))
     if bearing.damping is not None:
@@ -161,10 +192,13 @@ def spinning_model(
         *(Z.mT @ A @ Z for A in (M, D, K)),
         B,
         block_diagonal(X, S_b),
-        moves,
+        moves[..., : len(node), :],
+        Z[..., : len(node), :],
         order,
         bladed,
         2 * max(1, (order - 1) // 2),
+        model.node_count,
+        states,
     )
 
 
@@ -209,66 +243,3 @@ def _null_space(G: Tensor) -> Tensor:
         rank = (values > RANK * values.amax(-1, keepdim=True)).sum(-1)
         N, back = V[..., int(concrete(rank).amax()) :, :].mT, torch.linalg.pinv(G)
     return N - back @ (G @ N)  # no more than its derivative
-
-
-def _symmetry(bearing: Bearing, X: Tensor) -> tuple[int, Tensor | None, bool]:
-    """By which part of a turn the rotor comes onto itself, three or more; how that moves moves
-    (..., w nodes, w nodes), X (..., w, w) axis x ...; and whether parts lie off the axis. (0,
-    None, True) where it does not.
-    """
-    beam = bearing.model.scene.beam
-    nodes = beam.nodes.detach().reshape(-1, *beam.nodes.shape[-2:])
-    parts = [part for part in beam.parts if bearing.rotor[part.nodes.start]]
-    point, axis = (v.detach().reshape(-1, 3) for v in (bearing.point, bearing.direction))
-    apart = nodes - point[:, None, :]
-    near = MET * beam.extent.detach().reshape(-1)
-    for order in range(len(parts) + 2, 2, -1):
-        turn = quat.matrix(quat.exponential(axis * (2 * math.pi / order)))
-        turned = (turn[:, None] @ apart[..., None])[..., 0]
-        images = [_image(part, parts, apart, turned, near) for part in parts]
-        if None in images:
-            continue
-        turn = torch.linalg.matrix_exp(X * (2 * math.pi / order))
-        moved = any(a is not b for a, b in zip(parts, images, strict=True))
-        return order, _permutation(bearing, parts, images, turn), moved
-    return 0, None, True
-
-
-def _image(part: Part, parts: list[Part], nodes: Tensor, turned: Tensor, near: Tensor) -> Any:
-    """The part that this is turned onto, itself first; None = there is none."""
-    for other in (part, *parts):
-        if other.node_count == part.node_count and other.body == part.body:
-            off = torch.linalg.vector_norm(
-                turned[:, part.nodes] - nodes[:, other.nodes], dim=-1
-            ).amax(-1)
-            if bool(concrete(off <= near).all()):
-                return other
-    return None
-
-
-def _permutation(bearing: Bearing, parts: list[Part], images: list[Part], turn: Tensor) -> Tensor:
-    """(..., w nodes, w nodes): a node's moves, turned (..., w, w), as those of its image."""
-    count = bearing.model.node_count
-    places = torch.zeros(count, count, dtype=turn.dtype, device=turn.device)
-    for part, image in zip(parts, images, strict=True):
-        for k in range(part.node_count):
-            places[image.nodes.start + k, part.nodes.start + k] = 1.0
-    return (places[:, None, :, None] * turn[..., None, :, None, :]).flatten(-4, -3).flatten(-2)
-
-
-def _generator(P: Tensor | None, Z: Tensor, size: Tensor, order: int) -> Tensor | None:
-    """S (..., n, n) of moves Z (..., w nodes, n), orthonormal by their size; None where P does not
-    take these to themselves, as joints hold others.
-    """
-    if P is None:
-        return None
-    Q = Z / size[..., None]
-    turned = P @ Q
-    P, S, power = Q.mT @ turned, torch.zeros_like(Q.mT @ Q), Q.mT @ Q
-    if bool(concrete((turned - Q @ P).abs() > MET).any()):
-        return None
-    for j in range(1, order):
-        power = power @ P
-        angles = ((k, 2 * math.pi * j * k / order) for k in range(1, (order + 1) // 2))
-        S = S + sum(2 * k * math.sin(angle) for k, angle in angles) / order * power
-    return S

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..math.dense import solve
 
@@ -35,6 +36,8 @@ ORDER = 6
 NONE = 1e30j  # 1/s, in place of an exponent
 HARMONICS = 3  # of each motion that are kept: which is largest may change with the speed
 RESOLVED = 1.5  # rad a step
+UNSEEN = 1e-16  # of a motion's squares: moves beside internal states that are rounding
+FADED = 1e-4  # of a motion, after a turn: which harmonics lags that decay so have is rounding
 LEAST_SEEN = 1e-2  # of the energy of the largest: those below are not seen, as rounding is not
 
 Matrices = Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
@@ -57,30 +60,53 @@ def fastest(speed: Tensor, steps: int) -> Tensor:
 
 
 def exponents(
-    matrices: Matrices, speed: Tensor, steps: int, count: int, limit: Tensor
+    matrices: Matrices, speed: Tensor, steps: int, count: int, limit: Tensor, states: int = 0
 ) -> Exponents:
     """Of M, D, K (s, ..., n, n) = matrices(psi), psi (s,), at speeds (...), the `count` slowest,
-    one of each pair, NONE where there are no more below a limit (...) rad/s.
+    one of each pair, NONE where there are no more below a limit (...) rad/s. The last `states`
+    coordinates have no inertia.
     """
-    maps = _maps(matrices, speed, steps)
-    n = maps.shape[-1] // 2
-    multiplier, vectors = torch.linalg.eig(maps[-1])
+    maps = _maps(matrices, speed, steps, states)
+    n = (maps.shape[-1] + states) // 2
+    M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0]
+    moved, rates = maps[:-1, ..., :n, :], maps[:-1, ..., n:, :]
+    return of_turn(maps[-1], moved, rates, M, speed, count, limit, states)
+
+
+def of_turn(
+    turn: Tensor,
+    g: Tensor,
+    rate: Tensor,
+    M: Tensor,
+    speed: Tensor,
+    count: int,
+    limit: Tensor,
+    states: int,
+) -> Exponents:
+    """The same of the map over a turn (..., m, m), and what that makes of g, with internal states
+    behind, and of rates, (steps, ..., n, m) and (steps, ..., r, m) at as many azimuths.
+    """
+    steps, n = len(g), g.shape[-2]
+    multiplier, vectors = torch.linalg.eig(turn)
     period = 2 * math.pi / speed.abs()[..., None]
     principal = torch.log(multiplier) / period
     at = torch.arange(steps, device=speed.device) * (period[..., None] / steps)  # (..., 1, steps)
-    decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)  # (steps, ..., 2 n)
-    u = (maps[:-1].to(vectors.dtype) @ vectors) * decay[..., None, :]
-    g, rate = u[..., :n, :], u[..., n:, :]
+    decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)[..., None, :]
+    g, rate = (X.to(vectors.dtype) @ vectors * decay for X in (g, rate))  # (steps, ..., n, m)
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
-    M = matrices(torch.zeros_like(speed.flatten()[:1]))[0][0].detach().to(harmonics.dtype)
-    size = (harmonics.conj() * (M @ harmonics)).real.sum(-2)  # (steps, ..., 2 n)
+    moves, of_moves = g[..., : n - states, :], harmonics[..., : n - states, :]
+    M = M[..., : n - states, : n - states].detach().to(harmonics.dtype)
+    size = (of_moves.conj() * (M @ of_moves)).real.sum(-2)  # (steps, ..., m)
     most, k = size.topk(HARMONICS, dim=0)
     shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
     lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair
     order = torch.where(k > steps // 2, k - steps, k)
     exponent = principal + 1j * order * speed.abs()[..., None]
-    fast = (rate.abs().square().sum((0, -2)) / g.abs().square().sum((0, -2))).sqrt().detach()
-    lower = lower | ~(fast <= limit[..., None])
+    of_rates, of_moves, of_all = (x.detach().abs().square().sum((0, -2)) for x in (rate, moves, g))
+    fast = (of_rates / of_moves).sqrt()
+    lower = lower | ~(fast <= limit[..., None]) | (of_moves <= UNSEEN * of_all)
+    if states:
+        lower = lower | (multiplier.abs() < FADED)
     exponent = torch.where(lower | (most < LEAST_SEEN * most[:1]), NONE, exponent)
     chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)[..., :count]
     exponent, shape = exponent.movedim(0, -1), shape.movedim(0, -1).movedim(-3, -1)
@@ -88,8 +114,10 @@ def exponents(
     return Exponents(exponent.gather(-2, at), shape.gather(-3, at[..., None].expand(*at.shape, n)))
 
 
-def _maps(matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
-    """(steps + 1, ..., 2 n, 2 n): g, g' at the azimuths of the steps by those at psi = 0."""
+def _maps(matrices: Matrices, speed: Tensor, steps: int, states: int) -> Tensor:
+    """(steps + 1, ..., 2 n - Z, 2 n - Z): g, g' at the azimuths of the steps by those at psi = 0,
+    without the rates of Z internal states, which follow.
+    """
     angle, maps = 2 * math.pi / steps, []
     dt, nodes = (
         (angle / speed.abs())[..., None, None],
@@ -98,9 +126,10 @@ def _maps(matrices: Matrices, speed: Tensor, steps: int) -> Tensor:
     for step in range(steps):
         at = matrices(angle * (step + nodes))
         if not step:
-            eye = torch.eye(2 * at[0].shape[-1], dtype=speed.dtype, device=speed.device)
+            size = 2 * at[0].shape[-1] - states
+            eye = torch.eye(size, dtype=speed.dtype, device=speed.device)
             maps.append(eye.expand(*at[0].shape[1:-2], *eye.shape))
-        maps.append(_step(at, maps[-1], dt))
+        maps.append(_step(at, pad(maps[-1], (0, 0, 0, states)), dt)[..., :size, :])
     return torch.stack(maps)
 
 

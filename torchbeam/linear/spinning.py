@@ -24,6 +24,7 @@ from ..scene.effects import Inputs
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import newton
 from ..state.state import State, rest
+from ..statics.internal_states import resting
 from .bearing import Axis, Bearing
 
 SAME = 1e-12  # of an axis, and of the structure's size: a bearing that does not move any more
@@ -73,6 +74,10 @@ def steady_spin(
             x, reaction, status = climb(problem, start, None)
         led, tried = [], []
         for _ in range(ROUNDS):
+            if model.internal_states:
+                at = problem_at(x, axis), x, reaction, status, status == 0
+                problem, x, reaction, status = resting(*at, None)
+                first = replace(first, near=problem.near)
             now = bearing.axis(x)
             if concrete(status != 0).any() or _near(axis, now, model):
                 break

@@ -17,9 +17,9 @@ CHANGES = 1e-6  # of the largest load, or moment over the extent
 MOVED = 1e-3  # of the extent: how far nodes are moved to see what springs do
 
 
-def check_steady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -> None:
-    """ValueError where loads on the rotor change with the azimuth, and where a support that yields
-    gets a force or a moment that turns.
+def unsteady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -> str | None:
+    """What keeps the rotor from a steady state: loads that change with the azimuth, or a force or a
+    moment that turns on a support that yields. None = nothing does.
     """
     model, space = bearing.model, bearing.model.space
     with no_derivatives():
@@ -52,13 +52,12 @@ def check_steady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -
             f_turned, m_turned = loads(place, True)
             change = torch.cat((f_turned - _times(Q, f), m_turned - _times(Q_s, m)), -1)
             if bool(concrete(_largest(model, change) > CHANGES * size).any()):
-                raise ValueError(
+                return (
                     "loads on the rotor that change with its azimuth, as gravity across the axis "
-                    "or a spring to the ground, were given to campbell; loads that turn with it, "
-                    "or act along the axis, are wanted"
+                    "or a spring to the ground,"
                 )
         if bearing.support is None:
-            return
+            return None
         lever = x.position - centre
         moment = (m + _times(space.lever_matrix(lever).mT, f)).sum(-2)
         force = f.sum(-2)
@@ -66,10 +65,8 @@ def check_steady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -
             (_times(space.skew(unit), force), _times(space.spin_skew(unit), moment)), -1
         )
         if bool(concrete(_largest(model, across[..., None, :]) > CHANGES * size).any()):
-            raise ValueError(
-                "a rotor out of balance was given to campbell, whose force on the bearing turns "
-                "with it; one whose loads and centrifugal forces balance across the axis is wanted"
-            )
+            return "a rotor out of balance, whose force on its support turns with it,"
+    return None
 
 
 def _loads(problem: SpinningProblem, x: Configuration) -> Tensor:

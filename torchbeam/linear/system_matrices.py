@@ -102,17 +102,25 @@ def augmented(
     H, H_v, H_a = (x.index_select(-1, free) for x in lagging[2:])
     if basis is not None:
         L, H, H_v, H_a = basis.mT @ L, H @ basis, H_v @ basis, H_a @ basis
+    return with_states(M, D, K, Lags(L, lagging.G, H, H_v, H_a))
+
+
+def with_states(
+    M: Tensor, D: Tensor | None, K: Tensor, lagging: Lags
+) -> tuple[Tensor, Tensor, Tensor]:
+    """M, D, K (..., n + Z, n + Z) of moves, and behind them the internal states of loads."""
+    L, G, H, H_v, H_a = lagging
     D = torch.zeros_like(K) if D is None else D
-    shape = broadcast_shapes(*(x.shape[:-2] for x in (M, D, L)))
+    shape = broadcast_shapes(*(x.shape[:-2] for x in (M, D, K, L)))
 
     def whole(*parts: Tensor) -> Tensor:
         return of_blocks(*(x.expand(*shape, *x.shape[-2:]) for x in parts))
 
     none, eye = torch.zeros_like(L), torch.eye(L.shape[-1], dtype=L.dtype, device=L.device)
     return (
-        whole(M, none, -H_a, torch.zeros_like(lagging.G)),
+        whole(M, none, -H_a, torch.zeros_like(G)),
         whole(D, none, -H_v, eye),
-        whole(K, -L, -H, -lagging.G),
+        whole(K, -L, -H, -G),
     )
 
 
@@ -130,11 +138,12 @@ def of_nodes(
     state = space.to_reduced(state)
     x = Configuration(state.position, state.rotation, state.stress)
     past = Past.of(model.scene, state)
-    problem = SteadyProblem(model, t, inputs, torch.ones_like(t), past=past)
+    problem = solved
+    if solved is None:
+        problem = SteadyProblem(model, t, inputs, torch.ones_like(t), past=past)
     if model.internal_states:
         problem = problem.holding(x, state.internal)
     kinematics = model.kinematics(x.position, x.rotation)
-    problem = problem if solved is None else solved
     stress, _ = model.multipliers.split(x.stress)
     B = space.strain_operator(kinematics, model.length)
     force_operator = (model.length[..., None] * B).mT

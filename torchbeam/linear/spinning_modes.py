@@ -1,0 +1,206 @@
+"""Modes of a spinning rotor at each of its speeds: eigenvalues where multiblade coordinates have
+constant coefficients, Floquet's exponents of others.
+
+Of a rotor in air, or of blades that relax, internal states have motions of their own, which decay
+without oscillating in axes that turn with their harmonic: eigenvalue - i W harmonic is real. Those
+come last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from ..core.derivatives import no_derivatives
+from ..core.leaves import wants_gradient
+from ..core.validation import concrete, refusal
+from ..math.eigen_derivatives import attach
+from ..math.quadratic_eigen import STRAIGHT, Pairs, slowest
+from .multiblade import SpinningModel
+from .periodic import HARMONICS, NONE, ORDER, UNSEEN, Exponents, exponents, fastest
+from .whirl import whirl
+
+SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
+# of an eigenvalue: what the azimuth changes of it where blades are equal
+EQUAL = 1e-7
+MIDPOINT = 2  # order of the steps of an orbit
+ROOM = 20_000_000  # numbers of maps over a turn that are held at once
+APERIODIC = 0.95  # damping ratio from which on a motion does not oscillate
+
+
+Orbit = Callable[[int, int, int, Tensor], Exponents]
+
+
+class SpinningModes(NamedTuple):
+    """Of m motions by the largest h of their harmonics: eigenvalue (n, ..., m, h) 1/s, shape
+    (n, ..., m, h, k) of coordinates that do not spin, error (n, ..., m, h) 1/s of the steps; about
+    (n, ..., l): the slowest eigenvalues of constant coefficients.
+    """
+
+    eigenvalue: Tensor
+    shape: Tensor
+    error: Tensor
+    about: Tensor
+
+
+def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float]:
+    """Eigenpairs of constant coefficients, `count` and some to spare, without derivatives; the most
+    that coefficients that change with the azimuth would move one, or couple two, of an eigenvalue.
+    """
+    M, D, K = spinning.constant()
+    free = spinning.mechanical.M.shape[-1]
+    if count > free:
+        raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")
+    several, derivatives = min(count + SPARE, free), wants_gradient(M, D, K)
+    with no_derivatives():
+        if not spinning.states:
+            pairs = _finite(slowest(M, D, K, several, False, derivatives), count)
+        else:
+            pairs = slowest(M, D, K, M.shape[-1], False, derivatives, spinning.states)
+            upper = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
+            at, swings = _swinging(spinning, upper, pairs.right)
+            known = int(concrete(swings.sum(-1)).min())
+            pairs = _finite(_taken(pairs, at[..., : max(count, min(several, known))]), count)
+        change = _periodic(spinning, pairs.eigenvalue, pairs.right)
+    return pairs, concrete(change).max().item()
+
+
+def multiblade_modes(spinning: SpinningModel, pairs: Pairs) -> SpinningModes:
+    M, D, K = spinning.constant()
+    value, shape = pairs.eigenvalue, pairs.right
+    if wants_gradient(M, D, K):
+        value, shape = attach(M, D, K, pairs)
+    error = torch.zeros_like(value.real)[..., None]
+    return SpinningModes(value[..., None], shape[..., None, :], error, pairs.eigenvalue)
+
+
+def _swinging(spinning: SpinningModel, value: Tensor, shape: Tensor) -> tuple[Tensor, Tensor]:
+    """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first those of motions that
+    oscillate or grow, the slowest first, NONE last; and which are such (..., m) bool.
+    """
+    moves = shape[..., : -spinning.states]
+    harmonic = whirl(spinning.mechanical, moves).round()
+    seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
+    size = (value - 1j * spinning.speed[..., None] * harmonic).abs()
+    least = STRAIGHT * torch.maximum(value.abs(), spinning.speed[..., None])
+    swings = (value.imag.abs() > least) | (value.real > least)
+    swings = swings & (value.real > -APERIODIC * size)
+    swings = swings & seen & (value.abs() < abs(NONE) / 2)
+    order = value.abs().nan_to_num(torch.inf).argsort(dim=-1, stable=True)
+    last = (~swings).to(torch.int8).gather(-1, order).argsort(dim=-1, stable=True)
+    return order.gather(-1, last), swings
+
+
+def _taken(pairs: Pairs, at: Tensor) -> Pairs:
+    def of(x: Tensor | None, *more: int) -> Tensor | None:
+        index = at.reshape(*at.shape, *(1 for _ in more)).expand(*at.shape, *more)
+        return None if x is None else x.gather(at.ndim - 1, index)
+
+    n = pairs.right.shape[-1]
+    value, right, left, *rest = pairs
+    return Pairs(of(value), of(right, n), of(left, n), *map(of, rest))
+
+
+def _finite(pairs: Pairs, count: int) -> Pairs:
+    """Those that all speeds and samples have: coordinates without inertia have none. ValueError
+    where they are less than `count`.
+    """
+    known = int(concrete(torch.isfinite(pairs.eigenvalue)).sum(-1).min())
+    if count > known:
+        raise refusal(f"count = {count}", f"at most {known}, all modes of the scene,")
+    parts = (x if x is None else x[..., :known] for x in pairs[3:])
+    rows = (x if x is None else x[..., :known, :] for x in pairs[1:3])
+    return Pairs(pairs.eigenvalue[..., :known], *rows, *parts)
+
+
+def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
+    """(...) of an eigenvalue: the most that coefficients that change with the azimuth would move
+    one, or couple two.
+    """
+    (M, D, _), W = spinning.constant(), spinning.speed[..., None, None]
+    v, by = right.mT, value[..., None, :]
+    slope = ((v.conj() * (2 * by * (M.to(v.dtype) @ v) + D.to(v.dtype) @ v)).sum(-2)).abs()
+    size = (slope[..., :, None] * slope[..., None, :]).sqrt()
+    most = torch.zeros_like(value.real[..., 0])
+    at = torch.tensor((0.7, 1.9), dtype=most.dtype, device=most.device)
+    change = (A - B for A, B in zip(spinning.periodic(at), spinning.constant(), strict=True))
+    for M, D, K in zip(*change, strict=True):
+        M, D, K = (A.to(v.dtype) for A in (M, D, K))
+        coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
+        share = coupling / size / torch.maximum(by.abs(), W)
+        share = torch.where(torch.isfinite(share), share, 0.0)
+        most = torch.maximum(most, share.amax((-1, -2)))
+    return most
+
+
+def floquet_modes(
+    spinning: SpinningModel,
+    pairs: Pairs,
+    steps: int,
+    count: int,
+    done: Callable[[int], None],
+    orbit: Orbit | None = None,
+) -> SpinningModes:
+    """Exponents by so many steps a turn; pairs: those where nothing turns. `done` is called with
+    how many speeds more are. orbit(k, steps, count, limit): those of a motion that changes over the
+    turn, at the k-th speed, by steps of second order.
+    """
+    free = spinning.mechanical.M.shape[-1]
+    several = min(count + SPARE, 2 * free)
+    first = int((concrete(spinning.speed.flatten())[:1] == 0).sum())  # speeds rise
+    results = [_at_rest(pairs, several, first)] if first else []
+    size = spinning.speed[0].numel() * steps * 4 * spinning.M.shape[-1] ** 2
+    at_once = max(1, ROOM // size) if orbit is None else 1
+    wanted = 2 * free + spinning.states if spinning.states else several
+    for k in range(first, len(spinning.speed), at_once):
+        some = spinning.at(slice(k, k + at_once))
+        limit = fastest(some.speed, steps)
+
+        def by(steps: int, k: int = k, some: SpinningModel = some, limit: Tensor = limit) -> Any:
+            if orbit is not None:
+                return (x[None] for x in orbit(k, steps, wanted, limit[0]))
+            return exponents(some.periodic, some.speed, steps, wanted, limit, spinning.states)
+
+        value, shape = by(steps)
+        if spinning.states:
+            value, shape = _swinging_exponents(some, value, shape, several, count)
+        with no_derivatives():
+            coarse = next(iter(by(steps // 2))).flatten(-2)
+            apart = coarse[..., None, :] - value[..., :1]
+            apart = apart.gather(-1, apart.abs().argmin(-1, keepdim=True))
+            share = 2 ** (ORDER if orbit is None else MIDPOINT) - 1
+            error = (apart.abs() / share).expand(value.shape)
+        if orbit is not None:
+            value = value - apart / share
+        results.append((value, shape, error))
+        done(len(value))
+    return SpinningModes(*map(torch.cat, zip(*results, strict=True)), pairs.eigenvalue)
+
+
+def _swinging_exponents(
+    spinning: SpinningModel, value: Tensor, shape: Tensor, several: int, count: int
+) -> tuple[Tensor, Tensor]:
+    """`several` of exponents (..., m, h) and shapes; NONE for those behind the first `count` that
+    do not oscillate.
+    """
+    with no_derivatives():
+        at, swings = _swinging(spinning, value[..., 0], shape[..., 0, :])
+        at = at[..., :several, None].expand(*at.shape[:-1], several, HARMONICS)
+        none = ~swings.gather(-1, at[..., 0]) & (torch.arange(several, device=at.device) >= count)
+    value = torch.where(none[..., None], NONE, value.gather(-2, at))
+    return value, shape.gather(-3, at[..., None].expand(*at.shape, shape.shape[-1]))
+
+
+def _at_rest(pairs: Pairs, several: int, first: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Of the first speeds, in the shape of exponents."""
+    value, shape = pairs.eigenvalue[:first], pairs.right[:first]
+    more = several - value.shape[-1]
+    none = torch.full_like(value[..., :1], NONE).expand(*value.shape[:-1], more)
+    value = torch.cat((value, none), -1)[..., None]
+    shape = pad(shape, (0, 0, 0, more))[..., None, :]
+    value = value.expand(*value.shape[:-1], HARMONICS)
+    return value, shape.repeat_interleave(HARMONICS, -2), torch.zeros_like(value.real)
