@@ -18,6 +18,7 @@ import torchbeam as tb
 
 from .. import imperfections
 from ..core import BeamVectorEnv
+from ..episodes import Episodes
 from ..plant import Plant
 from ..task import Task
 from .holding import Controller, vector_env
@@ -91,10 +92,14 @@ class Estimated(Controller):
         else:
             y = torch.where(self.heard, sensed(env, observation) * self.scale, math.nan)
             self.prepare()
-            self.z, self.predicted = self.filter.update(self.predicted, y), None
+            predicted, self.predicted = self.predicted, None
+            self.z = self.filter.update(predicted, y)
             over = now.done if self.z.window is None else torch.zeros_like(now.done)
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
+            elif predicted.after is not None:
+                z = self.z.x[self._likely()][:, : self.filter.moves]
+                self.controller.arrive(z - predicted.after.z[self.foreseen])
         env.set_state(self.believed())
         try:
             action = self.controller.act(observation).clamp(-1, 1)
@@ -109,25 +114,42 @@ class Estimated(Controller):
         if self.z is None or self.predicted is not None:
             return
         self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
-        if not self.known and self.predicted.about is not None:
-            self._plant({}, self.predicted.about[self._likely()])
+        after, about = self.predicted.after, self.predicted.about
+        if after is None:
+            return
+        at = self.foreseen = self._likely()
+        beam, place = after.state[at], after.places[1]
+        place = place._make(part[at] for part in place)
+
+        def changed(z: Tensor) -> tb.State:
+            return self.filter.interval.changed(beam, z, place)
+
+        now = self._now(self.predicted.x[at], beam, None if about is None else about[at])
+        if (w := now.pending.shape[1]) or now.late is not None:
+            waits = self.asked[:, : self.env.simulation.spare + w].flip(1)
+            late = None if now.late is None else waits[:, : waits.shape[1] - w]
+            now = replace(now, late=late, pending=waits[:, waits.shape[1] - w :])
+        self.controller.expect(now, changed, self.filter.moves)
 
     def _likely(self) -> tuple[Tensor, Tensor]:
         """Where the most likely latencies stand among the estimates of the episodes (n,)."""
         likely = self.z.log_likelihood.argmax(0)
         return likely, torch.arange(len(likely), device=likely.device)
 
-    def believed(self) -> Any:
+    def believed(self) -> Episodes:
         """The episodes (n,), by the most likely latencies."""
-        now, at = self.env.state, self._likely()
-        own, params = self.filter.unknowns, dict(self.told)
+        at, about = self._likely(), self.z.about
+        return self._now(self.z.x[at], self.z.state[at], None if about is None else about[at])
+
+    def _now(self, x: Tensor, beam: tb.State, about: Tensor | None) -> Episodes:
+        """The episodes as estimates x (n, size), and the structure at `about`, say."""
+        now, own, params = self.env.state, self.filter.unknowns, dict(self.told)
+        x = x[:, self.filter.moves :]
         if own.of_model:
-            params |= own.given(self.z.x[at][:, self.filter.moves :][:, : own.of_model])
+            params |= own.given(x[:, : own.of_model])
             params["latency"] = params["latency"].clamp(*self.late)
-        x, about = self.z.x[at][:, self.filter.moves :], self.z.about
-        plant = now.plant if self.known else self._plant(params, x if about is None else about[at])
-        acting = self.acting(params, self.asked)
-        return replace(now, plant=plant, beam=self.z.state[at], acting=acting)
+        plant = now.plant if self.known else self._plant(params, x if about is None else about)
+        return replace(now, plant=plant, beam=beam, acting=self.acting(params, self.asked))
 
     def _plant(self, params: dict[str, Tensor], about: Tensor) -> Plant:
         """Of these parameters; of its beam, that of those of coordinates `about` (n, p, ...), at
