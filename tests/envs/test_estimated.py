@@ -8,6 +8,7 @@ import torch
 from torchbeam_envs import FlutterHoldVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Estimated
 from torchbeam_envs.baselines.estimated import LASTING
+from torchbeam_envs.baselines.trajectory import TipWay
 from torchbeam_envs.uncertain import UNCERTAIN
 
 import torchbeam as tb
@@ -114,31 +115,67 @@ def test_readings_of_a_motion_that_is_not_estimated_are_left_out():
 
 
 def test_what_is_prepared_changes_no_action(monkeypatch):
-    """While structures are still made anew, to the bit; and a decision that was prepared predicts
-    nothing any more.
-    """
-    predict, calls, both = tb.KalmanFilter.predict, [], []
+    """To the bit; and a decision that was prepared neither predicts nor simulates any more."""
+    calls, both = [], []
 
-    def counted(self, *given):
-        calls.append(given)
-        return predict(self, *given)
+    def counted(owner, name):
+        whole = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or whole(*a, **k))
 
-    monkeypatch.setattr(tb.KalmanFilter, "predict", counted)
+    counted(tb.KalmanFilter, "predict")
+    counted(tb, "rollout_jacobian")
     env = make(2, params_in_info=False)
     for prepares in (False, True):
         observation, _ = env.reset(seed=1)
         controller, actions = AdaptiveMPC(env, horizon=6), []
         controller.begin(env)
-        for _ in range(8):
-            before = len(calls)
+        for k in range(8):
+            calls.clear()
             actions.append(controller(observation))
-            assert not prepares or len(calls) == before
+            assert not (prepares and k and calls)
             if prepares:
+                calls.clear()
                 controller.prepare()
-                assert len(calls) == before + 1
+                assert calls == ["predict", "rollout_jacobian"]
             observation, *_ = env.step(actions[-1])
         both.append(torch.stack(actions))
     assert torch.equal(*both) and both[0].abs().max() > 0.1
+
+
+def test_what_was_expected_is_corrected_to_first_order():
+    """The way of a tip about an expected beam and actions, corrected by what came, against the way
+    of that: errors fall with the square of the change. A plan about what was expected is, where
+    that came, what it is without, to 1e-10.
+    """
+    env = make(2, params_in_info=False)
+    observation, _ = env.reset(seed=0)
+    controller = MPC(env, horizon=8, informed=True)
+    controller.begin(env)
+    for _ in range(3):
+        observation, *_ = env.step(controller(observation))
+    now, plan = env.state, controller.plan
+    model, way = (
+        tb.linearize(env.plant.scene, inputs={"force": torch.zeros(3)}),
+        TipWay(env.task, now.plant),
+    )
+    z, acting = model.departure(now.beam), controller.acting(now)
+    expected = way.linearised(lambda d: model.state_at(z + d), acting, z.shape[-1])
+    errors = []
+    for size in (0.1, 0.01):
+        there = way.linearised(model.state_at((1 + size) * z), (1 + size) * acting).tips
+        error = expected.after(size * z).at((1 + size) * acting) - there
+        errors.append((error.norm() / (expected.tips - there).norm()).item())
+    assert errors[1] < errors[0] / 8 < 0.1 / 8
+    env.set_state(replace(now, beam=model.state_at(z)))
+    plans = []
+    for foreseen in (False, True):
+        controller.plan = plan
+        if foreseen:
+            controller.expect(now, lambda d: model.state_at(z + d), z.shape[-1])
+            controller.arrive(torch.zeros_like(z))
+        controller.act(observation)
+        plans.append(controller.plan)
+    assert (plans[1] - plans[0]).abs().max() < 1e-10 and (plans[0] - plan).abs().max() > 1e-3
 
 
 def test_ranges_are_what_is_known_beforehand():
