@@ -98,8 +98,9 @@ class Estimated(Controller):
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
             elif predicted.after is not None:
-                z = self.z.x[self._likely()][:, : self.filter.moves]
-                self.controller.arrive(z - predicted.after.z[self.foreseen])
+                at, own = self._likely(), slice(self.filter.moves)
+                change = self.z.x[at][:, own] - predicted.after.z[self.foreseen]
+                self.controller.arrive(change, self.z.factor[at][..., own])
         env.set_state(self.believed())
         try:
             action = self.controller.act(observation).clamp(-1, 1)
