@@ -98,9 +98,8 @@ class Estimated(Controller):
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
             elif predicted.after is not None:
-                at, own = self._likely(), slice(self.filter.moves)
-                change = self.z.x[at][:, own] - predicted.after.z[self.foreseen]
-                self.controller.arrive(change, self.z.factor[at][..., own])
+                z = self.z.x[self._likely()][:, : self.filter.moves]
+                self.controller.arrive(z - predicted.after.z[self.foreseen])
         env.set_state(self.believed())
         try:
             action = self.controller.act(observation).clamp(-1, 1)

@@ -99,10 +99,8 @@ class Controller:
         they are expected to be. Their beams will be changed(d) for a small change d (n, size).
         """
 
-    def arrive(self, change: Tensor, root: Tensor) -> None:
-        """The beams are those of `expect`, but for this change (n, size), and as uncertain: root^T
-        root is its covariance, root (n, r, size).
-        """
+    def arrive(self, change: Tensor) -> None:
+        """The beams are those of `expect`, but for this change (n, size)."""
 
     @torch.no_grad()
     def __call__(self, observation: Any) -> Any:

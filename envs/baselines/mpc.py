@@ -92,9 +92,8 @@ class MPC(Controller):
     def expect(self, now: Episodes, changed: Callable[[Tensor], State], size: int) -> None:
         self.about = self._way(now).linearised(changed, self.acting(now), size)
 
-    def arrive(self, change: Tensor, root: Tensor) -> None:
-        if self.about is not None:
-            self.here = self.about.after(change, root)
+    def arrive(self, change: Tensor) -> None:
+        self.here = None if self.about is None else self.about.after(change)
 
     def act(self, observation: Tensor) -> Tensor:
         for _ in range(self.iterations):
@@ -143,5 +142,5 @@ class MPC(Controller):
             about = self._way(now).linearised(now.beam, acting)
         own = torch.einsum("ntdsa,nsp->ntdpa", about.by_acting, self._by_plan(now)).flatten(3)
         gap, flat = self.way.gaps(now, about.at(acting)), self.plan.flatten(1)
-        g, H = self.way.quadratic(gap, own, flat, self.weight, about.variance)
+        g, H = self.way.quadratic(gap, own, flat, self.weight)
         return within_bounds(g, H, flat, self.damping).view_as(self.plan)

@@ -111,11 +111,10 @@ class Optimum(Controller):
         """Gradient and Gauss-Newton matrix of the cost of a plan, by its numbers."""
         delay = self.env.config.delay
         acting = torch.cat((start.pending, plan), 1)[:, : plan.shape[1]]
-        about = way.linearised(start.beam, acting)
+        _, tips, slopes, _ = way.linearised(start.beam, acting)
         # by what is given within the episode; what comes too late to act costs alone
-        given = about.by_acting[:, :, :, delay:]
-        own = torch.nn.functional.pad(given, (0, 0, 0, delay)).flatten(3)
-        return way.quadratic(way.gaps(start, about.tips), own, plan.flatten(1))
+        own = torch.nn.functional.pad(slopes[:, :, :, delay:], (0, 0, 0, delay)).flatten(3)
+        return way.quadratic(way.gaps(start, tips), own, plan.flatten(1))
 
     def _cost(self, start: Episodes, plan: Tensor) -> Tensor:
         """(n,): less the return of the plan (n, T, a), as the env has it."""

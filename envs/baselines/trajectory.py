@@ -23,27 +23,23 @@ ENOUGH = 1e-12  # of a slope inward from a bound, beside the largest at the star
 
 class Linearised(NamedTuple):
     """The way of the tip about actions (n, T, a): tips (n, T, d) m, by actions (n, T, d, T, a), and
-    by changes of the beam at its start (n, T, d, k); variance (n, T) m^2 of the tips.
+    by changes of the beam at its start (n, T, d, k).
     """
 
     acting: Tensor
     tips: Tensor
     by_acting: Tensor
     by_start: Tensor
-    variance: Tensor | float = 0.0
 
     def at(self, acting: Tensor) -> Tensor:
         """The tips under other actions, to first order."""
         change = (acting - self.acting).flatten(1)[:, None, :, None]
         return self.tips + (self.by_acting.flatten(3) @ change)[..., 0]
 
-    def after(self, change: Tensor, root: Tensor) -> Linearised:
-        """The way from a beam that is another one by a change (n, k) of the covariance root^T root,
-        root (n, r, k), to first order.
-        """
+    def after(self, change: Tensor) -> Linearised:
+        """The way from a beam that is another one by a change (n, k), to first order."""
         more = (self.by_start @ change[:, None, :, None])[..., 0]
-        variance = (self.by_start @ root.mT[:, None]).square().sum((-2, -1))
-        return self._replace(tips=self.tips + more, variance=variance)
+        return self._replace(tips=self.tips + more)
 
 
 class TipWay:
@@ -118,22 +114,16 @@ class TipWay:
         return way - target[..., self.task.vector]
 
     def quadratic(
-        self,
-        gap: Tensor,
-        slopes: Tensor,
-        plan: Tensor,
-        weight: Tensor | float = 1.0,
-        variance: Tensor | float = 0.0,
+        self, gap: Tensor, slopes: Tensor, plan: Tensor, weight: Tensor | float = 1.0
     ) -> tuple[Tensor, Tensor]:
         """Gradient (n, m) and Gauss-Newton matrix (n, m, m) of the cost of gaps (n, T, d), times
-        weights (T,), and of the plan (n, m), by its m numbers; slopes (n, T, d, m); variance
-        (n, T) m^2 of the gaps, which adds to their squares.
+        weights (T,), and of the plan (n, m), by its m numbers; slopes (n, T, d, m).
 
         Squares weigh as much as gives them the slope of the task's `square_cost`: as that is
         concave, the model lies above it (iteratively reweighted least squares).
         """
         with torch.enable_grad():
-            square = (gap.square().sum(-1) + variance).detach().requires_grad_()
+            square = gap.square().sum(-1).detach().requires_grad_()
             slope = torch.autograd.grad(self.task.square_cost(square).sum(), square)[0]
         cost, J = 2 * self.task.config.control_cost, slopes.flatten(1, 2)
         weighted = ((2 * weight * slope)[..., None, None] * slopes).flatten(1, 2)

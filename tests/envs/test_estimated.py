@@ -163,9 +163,7 @@ def test_what_was_expected_is_corrected_to_first_order():
     errors = []
     for size in (0.1, 0.01):
         there = way.linearised(model.state_at((1 + size) * z), (1 + size) * acting).tips
-        error = (
-            expected.after(size * z, z.new_zeros(2, 1, z.shape[-1])).at((1 + size) * acting) - there
-        )
+        error = expected.after(size * z).at((1 + size) * acting) - there
         errors.append((error.norm() / (expected.tips - there).norm()).item())
     assert errors[1] < errors[0] / 8 < 0.1 / 8
     env.set_state(replace(now, beam=model.state_at(z)))
@@ -174,7 +172,7 @@ def test_what_was_expected_is_corrected_to_first_order():
         controller.plan = plan
         if foreseen:
             controller.expect(now, lambda d: model.state_at(z + d), z.shape[-1])
-            controller.arrive(torch.zeros_like(z), z.new_zeros(2, 1, z.shape[-1]))
+            controller.arrive(torch.zeros_like(z))
         controller.act(observation)
         plans.append(controller.plan)
     assert (plans[1] - plans[0]).abs().max() < 1e-10 and (plans[0] - plan).abs().max() > 1e-3
