@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.distributions import LogNormal
+from torch.distributions import Normal
+from torch.nn.functional import softplus
 
 import torchbeam as tb
 
@@ -26,7 +27,7 @@ from .lqg import SENSOR, sensed
 from .mpc import MPC
 
 LAST = 0.2  # s, for which a disturbance of the actions lasts
-NARROW = 20.0  # factor over which a parameter that may be zero is thought to lie below its largest
+SOFT = 12.0  # a parameter comes no nearer to zero than some of such a share of its range
 SETTLING = 10  # intervals in which a plant is left to itself
 STARTS = 64  # draws of the task's, where its episodes start differently
 LATENCIES = 4  # candidates, evenly over their range, each of which is estimated from there
@@ -146,7 +147,7 @@ class Estimated(Controller):
         now, own, params = self.env.state, self.filter.unknowns, dict(self.told)
         x = x[:, self.filter.moves :]
         if own.of_model:
-            params |= own.given(x[:, : own.of_model])
+            params |= self.values(own.given(x[:, : own.of_model]))
             params["latency"] = params["latency"].clamp(*self.late)
         plant = now.plant if self.known else self._plant(params, x if about is None else about)
         return replace(now, plant=plant, beam=beam, acting=self.acting(params, self.asked))
@@ -160,7 +161,7 @@ class Estimated(Controller):
             return Plant(params, f.interval.stepper)
         stands, stepper = self.stands or (None, None)
         if stands is None or not stands.equal(about):
-            scene = self.scene(f.unknowns.given(about[:, : f.unknowns.of_model]))
+            scene = self._scene(f.unknowns.given(about[:, : f.unknowns.of_model]))
             stepper = tb.Stepper(scene, f.interval.stepper.dt, self.method)
             self.stands = about, stepper
         return Plant(params, stepper)
@@ -173,9 +174,19 @@ class Estimated(Controller):
 
     def drive(self, params: dict[str, Tensor], asked: Tensor) -> dict[str, Tensor]:
         """Inputs by name for commands (..., H a)."""
-        params = self.told | params
+        params = self.told | self.values(params)
         asked = asked.unflatten(-1, (-1, self.env.task.actions))
         return self.env.task.inputs(params["gain"][..., None] * self.acting(params, asked))
+
+    def values(self, coordinates: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Parameters of their coordinates in the filter: above zero, and else the same."""
+        return {
+            name: softplus(x / self.soft[name]) * self.soft[name] if name in self.soft else x
+            for name, x in coordinates.items()
+        }
+
+    def _scene(self, coordinates: dict[str, Tensor]) -> tb.Scene:
+        return self.scene(self.values(coordinates))
 
     def scene(self, params: dict[str, Tensor]) -> tb.Scene:
         """Of parameters by name; the others as usual."""
@@ -225,11 +236,12 @@ class Estimated(Controller):
             )
         own = {n: r for n, r in drawn.items() if n not in imperfections.PARAMETERS}
         self.scale, self.method = env.scale, config.method
+        self.soft = {n: (r[1] - r[0]) / SOFT for n, r in drawn.items() if n != "latency"}
         self.late, self.latencies = drawn.get("latency", (0.0, math.inf)), env.high.new_zeros(1)
         if self.known:
             self.told, scene, parameters = env.state.plant.params, env.state.plant.scene, {}
         else:
-            self.told, scene = simulation.usual, self.scene if own else env.plant.scene
+            self.told, scene = simulation.usual, self._scene if own else env.plant.scene
             parameters = {n: _prior(*r) for n, r in drawn.items() if n not in ("latency", "bias")}
             if "latency" in drawn:
                 ends = torch.linspace(*self.late, LATENCIES + 1, dtype=torch.float64).to(env.high)
@@ -297,13 +309,9 @@ class Estimated(Controller):
 
 
 def _prior(low: float, high: float) -> tb.Parameter:
-    """Of a number that is drawn between these."""
-    low = max(low, high / NARROW)
-    law = LogNormal(
-        torch.tensor(math.log(low * high) / 2, dtype=torch.float64),
-        torch.tensor(max(math.log(high / low), 1e-3) / 12**0.5, dtype=torch.float64),
-    )
-    return tb.Parameter(math.sqrt(low * high), transform="log", prior=law)
+    """Of a number that is drawn evenly between these: its mean and its deviation."""
+    mean = torch.tensor((low + high) / 2, dtype=torch.float64)
+    return tb.Parameter(mean, prior=Normal(mean, max(high - low, 1e-3 * high) / 12**0.5))
 
 
 class AdaptiveMPC(Estimated):
