@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.distributions import Normal
+from torch.distributions import LogNormal, Normal
 from torch.nn.functional import softplus
 
 import torchbeam as tb
@@ -27,6 +27,7 @@ from .lqg import SENSOR, sensed
 from .mpc import MPC
 
 LAST = 0.2  # s, for which a disturbance of the actions lasts
+FACTOR = 10.0  # from the largest down to the least, for which logarithms are estimated
 SOFT = 12.0  # a parameter comes no nearer to zero than some of such a share of its range
 SETTLING = 10  # intervals in which a plant is left to itself
 STARTS = 64  # draws of the task's, where its episodes start differently
@@ -236,7 +237,11 @@ class Estimated(Controller):
             )
         own = {n: r for n, r in drawn.items() if n not in imperfections.PARAMETERS}
         self.scale, self.method = env.scale, config.method
-        self.soft = {n: (r[1] - r[0]) / SOFT for n, r in drawn.items() if n != "latency"}
+        self.soft = {
+            name: (high - low) / SOFT
+            for name, (low, high) in drawn.items()
+            if name != "latency" and not _by_logarithm(low, high)
+        }
         self.late, self.latencies = drawn.get("latency", (0.0, math.inf)), env.high.new_zeros(1)
         if self.known:
             self.told, scene, parameters = env.state.plant.params, env.state.plant.scene, {}
@@ -308,10 +313,22 @@ class Estimated(Controller):
         return torch.stack(beside).square().mean((0, 1)).sqrt() < f.interval.instruments.noise
 
 
+def _by_logarithm(low: float, high: float) -> bool:
+    """Whether a number between these is estimated by its logarithm: where it is not near zero."""
+    return low * FACTOR > high
+
+
 def _prior(low: float, high: float) -> tb.Parameter:
-    """Of a number that is drawn evenly between these: its mean and its deviation."""
-    mean = torch.tensor((low + high) / 2, dtype=torch.float64)
-    return tb.Parameter(mean, prior=Normal(mean, max(high - low, 1e-3 * high) / 12**0.5))
+    """Of a number that is drawn evenly between these: mean and variance of what is estimated."""
+    wide = torch.tensor(max(high - low, 1e-3 * high), dtype=torch.float64)
+    if not _by_logarithm(low, high):
+        return tb.Parameter(
+            (low + high) / 2 + 0 * wide, prior=Normal(low + wide / 2, wide / 12**0.5)
+        )
+    log, ratio = math.log(low) + 0 * wide, ((low + wide) / low).log()
+    mean = log + (low + wide) / wide * ratio - 1
+    variance = 1 - low * (low + wide) * (ratio / wide) ** 2
+    return tb.Parameter(mean.exp(), transform="log", prior=LogNormal(mean, variance.sqrt()))
 
 
 class AdaptiveMPC(Estimated):
