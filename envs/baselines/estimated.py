@@ -48,7 +48,8 @@ class Estimated(Controller):
         known: whether the plant, its latency, lag and gain are known: the state alone is estimated.
             The return then shows the best that the sensors allow
         modes: number of modes whose amplitudes are estimated
-        disturbance: deviation of the disturbance of the actions
+        disturbance: deviation of the disturbance of the actions: what the plant, with the
+            parameters that are estimated, does not explain
         estimator: `tb.KalmanFilter`, or `tb.MovingHorizon` where all episodes start together
         ranges: name -> (low, high) of the parameters; None = the ranges from which the env draws
 
@@ -69,7 +70,7 @@ class Estimated(Controller):
         *,
         known: bool = False,
         modes: int = 4,
-        disturbance: float = 0.1,
+        disturbance: float = 0.002,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
@@ -358,7 +359,7 @@ class AdaptiveMPC(Estimated):
         damping: float = 1e-6,
         known: bool = False,
         modes: int = 4,
-        disturbance: float = 0.1,
+        disturbance: float = 0.002,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
