@@ -189,3 +189,23 @@ def test_ranges_are_what_is_known_beforehand():
         controller(env.state.observation)
         mass = controller.z.unknown["tip_mass"].max()
         assert most / 5 < mass < most
+
+
+@pytest.mark.parametrize("low, high", [(0.7, 1.3), (1e-3 / 3, 3e-3), (0.001, 0.05), (0.0, 0.02)])
+def test_priors_have_the_moments_of_even_draws(low, high):
+    """In the coordinate that a filter estimates: a logarithm, but near zero the number itself; by
+    a sum over 100,000 places, exact to 1e-8. What a filter may come to is above zero.
+    """
+    env = make(2, params_in_info=False)
+    env.reset(seed=0)
+    controller = Estimated(LQR(env, effort=0.1), ranges={"tip_mass": (low, high)})
+    controller.begin(env)
+    controller._begin()
+    x = torch.linspace(0, 1, 200_001, dtype=torch.float64)[1::2] * (high - low) + low
+    x = x.log() if low > high / 10 else x
+    unknowns = controller.filter.unknowns
+    assert abs(unknowns.start[0] - x.mean()) < 1e-6 * x.std()
+    assert abs(unknowns.deviation[0] / x.std(correction=0) - 1) < 1e-6
+    named = unknowns.given(unknowns.start[0] + torch.tensor([[-9.0], [0.0]]) * x.std())
+    least, mean = controller.values(named)["tip_mass"].flatten().tolist()
+    assert 0 < least < low + 1e-9 + high / 100 and low < mean < high
