@@ -25,7 +25,7 @@ import os
 import subprocess
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from functools import cache
 from pathlib import Path
@@ -169,9 +169,9 @@ def commit() -> str | None:
         return None
 
 
-def attempt(run: Run, folder: Path, *arguments: Any) -> str:
-    """A run in a process of its own: "" or, where it failed, the last line of why; the rest is in
-    NAME.failed.
+def attempt(make: Callable[..., Any], run: Any, folder: Path, *arguments: Any) -> str:
+    """make(run, folder, ...) in a process of its own: "" or, where it failed, the last line of
+    why; the rest is in NAME.failed.
     """
     try:
         make(run, folder, *arguments)
@@ -321,29 +321,33 @@ def complete(wanted: dict[Run, tuple[Budget, int]], folder: Path, jobs: int) -> 
         f"{len(wanted)} runs, {len(wanted) - len(missing)} of them done; {jobs} processes",
         flush=True,
     )
+    return made(make, [(run, folder, *own) for run, own in missing.items()], jobs)
+
+
+def made(make: Callable[..., Any], each: list[tuple], jobs: int) -> int:
+    """make(run, folder, ...) of each of these, in so many processes; 1 where any failed."""
     failures = {}
-    each = [(run, folder, *own) for run, own in missing.items()]
-    with Bar("runs", True) as bar:
-        for count, (run, why) in enumerate(outcomes(each, jobs), 1):
+    with Bar("runs", bool(each)) as bar:
+        for count, (run, why) in enumerate(outcomes(make, each, jobs), 1):
             failures.update({run.name: why} if why else {})
             bar.say(run.name)
-            bar.to(count / len(missing))
+            bar.to(count / len(each))
     for name, why in failures.items():
         print(f"{name} failed: {why}")
     return 1 if failures else 0
 
 
-def outcomes(jobs: list[tuple], count: int) -> Iterator[tuple[Run, str]]:
+def outcomes(make: Callable[..., Any], jobs: list[tuple], count: int) -> Iterator[tuple[Any, str]]:
     """Each run with what `attempt` said of it, as they end; in this process where there is to be
     one.
     """
     if count == 1:
-        yield from ((job[0], attempt(*job)) for job in jobs)
+        yield from ((job[0], attempt(make, *job)) for job in jobs)
         return
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # for the processes that are started below
     with process_pool(count) as pool:
-        started = {pool.submit(attempt, *job): job[0] for job in jobs}
+        started = {pool.submit(attempt, make, *job): job[0] for job in jobs}
         for one in as_completed(started):
             try:
                 yield started[one], one.result()

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.distributions import LogNormal
+from torch.distributions import LogNormal, Normal
+from torch.nn.functional import softplus
 
 import torchbeam as tb
 
 from .. import imperfections
 from ..core import BeamVectorEnv
+from ..episodes import Episodes
 from ..plant import Plant
 from ..task import Task
 from .holding import Controller, vector_env
@@ -25,7 +27,8 @@ from .lqg import SENSOR, sensed
 from .mpc import MPC
 
 LAST = 0.2  # s, for which a disturbance of the actions lasts
-NARROW = 20.0  # factor over which a parameter that may be zero is thought to lie below its largest
+FACTOR = 10.0  # from the largest down to the least, for which logarithms are estimated
+SOFT = 12.0  # a parameter comes no nearer to zero than some of such a share of its range
 SETTLING = 10  # intervals in which a plant is left to itself
 STARTS = 64  # draws of the task's, where its episodes start differently
 LATENCIES = 4  # candidates, evenly over their range, each of which is estimated from there
@@ -45,7 +48,8 @@ class Estimated(Controller):
         known: whether the plant, its latency, lag and gain are known: the state alone is estimated.
             The return then shows the best that the sensors allow
         modes: number of modes whose amplitudes are estimated
-        disturbance: deviation of the disturbance of the actions
+        disturbance: deviation of the disturbance of the actions: what the plant, with the
+            parameters that are estimated, does not explain
         estimator: `tb.KalmanFilter`, or `tb.MovingHorizon` where all episodes start together
         ranges: name -> (low, high) of the parameters; None = the ranges from which the env draws
 
@@ -66,7 +70,7 @@ class Estimated(Controller):
         *,
         known: bool = False,
         modes: int = 4,
-        disturbance: float = 0.1,
+        disturbance: float = 0.002,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
@@ -91,10 +95,14 @@ class Estimated(Controller):
         else:
             y = torch.where(self.heard, sensed(env, observation) * self.scale, math.nan)
             self.prepare()
-            self.z, self.predicted = self.filter.update(self.predicted, y), None
+            predicted, self.predicted = self.predicted, None
+            self.z = self.filter.update(predicted, y)
             over = now.done if self.z.window is None else torch.zeros_like(now.done)
             if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
+            elif predicted.after is not None:
+                z = self.z.x[self._likely()][:, : self.filter.moves]
+                self.controller.arrive(z - predicted.after.z[self.foreseen])
         env.set_state(self.believed())
         try:
             action = self.controller.act(observation).clamp(-1, 1)
@@ -109,25 +117,42 @@ class Estimated(Controller):
         if self.z is None or self.predicted is not None:
             return
         self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
-        if not self.known and self.predicted.about is not None:
-            self._plant({}, self.predicted.about[self._likely()])
+        after, about = self.predicted.after, self.predicted.about
+        if after is None:
+            return
+        at = self.foreseen = self._likely()
+        beam, place = after.state[at], after.places[1]
+        place = place._make(part[at] for part in place)
+
+        def changed(z: Tensor) -> tb.State:
+            return self.filter.interval.changed(beam, z, place)
+
+        now = self._now(self.predicted.x[at], beam, None if about is None else about[at])
+        if (w := now.pending.shape[1]) or now.late is not None:
+            waits = self.asked[:, : self.env.simulation.spare + w].flip(1)
+            late = None if now.late is None else waits[:, : waits.shape[1] - w]
+            now = replace(now, late=late, pending=waits[:, waits.shape[1] - w :])
+        self.controller.expect(now, changed, self.filter.moves)
 
     def _likely(self) -> tuple[Tensor, Tensor]:
         """Where the most likely latencies stand among the estimates of the episodes (n,)."""
         likely = self.z.log_likelihood.argmax(0)
         return likely, torch.arange(len(likely), device=likely.device)
 
-    def believed(self) -> Any:
+    def believed(self) -> Episodes:
         """The episodes (n,), by the most likely latencies."""
-        now, at = self.env.state, self._likely()
-        own, params = self.filter.unknowns, dict(self.told)
+        at, about = self._likely(), self.z.about
+        return self._now(self.z.x[at], self.z.state[at], None if about is None else about[at])
+
+    def _now(self, x: Tensor, beam: tb.State, about: Tensor | None) -> Episodes:
+        """The episodes as estimates x (n, size), and the structure at `about`, say."""
+        now, own, params = self.env.state, self.filter.unknowns, dict(self.told)
+        x = x[:, self.filter.moves :]
         if own.of_model:
-            params |= own.given(self.z.x[at][:, self.filter.moves :][:, : own.of_model])
+            params |= self.values(own.given(x[:, : own.of_model]))
             params["latency"] = params["latency"].clamp(*self.late)
-        x, about = self.z.x[at][:, self.filter.moves :], self.z.about
-        plant = now.plant if self.known else self._plant(params, x if about is None else about[at])
-        acting = self.acting(params, self.asked)
-        return replace(now, plant=plant, beam=self.z.state[at], acting=acting)
+        plant = now.plant if self.known else self._plant(params, x if about is None else about)
+        return replace(now, plant=plant, beam=beam, acting=self.acting(params, self.asked))
 
     def _plant(self, params: dict[str, Tensor], about: Tensor) -> Plant:
         """Of these parameters; of its beam, that of those of coordinates `about` (n, p, ...), at
@@ -138,7 +163,7 @@ class Estimated(Controller):
             return Plant(params, f.interval.stepper)
         stands, stepper = self.stands or (None, None)
         if stands is None or not stands.equal(about):
-            scene = self.scene(f.unknowns.given(about[:, : f.unknowns.of_model]))
+            scene = self._scene(f.unknowns.given(about[:, : f.unknowns.of_model]))
             stepper = tb.Stepper(scene, f.interval.stepper.dt, self.method)
             self.stands = about, stepper
         return Plant(params, stepper)
@@ -151,9 +176,19 @@ class Estimated(Controller):
 
     def drive(self, params: dict[str, Tensor], asked: Tensor) -> dict[str, Tensor]:
         """Inputs by name for commands (..., H a)."""
-        params = self.told | params
+        params = self.told | self.values(params)
         asked = asked.unflatten(-1, (-1, self.env.task.actions))
         return self.env.task.inputs(params["gain"][..., None] * self.acting(params, asked))
+
+    def values(self, coordinates: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Parameters of their coordinates in the filter: above zero, and else the same."""
+        return {
+            name: softplus(x / self.soft[name]) * self.soft[name] if name in self.soft else x
+            for name, x in coordinates.items()
+        }
+
+    def _scene(self, coordinates: dict[str, Tensor]) -> tb.Scene:
+        return self.scene(self.values(coordinates))
 
     def scene(self, params: dict[str, Tensor]) -> tb.Scene:
         """Of parameters by name; the others as usual."""
@@ -203,11 +238,16 @@ class Estimated(Controller):
             )
         own = {n: r for n, r in drawn.items() if n not in imperfections.PARAMETERS}
         self.scale, self.method = env.scale, config.method
+        self.soft = {
+            name: (high - low) / SOFT
+            for name, (low, high) in drawn.items()
+            if name != "latency" and not _by_logarithm(low, high)
+        }
         self.late, self.latencies = drawn.get("latency", (0.0, math.inf)), env.high.new_zeros(1)
         if self.known:
             self.told, scene, parameters = env.state.plant.params, env.state.plant.scene, {}
         else:
-            self.told, scene = simulation.usual, self.scene if own else env.plant.scene
+            self.told, scene = simulation.usual, self._scene if own else env.plant.scene
             parameters = {n: _prior(*r) for n, r in drawn.items() if n not in ("latency", "bias")}
             if "latency" in drawn:
                 ends = torch.linspace(*self.late, LATENCIES + 1, dtype=torch.float64).to(env.high)
@@ -274,14 +314,22 @@ class Estimated(Controller):
         return torch.stack(beside).square().mean((0, 1)).sqrt() < f.interval.instruments.noise
 
 
+def _by_logarithm(low: float, high: float) -> bool:
+    """Whether a number between these is estimated by its logarithm: where it is not near zero."""
+    return low * FACTOR > high
+
+
 def _prior(low: float, high: float) -> tb.Parameter:
-    """Of a number that is drawn between these."""
-    low = max(low, high / NARROW)
-    law = LogNormal(
-        torch.tensor(math.log(low * high) / 2, dtype=torch.float64),
-        torch.tensor(max(math.log(high / low), 1e-3) / 12**0.5, dtype=torch.float64),
-    )
-    return tb.Parameter(math.sqrt(low * high), transform="log", prior=law)
+    """Of a number that is drawn evenly between these: mean and variance of what is estimated."""
+    wide = torch.tensor(max(high - low, 1e-3 * high), dtype=torch.float64)
+    if not _by_logarithm(low, high):
+        return tb.Parameter(
+            (low + high) / 2 + 0 * wide, prior=Normal(low + wide / 2, wide / 12**0.5)
+        )
+    log, ratio = math.log(low) + 0 * wide, ((low + wide) / low).log()
+    mean = log + (low + wide) / wide * ratio - 1
+    variance = 1 - low * (low + wide) * (ratio / wide) ** 2
+    return tb.Parameter(mean.exp(), transform="log", prior=LogNormal(mean, variance.sqrt()))
 
 
 class AdaptiveMPC(Estimated):
@@ -311,7 +359,7 @@ class AdaptiveMPC(Estimated):
         damping: float = 1e-6,
         known: bool = False,
         modes: int = 4,
-        disturbance: float = 0.1,
+        disturbance: float = 0.002,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:

@@ -15,6 +15,7 @@ from torch import Tensor
 from torchbeam import State
 
 from ..core import BeamVectorEnv
+from ..episodes import Episodes
 from ..parameters import numbers
 from ..reach import NEAR, Reach, nearest_action
 from ..single import SingleEnv
@@ -92,6 +93,14 @@ class Controller:
         """Compute the part of the next decision that needs no observation. Call it while the
         interval passes, if decisions must come soon. Decisions do not change.
         """
+
+    def expect(self, now: Episodes, changed: Callable[[Tensor], State], size: int) -> None:
+        """Compute the part of the next decision that can be computed from `now`, the episodes as
+        they are expected to be. Their beams will be changed(d) for a small change d (n, size).
+        """
+
+    def arrive(self, change: Tensor) -> None:
+        """The beams are those of `expect`, but for this change (n, size)."""
 
     @torch.no_grad()
     def __call__(self, observation: Any) -> Any:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchbeam import State
 from torchbeam.extend import count
 
 from .. import imperfections
 from ..core import BeamVectorEnv
+from ..episodes import Episodes
 from .holding import Controller, vector_env
 from .linear import amount
-from .trajectory import TipWay, within_bounds
+from .trajectory import Linearised, TipWay, within_bounds
 
 
 class MPC(Controller):
@@ -80,38 +83,64 @@ class MPC(Controller):
         planned = self.horizon - self.env.config.delay
         # (n, horizon - delay, a), from the one that is given now
         self.plan = self.env.high.new_zeros(self.env.num_envs, planned, self.env.task.actions)
+        self.about: Linearised | None = None  # what is expected; what has come
+        self.here: Linearised | None = None
 
     def restart(self, fresh: Tensor) -> None:
         self.plan = torch.where(fresh[:, None, None], 0.0, self.plan)
 
+    def expect(self, now: Episodes, changed: Callable[[Tensor], State], size: int) -> None:
+        self.about = self._way(now).linearised(changed, self.acting(now), size)
+
+    def arrive(self, change: Tensor) -> None:
+        self.here = None if self.about is None else self.about.after(change)
+
     def act(self, observation: Tensor) -> Tensor:
         for _ in range(self.iterations):
-            self.plan = self._better(self.plan)
+            self.plan = self._better()
         first = self.plan[:, 0]
         self.plan = torch.cat((self.plan[:, 1:], self.plan[:, -1:]), 1)
         return first
 
-    def acting(self, plan: Tensor) -> Tensor:
-        """(n, horizon, a): what acts in the next intervals; given over those of the delay at the
-        end, an action would act after them.
+    def acting(self, now: Episodes) -> Tensor:
+        """(n, horizon, a): what acts in the next intervals by the plan; given over those of the
+        delay at the end, an action would act after them.
         """
-        now, simulation = self.env.state, self.env.simulation
+        late = () if now.late is None or not self.informed else (now.late,)
+        queue = torch.cat((*late, now.pending, self.plan), 1)
+        return self._ahead(now, now.acting, queue)
+
+    def _ahead(self, now: Episodes, before: Tensor, queue: Tensor) -> Tensor:
+        """(n, horizon, k): what acts by a queue (n, ..., k), oldest first, and by what acted last
+        (n, k).
+        """
         if not self.informed:
-            return torch.cat((now.pending, plan), 1)
-        late, params = () if now.late is None else (now.late,), now.plant.params
-        queue = torch.cat((*late, now.pending, plan), 1)
-        interval = self.env.config.control_interval
+            return queue
+        params, interval = now.plant.params, self.env.config.control_interval
         acts = imperfections.acting_ahead(
-            now.acting, queue, params["latency"], params["lag"], interval, simulation.spare
+            before, queue, params["latency"], params["lag"], interval, self.env.simulation.spare
         )
         return params["gain"].reshape(-1, 1, 1) * acts
 
-    def _better(self, plan: Tensor) -> Tensor:
+    def _by_plan(self, now: Episodes) -> Tensor:
+        """(n, horizon, P): what acts, of each actuator, by the P actions of its plan."""
+        n, planned = self.plan.shape[:2]
+        waits = 0 if now.late is None or not self.informed else now.late.shape[1]
+        waits += now.pending.shape[1]
+        unit = torch.eye(planned).to(self.plan).expand(n, -1, -1)
+        queue = torch.cat((unit.new_zeros(n, waits, planned), unit), 1)
+        return self._ahead(now, unit.new_zeros(n, planned), queue)
+
+    def _way(self, now: Episodes) -> TipWay:
+        return TipWay(self.env.task, now.plant) if self.informed else self.way
+
+    def _better(self) -> Tensor:
         """The plan after a step."""
-        now = self.env.state
-        way = TipWay(self.env.task, now.plant) if self.informed else self.way
-        tips, slopes = way.slopes(now, plan, self.acting)
-        own = slopes.flatten(3)
-        gap, flat = self.way.gaps(now, tips), plan.flatten(1)
+        now, acting, about = self.env.state, self.acting(self.env.state), self.here
+        self.about = self.here = None  # of this plan alone
+        if about is None:
+            about = self._way(now).linearised(now.beam, acting)
+        own = torch.einsum("ntdsa,nsp->ntdpa", about.by_acting, self._by_plan(now)).flatten(3)
+        gap, flat = self.way.gaps(now, about.at(acting)), self.plan.flatten(1)
         g, H = self.way.quadratic(gap, own, flat, self.weight)
-        return within_bounds(g, H, flat, self.damping).view_as(plan)
+        return within_bounds(g, H, flat, self.damping).view_as(self.plan)

@@ -111,7 +111,7 @@ class Optimum(Controller):
         """Gradient and Gauss-Newton matrix of the cost of a plan, by its numbers."""
         delay = self.env.config.delay
         acting = torch.cat((start.pending, plan), 1)[:, : plan.shape[1]]
-        tips, slopes = way.slopes(start, acting)
+        _, tips, slopes, _ = way.linearised(start.beam, acting)
         # by what is given within the episode; what comes too late to act costs alone
         own = torch.nn.functional.pad(slopes[:, :, :, delay:], (0, 0, 0, delay)).flatten(3)
         return way.quadratic(way.gaps(start, tips), own, plan.flatten(1))

@@ -5,6 +5,7 @@ of.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -18,6 +19,27 @@ from ..task import Task
 
 ROUNDS = 500  # in which actions come to their bounds, or leave them, at most
 ENOUGH = 1e-12  # of a slope inward from a bound, beside the largest at the start
+
+
+class Linearised(NamedTuple):
+    """The way of the tip about actions (n, T, a): tips (n, T, d) m, by actions (n, T, d, T, a), and
+    by changes of the beam at its start (n, T, d, k).
+    """
+
+    acting: Tensor
+    tips: Tensor
+    by_acting: Tensor
+    by_start: Tensor
+
+    def at(self, acting: Tensor) -> Tensor:
+        """The tips under other actions, to first order."""
+        change = (acting - self.acting).flatten(1)[:, None, :, None]
+        return self.tips + (self.by_acting.flatten(3) @ change)[..., 0]
+
+    def after(self, change: Tensor) -> Linearised:
+        """The way from a beam that is another one by a change (n, k), to first order."""
+        more = (self.by_start @ change[:, None, :, None])[..., 0]
+        return self._replace(tips=self.tips + more)
 
 
 class TipWay:
@@ -48,27 +70,31 @@ class TipWay:
         states = tb.rollout(self.plant.stepper, now.beam, acting.shape[-2] * every, inputs)
         return self._tip(states)[every - 1 :: every].movedim(0, -2)
 
-    def slopes(
-        self, now: Episodes, plan: Tensor, acts: Callable[[Tensor], Tensor] = lambda plan: plan
-    ) -> tuple[Tensor, Tensor]:
-        """The way of a plan (n, P, a), of which acts(plan) (n, T, a) acts, and its derivatives
-        (n, T, d, P, a).
+    def linearised(
+        self, beam: tb.State | Callable[[Tensor], tb.State], acting: Tensor, size: int = 0
+    ) -> Linearised:
+        """The way from a beam under actions (n, T, a), and its derivatives. beam: a state, or a
+        function of changes (n, size) of it, of which that at 0 is meant.
         """
+        n, numbers = acting.shape[0], acting[0].numel()
+        by = torch.cat((acting.detach().flatten(1), acting.new_zeros(n, size)), 1).requires_grad_()
         with torch.enable_grad():
-            plan = plan.detach().clone().requires_grad_()
-            acting = acts(plan)
-            inputs = self._inputs(acting)
+            actions, change = by.split((numbers, size), 1)
+            inputs = self._inputs(actions.view_as(acting))
+            start = beam(change) if callable(beam) else beam
         every = self.task.config.substeps
         way, slopes = tb.rollout_jacobian(
             self.plant.stepper,
-            now.beam,
+            start,
             acting.shape[-2] * every,
             inputs,
             self._tip,
-            by=plan,
+            by=by,
             every=every,
         )
-        return way.movedim(0, -2), slopes.movedim(2, 0)
+        by_acting, by_start = slopes.movedim(2, 0).split((numbers, size), -1)
+        by_acting = by_acting.unflatten(-1, acting.shape[1:])
+        return Linearised(acting, way.movedim(0, -2), by_acting, by_start)
 
     def _inputs(self, acting: Tensor) -> dict[str, tb.PerInterval]:
         """Of each step."""

@@ -8,6 +8,7 @@ import torch
 from torchbeam_envs import FlutterHoldVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import LQR, MPC, AdaptiveMPC, Estimated
 from torchbeam_envs.baselines.estimated import LASTING
+from torchbeam_envs.baselines.trajectory import TipWay
 from torchbeam_envs.uncertain import UNCERTAIN
 
 import torchbeam as tb
@@ -114,31 +115,67 @@ def test_readings_of_a_motion_that_is_not_estimated_are_left_out():
 
 
 def test_what_is_prepared_changes_no_action(monkeypatch):
-    """While structures are still made anew, to the bit; and a decision that was prepared predicts
-    nothing any more.
-    """
-    predict, calls, both = tb.KalmanFilter.predict, [], []
+    """To the bit; and a decision that was prepared neither predicts nor simulates any more."""
+    calls, both = [], []
 
-    def counted(self, *given):
-        calls.append(given)
-        return predict(self, *given)
+    def counted(owner, name):
+        whole = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or whole(*a, **k))
 
-    monkeypatch.setattr(tb.KalmanFilter, "predict", counted)
+    counted(tb.KalmanFilter, "predict")
+    counted(tb, "rollout_jacobian")
     env = make(2, params_in_info=False)
     for prepares in (False, True):
         observation, _ = env.reset(seed=1)
         controller, actions = AdaptiveMPC(env, horizon=6), []
         controller.begin(env)
-        for _ in range(8):
-            before = len(calls)
+        for k in range(8):
+            calls.clear()
             actions.append(controller(observation))
-            assert not prepares or len(calls) == before
+            assert not (prepares and k and calls)
             if prepares:
+                calls.clear()
                 controller.prepare()
-                assert len(calls) == before + 1
+                assert calls == ["predict", "rollout_jacobian"]
             observation, *_ = env.step(actions[-1])
         both.append(torch.stack(actions))
     assert torch.equal(*both) and both[0].abs().max() > 0.1
+
+
+def test_what_was_expected_is_corrected_to_first_order():
+    """The way of a tip about an expected beam and actions, corrected by what came, against the way
+    of that: errors fall with the square of the change. A plan about what was expected is, where
+    that came, what it is without, to 1e-10.
+    """
+    env = make(2, params_in_info=False)
+    observation, _ = env.reset(seed=0)
+    controller = MPC(env, horizon=8, informed=True)
+    controller.begin(env)
+    for _ in range(3):
+        observation, *_ = env.step(controller(observation))
+    now, plan = env.state, controller.plan
+    model, way = (
+        tb.linearize(env.plant.scene, inputs={"force": torch.zeros(3)}),
+        TipWay(env.task, now.plant),
+    )
+    z, acting = model.departure(now.beam), controller.acting(now)
+    expected = way.linearised(lambda d: model.state_at(z + d), acting, z.shape[-1])
+    errors = []
+    for size in (0.1, 0.01):
+        there = way.linearised(model.state_at((1 + size) * z), (1 + size) * acting).tips
+        error = expected.after(size * z).at((1 + size) * acting) - there
+        errors.append((error.norm() / (expected.tips - there).norm()).item())
+    assert errors[1] < errors[0] / 8 < 0.1 / 8
+    env.set_state(replace(now, beam=model.state_at(z)))
+    plans = []
+    for foreseen in (False, True):
+        controller.plan = plan
+        if foreseen:
+            controller.expect(now, lambda d: model.state_at(z + d), z.shape[-1])
+            controller.arrive(torch.zeros_like(z))
+        controller.act(observation)
+        plans.append(controller.plan)
+    assert (plans[1] - plans[0]).abs().max() < 1e-10 and (plans[0] - plan).abs().max() > 1e-3
 
 
 def test_ranges_are_what_is_known_beforehand():
@@ -152,3 +189,23 @@ def test_ranges_are_what_is_known_beforehand():
         controller(env.state.observation)
         mass = controller.z.unknown["tip_mass"].max()
         assert most / 5 < mass < most
+
+
+@pytest.mark.parametrize("low, high", [(0.7, 1.3), (1e-3 / 3, 3e-3), (0.001, 0.05), (0.0, 0.02)])
+def test_priors_have_the_moments_of_even_draws(low, high):
+    """In the coordinate that a filter estimates: a logarithm, but near zero the number itself; by
+    a sum over 100,000 places, exact to 1e-8. What a filter may come to is above zero.
+    """
+    env = make(2, params_in_info=False)
+    env.reset(seed=0)
+    controller = Estimated(LQR(env, effort=0.1), ranges={"tip_mass": (low, high)})
+    controller.begin(env)
+    controller._begin()
+    x = torch.linspace(0, 1, 200_001, dtype=torch.float64)[1::2] * (high - low) + low
+    x = x.log() if low > high / 10 else x
+    unknowns = controller.filter.unknowns
+    assert abs(unknowns.start[0] - x.mean()) < 1e-6 * x.std()
+    assert abs(unknowns.deviation[0] / x.std(correction=0) - 1) < 1e-6
+    named = unknowns.given(unknowns.start[0] + torch.tensor([[-9.0], [0.0]]) * x.std())
+    least, mean = controller.values(named)["tip_mass"].flatten().tolist()
+    assert 0 < least < low + 1e-9 + high / 100 and low < mean < high
