@@ -170,6 +170,7 @@ def floquet_modes(
             value, shape = _swinging_exponents(some, value, shape, several, count)
         with no_derivatives():
             coarse = next(iter(by(steps // 2))).flatten(-2)
+            coarse = torch.cat((coarse, coarse.conj()), -1)  # either one of a pair may be known
             apart = coarse[..., None, :] - value[..., :1]
             apart = apart.gather(-1, apart.abs().argmin(-1, keepdim=True))
             share = 2 ** (ORDER if orbit is None else MIDPOINT) - 1
