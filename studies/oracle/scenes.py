@@ -40,8 +40,8 @@ def section(case: Case) -> tb.Section | Callable[[Tensor], tb.Section]:
         )
     )
     S, mass = tensor(rod.S), tensor(np.block([[rod.mass * np.eye(3), -c], [c, rod.inertia]]))
-    if not rod.taper:
-        return tb.Section(S, mass)
+    if not rod.taper:  # arms of each strain want a compliance without more than its diagonal
+        return tb.Section(rod.S.tolist() if _six(*case.arms()) else S, mass)
 
     def at(s: Tensor) -> tb.Section:
         thin = (1 - rod.taper * s / rod.length)[..., None, None]
@@ -101,6 +101,17 @@ def _law(load: fx.Load) -> Callable[..., tuple[Tensor, Tensor]]:
     return law
 
 
+def _six(shares: Array, times: Array) -> bool:
+    """Whether strains have arms of their own."""
+    return any(x.size > 0 and bool(np.ptp(x, axis=0).any()) for x in (shares, times))
+
+
+def _viscoelastic(e: fx.Viscoelastic) -> tb.Viscoelastic:
+    six = _six(e.shares, e.times)
+    shares, times = (tensor(x if six else x[0]) for x in (e.shares, e.times))
+    return tb.Viscoelastic(shares, times, six=six)
+
+
 def effects(case: Case, elements: int) -> list[Any]:
     """The effects in the library's terms."""
 
@@ -146,6 +157,7 @@ def effects(case: Case, elements: int) -> list[Any]:
             _value(e.curvature, case.rod), _value(e.strain, case.rod)
         ),
         fx.Damping: lambda e: tb.Damping(tuple(e.tau) if np.ptp(e.tau) else e.tau[0]),
+        fx.Viscoelastic: _viscoelastic,
         fx.Load: lambda e: tb.Load(_law(e), None if e.at is None else at(e)),
     }
     return [make[type(e)](e) for e in case.effects]

@@ -73,9 +73,8 @@ def test_every_effect_has_a_row():
         if isinstance(getattr(tb, name), type) and issubclass(getattr(tb, name), Effect)
     }
     # these couple points of the rod, which the oracle's has no form for: `verify` has a rod of its
-    # own, with a tendon on a helix, and beams that touch; what relaxes has a memory, which the
-    # oracle's balances know nothing of: closed forms and an explicit method stand for it
-    public -= {"Tendon", "SelfContact", "Viscoelastic"}
+    # own, with a tendon on a helix, and beams that touch
+    public -= {"Tendon", "SelfContact"}
     assert set(fx.ROWS) == public
     random, taken = np.random.default_rng(0), set()
     for number in range(22):

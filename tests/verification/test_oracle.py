@@ -37,13 +37,13 @@ def test_statics(number):
 
 @pytest.mark.filterwarnings("ignore:.*unstable equilibrium:RuntimeWarning")
 @pytest.mark.parametrize(
-    "number", (0, 5, *(pytest.param(k, marks=pytest.mark.long) for k in (3, 6)))
+    "number", (0, 5, 11, *(pytest.param(k, marks=pytest.mark.long) for k in (3, 6)))
 )
 def test_vibrations(number):
     check(comparison.vibrations(case("vibrations", number)))
 
 
-@pytest.mark.parametrize("number", (pytest.param(6, marks=pytest.mark.long), 7))
+@pytest.mark.parametrize("number", (pytest.param(6, marks=pytest.mark.long), 7, 11))
 def test_motion(number):
     """Momentum, angular momentum, energy, and the power of what acts; frames that turn, a clamp
     that moves.
