@@ -195,8 +195,8 @@ def balances(motion: Motion) -> dict[str, Array]:
 
 
 def _elastic(motion: Motion) -> tuple[Array, Array, Array]:
-    """(T,) J: strain energy, what damping and arms that forget have dissipated, and what a change of
-    the eigenstrain has brought in.
+    """(T,) J: strain energy, what damping and arms that forget have dissipated, and what a change
+    of the eigenstrain has brought in.
     """
     case, t = motion.case, motion.t
     flexible = case.rod.S.diagonal() > 0

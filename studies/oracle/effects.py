@@ -14,9 +14,8 @@ from .rotations import Array, back, cross, dot, length, logarithm, skew, turn
 
 
 class OracleEffect:
-    """kind: load, body, damping, memory or eigenstrain.  at: its place x = s/L, None = along the rod.
-    on_mass: it acts on whatever
-    has mass, bodies too.  holds: it is a support's part.
+    """kind: load, body, damping, memory or eigenstrain.  at: its place x = s/L, None = along the
+    rod.  on_mass: it acts on whatever has mass, bodies too.  holds: it is a support's part.
     """
 
     kind = "load"

@@ -14,6 +14,7 @@ import torchbeam as tb
 
 from . import effects as fx
 from .balances import Motion
+from .hinges import Wheel
 from .rod import Case, Value
 from .rotations import Array
 
@@ -222,3 +223,22 @@ def motion(case: Case, elements: int, span: float, steps: int) -> tuple[Motion, 
             "strain": energy.strain.numpy(),
         },
     )
+
+
+def turning(wheel: Wheel, span: float, steps: int) -> Array:
+    """(steps + 1, 4): angle, rate and what is remembered, of a wheel from rest."""
+    law = getattr(tb, type(wheel.law).__name__)(**vars(wheel.law))
+    sizes, rates = tensor(wheel.sizes), tensor(wheel.rates)
+    hinge = tb.Hinge(
+        None,
+        "wheel",
+        axis=(0, 0, 1),
+        hysteresis=law,
+        torque=lambda t: (sizes * torch.sin(rates * t)).sum(),
+    )
+    body = tb.Body(mass=tensor(1.0), inertia=wheel.inertia, position=(0, 0, 0))
+    t = torch.linspace(0, span, steps + 1, dtype=torch.float64)
+    solution = tb.simulate(tb.Scene({"wheel": body}, joints=[hinge]), t, step=1.01 * span / steps)
+    joint = solution.state.joint[0]
+    parts = joint.coordinate[:, None], joint.rate[:, None], joint.memory[:, :2]
+    return torch.cat(parts, -1).numpy()

@@ -3,9 +3,9 @@ quadratic eigenproblem.
 
 Unknowns are the displacement dr, the turn dphi (spatial: dR = ~dphi R) and the changes dn, dm of
 force and moment at Chebyshev points of each part, (12) each; the equations hold at Gauss points,
-one fewer. Where the stress depends on the strain rate, or forgets, the changes of the strain at the
-Gauss points are unknowns too, and those of what arms have crept by. Derivatives of the equations of a point are complex steps, exact to
-rounding (Squire and Trapp 1998).
+one fewer. Where the stress depends on the strain rate, or forgets, the changes of the strain at
+the Gauss points are unknowns too, and those of what arms have crept by. Derivatives of the
+equations of a point are complex steps, exact to rounding (Squire and Trapp 1998).
 """
 
 from __future__ import annotations

@@ -17,13 +17,13 @@ class ErrorEstimate(NamedTuple):
     run     by what the difference of two runs is divided: of second order the finer one is off by a
             third of it, of first by all
     limit   the same of two extrapolated runs: a fifteenth where the motion is smooth and the steps
-            resolve it, taken for a seventh. All of it where they are of less than fourth order: with
-            states of loads, which a step does not solve symmetrically, and where forces have
-            corners, as where a contact begins or a rope slackens, as the place of a corner in its
-            step is another one in each run. None where a joint yields and turns back: there the
-            error is of second order, with a factor that jumps from run to run, so that two
-            extrapolated runs may agree by chance. Two plain ones may as well: the difference before
-            counts, too, and nothing is extrapolated
+            resolve it, taken for a seventh. All of it where the order is less than four: with
+            states of loads, which a step does not solve symmetrically; where forces have corners,
+            as where a contact begins or a rope slackens, for a corner lies elsewhere in the step of
+            each run. None where a joint yields and turns back: there the error is of second order,
+            with a factor that jumps from run to run. Two extrapolated runs may agree by chance
+            there. Two plain ones may as well: the difference before counts, too, and nothing is
+            extrapolated
     """
 
     order: int
@@ -35,7 +35,7 @@ class ErrorEstimate(NamedTuple):
         """Of a model by a method of this order."""
         if model.scene.joint_memory:
             return cls(order, 1.0, None)
-        if order == 1:
+        if order < 2:
             return cls(order, 1.0, 1.0)
         slackens = any(tendon.stiffness is not None for tendon in model.scene.tendons)
         corners = model.touches or model.joints.limited or slackens

@@ -191,8 +191,8 @@ class Linear:
         imaginary part.
 
         Of a scene that relaxes (`Viscoelastic`) the modes are those of the instantaneous stiffness.
-        What arms of one time have crept by follows in the modes' own strains: one state for each
-        mode and time, behind the rates. Nothing else is left out: where the stress of the
+        The arms of each time creep in the modes' own strains: one state for each mode and time,
+        behind the rates. Nothing else is left out: where the stress of the
         equilibrium adds no stiffness, each mode relaxes as in the whole model. Turns without
         inertia couple the arms: then all of these states stay.
 

@@ -94,12 +94,14 @@ def test_z_comes_to_its_place_in_an_equilibrium():
     start, ways = most * draw(-1, 1), 10 ** draw(-1, 1.5)
     memory = torch.stack((start, 0 * start), -1)
     after = law.response(Travel(0 * ways, ways / 5, memory, NOW, None)).memory[:, 0]
-    for k, (n, beta, gamma) in enumerate(zip(law.n, law.beta, law.gamma, strict=True)):
 
-        def rate(x, z, n=n.item(), beta=beta.item(), gamma=gamma.item()):
-            return 1 - np.abs(z) ** n * (gamma + beta * np.sign(z))
+    def rate(x, z, n, beta, gamma):
+        return 1 - np.abs(z) ** n * (gamma + beta * np.sign(z))
 
-        exact = solve_ivp(rate, (0, ways[k]), start[k : k + 1], method="LSODA", rtol=1e-8)
+    for k, shape in enumerate(torch.stack((law.n, law.beta, law.gamma), -1).numpy()):
+        exact = solve_ivp(
+            rate, (0, ways[k]), start[k : k + 1], method="LSODA", rtol=1e-8, args=tuple(shape)
+        )
         assert abs(after[k] - exact.y[0, -1]) < 0.012 * most[k]
 
 
