@@ -25,8 +25,8 @@ ABOUT = (
     "effects of every kind. `statics`: the Cosserat equations as a boundary value problem. "
     "`vibrations`: their linearisation by collocation. `motion`: balances of momentum, angular "
     "momentum and energy. `hinges`: wheels on hinges that yield or have hysteresis, "
-    "by their differential equations. Error: of what the library's answers on three meshes tend to, over the "
-    "size of the quantity; accepted is what the last refinement changed it by, and the accuracy "
+    "by their differential equations. Error: of what the library's answers on three "
+    "meshes tend to, over the size of the quantity; accepted is what the last refinement changed it by, and the accuracy "
     "of the oracle."
 )
 QUICK = 2  # cases

@@ -35,7 +35,8 @@ class BoucWen(HystereticLaw):
     with X = x times the steepest slope of f. It is of second order, as s = 1/2 - X/12 + ..., and z
     stays within its bound however long the step is, as x s f' <= 1. Its loss
     is x (s z_0 f(z_0) + (1 - s) z_1 f(z_1)) >= 0; the work of its mean load is stored and lost. It
-    has derivatives everywhere but where a step turns around; there the slope is the mean of both. In an equilibrium z comes to its place by eight such steps, within 0.011.
+    has derivatives everywhere but where a step turns around; there the slope is the mean of both.
+    In an equilibrium z comes to its place by eight such steps, within 0.011.
 
     Memory: z; the energy lost, J.
 
