@@ -26,7 +26,8 @@ ABOUT = (
     "`vibrations`: their linearisation by collocation. `motion`: balances of momentum, angular "
     "momentum and energy. `hinges`: wheels on hinges that yield or have hysteresis, "
     "by their differential equations. Error: of what the library's answers on three "
-    "meshes tend to, over the size of the quantity; accepted is what the last refinement changed it by, and the accuracy "
+    "meshes tend to, over the "
+    "size of the quantity; accepted is what the last refinement changed it by, and the accuracy "
     "of the oracle."
 )
 QUICK = 2  # cases
