@@ -15,7 +15,8 @@ from torch import Tensor, nn
 
 from .common import environment_state, main, restore_environment, training_seed
 from .imitation import Imitation
-from .policies import Policy, Value
+from .policies import Policy, Statistics, Value
+from .sight import sight
 from .tuned import SHAC as TUNED
 from .tuned import Task
 
@@ -64,6 +65,14 @@ class Arguments:
     """
     lessons: int = 40
     """windows in which it does so, and the critic learns beside it"""
+    settled: bool = False
+    """whether the normalisation of observations stays as the lessons left it: a policy that was
+    taught gets worse as it moves
+    """
+    sight: bool = False
+    """whether the critic sees the plant, the true state and the time that is left, which the policy
+    does not; ends by the time limit are ends then
+    """
     smooth: float = 0.0
     """width by which the environment smooths the steps of its reward in training, where it has such
     an argument: their gradient is zero else. 0: as it is
@@ -98,7 +107,10 @@ class SHAC:
                 linear=a.linear,
                 memory=a.memory,
             )
-            self.critic = Value((self.policy.features, *a.hidden), activation="elu")
+            self.env.reset(seed=training_seed(a.seed))
+            self.sighted = Statistics(sight(self.env).shape[-1] if a.sight else 0)
+            size = self.policy.features + len(self.sighted.mean)
+            self.critic = Value((size, *a.hidden), activation="elu")
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.optimizer, self.critic_optimizer = (
             torch.optim.Adam(part.parameters(), rate, betas=(0.7, 0.95), fused=True)
@@ -106,7 +118,6 @@ class SHAC:
         )
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out, self.steps = 0, 0
-        self.env.reset(seed=training_seed(a.seed))
         self.memory = self.policy.blank(a.num_envs)  # of what was before the observation
         self.imitation = (
             Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
@@ -125,6 +136,7 @@ class SHAC:
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
             features, after_it = policy.see(observation, memory)
             action = policy.act(features, noise).to(observation.dtype)
+            sight = self.sight().detach()
             if lesson is not None:
                 action = lesson.act(observation, action)
             after, reward, terminated, truncated, info = self.env.step(action)
@@ -134,8 +146,10 @@ class SHAC:
             objective = objective + weight * reward
             end = over if k < a.horizon - 1 else torch.ones_like(over)
             if end.any():
-                value = self.target(policy.held(policy.see(last, after_it)[0]))
-                rest = torch.where(end & ~terminated, value.to(reward.dtype), 0.0)
+                seen = policy.held(policy.see(last, after_it)[0])
+                value = self.target(self.judged(seen, self.sight()))
+                none = over if a.sight else terminated
+                rest = torch.where(end & ~none, value.to(reward.dtype), 0.0)
                 objective = objective + weight * a.discount * rest
             weight = torch.where(over, 1.0, a.discount * weight)
             rows.append(
@@ -144,7 +158,9 @@ class SHAC:
                     memory=memory.detach(),
                     reward=reward.detach(),
                     next=last.detach(),
-                    terminated=terminated,
+                    sight=sight,
+                    next_sight=self.sight().detach(),
+                    terminated=over if a.sight else terminated,
                     over=over,
                 )
             )
@@ -154,12 +170,24 @@ class SHAC:
             name: torch.stack([row[name] for row in rows]) for name in rows[0]
         }
 
+    def sight(self) -> Tensor:
+        """(n, p) that the critic sees and the policy does not."""
+        if self.arguments.sight:
+            return sight(self.env)
+        return self.memory.new_zeros(self.arguments.num_envs, 0)
+
+    def judged(self, features: Tensor, sight: Tensor) -> Tensor:
+        """What the critic sees."""
+        return torch.cat((features, self.sighted(sight).to(features)), -1)
+
     @torch.no_grad()
     def targets(self, data: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """(features (horizon, n, ...), lambda returns (horizon, n) from the target critic)."""
         a, policy = self.arguments, self.policy
         features = policy.see_all(data["observation"], data["memory"][0], data["over"])
-        value = self.target(policy.see_next(features, data["next"]))
+        value = policy.see_next(features, data["next"])
+        value = self.target(self.judged(value, data["next_sight"]))
+        features = self.judged(features, data["sight"])
         after = torch.where(data["terminated"], 0.0, value)
         target, rows = after[-1], []
         for k in reversed(range(a.horizon)):
@@ -188,7 +216,8 @@ class SHAC:
         else:
             self.left_out += 1
         error = self.learn_values(data)
-        self.policy.statistics.update(data["observation"])
+        if not a.settled:
+            self.policy.statistics.update(data["observation"])
         return {
             "gradient_norm": norm.item(),
             "left_out": self.left_out,
@@ -208,6 +237,8 @@ class SHAC:
         minibatch.
         """
         a = self.arguments
+        if a.sight:
+            self.sighted.update(data["sight"])
         features, target = (x.flatten(0, 1) for x in self.targets(data))
         for _ in range(a.critic_epochs):
             for rows in torch.randperm(self.batch, generator=self.generator).chunk(
@@ -244,7 +275,7 @@ class SHAC:
         if self.imitation is not None:
             self.imitation.load_state_dict(state["imitation"])
 
-    _PARTS = ("policy", "critic", "target", "optimizer", "critic_optimizer")
+    _PARTS = ("policy", "sighted", "critic", "target", "optimizer", "critic_optimizer")
 
 
 if __name__ == "__main__":
