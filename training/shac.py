@@ -15,8 +15,7 @@ from torch import Tensor, nn
 
 from .common import environment_state, main, restore_environment, training_seed
 from .imitation import Imitation
-from .policies import Policy, Statistics, Value
-from .sight import sight
+from .policies import Policy, Value
 from .tuned import SHAC as TUNED
 from .tuned import Task
 
@@ -65,13 +64,9 @@ class Arguments:
     """
     lessons: int = 40
     """windows in which it does so, and the critic learns beside it"""
-    settled: bool = False
-    """whether the normalisation of observations stays as the lessons left it: a policy that was
-    taught gets worse as it moves
-    """
-    sight: bool = False
-    """whether the critic sees the plant, the true state and the time that is left, which the policy
-    does not; ends by the time limit are ends then
+    average: int = 0
+    """updates, about so many, over which the weights that are validated and kept are averaged; from
+    the lessons on the normalisation of observations then stays. 0: the last weights are kept
     """
     smooth: float = 0.0
     """width by which the environment smooths the steps of its reward in training, where it has such
@@ -86,6 +81,9 @@ class SHAC:
     The value at the end of the window, and of an episode that ends within it by the time limit, is
     that of the observation before the reset; after a failed solve it is none. Gradients that are
     not finite are left out and counted.
+
+    `actor` plays and learns; `policy` is what is kept of it: the same, or an exponential average
+    of its weights (Polyak and Juditsky 1992), which forgets the noise of single updates.
     """
 
     NAME = "shac"
@@ -99,7 +97,7 @@ class SHAC:
         actions = self.env.single_action_space.shape[0]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(a.seed)
-            self.policy = Policy(
+            self.actor = Policy(
                 (inputs, *a.hidden, actions),
                 squash=True,
                 activation="elu",
@@ -107,27 +105,26 @@ class SHAC:
                 linear=a.linear,
                 memory=a.memory,
             )
-            self.env.reset(seed=training_seed(a.seed))
-            self.sighted = Statistics(sight(self.env).shape[-1] if a.sight else 0)
-            size = self.policy.features + len(self.sighted.mean)
-            self.critic = Value((size, *a.hidden), activation="elu")
+            self.policy = copy.deepcopy(self.actor) if a.average else self.actor
+            self.critic = Value((self.actor.features, *a.hidden), activation="elu")
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.optimizer, self.critic_optimizer = (
             torch.optim.Adam(part.parameters(), rate, betas=(0.7, 0.95), fused=True)
-            for part, rate in ((self.policy, a.rate), (self.critic, a.critic_rate))
+            for part, rate in ((self.actor, a.rate), (self.critic, a.critic_rate))
         )
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out, self.steps = 0, 0
-        self.memory = self.policy.blank(a.num_envs)  # of what was before the observation
+        self.env.reset(seed=training_seed(a.seed))
+        self.memory = self.actor.blank(a.num_envs)  # of what was before the observation
         self.imitation = (
-            Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
+            Imitation(self.env, self.actor, a.teacher, a.lessons) if a.teacher else None
         )
 
     def window(self, lesson: Imitation | None = None) -> tuple[Tensor, dict[str, Tensor]]:
         """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy
         as it is, or as a lesson.
         """
-        a, policy = self.arguments, self.policy
+        a, policy = self.arguments, self.actor
         observation = self.env.initialize_trajectory()
         memory, rows = self.memory, []
         objective = observation.new_zeros(a.num_envs)
@@ -136,7 +133,6 @@ class SHAC:
             noise = torch.randn(self.env.action_space.shape, generator=self.generator)
             features, after_it = policy.see(observation, memory)
             action = policy.act(features, noise).to(observation.dtype)
-            sight = self.sight().detach()
             if lesson is not None:
                 action = lesson.act(observation, action)
             after, reward, terminated, truncated, info = self.env.step(action)
@@ -146,10 +142,8 @@ class SHAC:
             objective = objective + weight * reward
             end = over if k < a.horizon - 1 else torch.ones_like(over)
             if end.any():
-                seen = policy.held(policy.see(last, after_it)[0])
-                value = self.target(self.judged(seen, self.sight()))
-                none = over if a.sight else terminated
-                rest = torch.where(end & ~none, value.to(reward.dtype), 0.0)
+                value = self.target(policy.held(policy.see(last, after_it)[0]))
+                rest = torch.where(end & ~terminated, value.to(reward.dtype), 0.0)
                 objective = objective + weight * a.discount * rest
             weight = torch.where(over, 1.0, a.discount * weight)
             rows.append(
@@ -158,9 +152,7 @@ class SHAC:
                     memory=memory.detach(),
                     reward=reward.detach(),
                     next=last.detach(),
-                    sight=sight,
-                    next_sight=self.sight().detach(),
-                    terminated=over if a.sight else terminated,
+                    terminated=terminated,
                     over=over,
                 )
             )
@@ -170,24 +162,12 @@ class SHAC:
             name: torch.stack([row[name] for row in rows]) for name in rows[0]
         }
 
-    def sight(self) -> Tensor:
-        """(n, p) that the critic sees and the policy does not."""
-        if self.arguments.sight:
-            return sight(self.env)
-        return self.memory.new_zeros(self.arguments.num_envs, 0)
-
-    def judged(self, features: Tensor, sight: Tensor) -> Tensor:
-        """What the critic sees."""
-        return torch.cat((features, self.sighted(sight).to(features)), -1)
-
     @torch.no_grad()
     def targets(self, data: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """(features (horizon, n, ...), lambda returns (horizon, n) from the target critic)."""
-        a, policy = self.arguments, self.policy
+        a, policy = self.arguments, self.actor
         features = policy.see_all(data["observation"], data["memory"][0], data["over"])
-        value = policy.see_next(features, data["next"])
-        value = self.target(self.judged(value, data["next_sight"]))
-        features = self.judged(features, data["sight"])
+        value = self.target(policy.see_next(features, data["next"]))
         after = torch.where(data["terminated"], 0.0, value)
         target, rows = after[-1], []
         for k in reversed(range(a.horizon)):
@@ -210,26 +190,37 @@ class SHAC:
         objective, data = self.window()
         self.optimizer.zero_grad()
         (-objective.mean()).backward()
-        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), a.gradient_norm)
+        norm = nn.utils.clip_grad_norm_(self.actor.parameters(), a.gradient_norm)
         if torch.isfinite(norm):
             self.optimizer.step()
         else:
             self.left_out += 1
         error = self.learn_values(data)
-        if not a.settled:
-            self.policy.statistics.update(data["observation"])
+        if not (a.average and a.teacher):
+            self.actor.statistics.update(data["observation"])
+        self.keep(a.average)
         return {
             "gradient_norm": norm.item(),
             "left_out": self.left_out,
             "value_error": error,
-            "deviation": self.policy.log_deviation.exp().mean().item(),
+            "deviation": self.actor.log_deviation.exp().mean().item(),
         }
+
+    def keep(self, updates: int) -> None:
+        """Take the actor's weights into an average over so many updates; 0: they are kept as they
+        are.
+        """
+        if updates:
+            for kept, new in zip(self.policy.parameters(), self.actor.parameters(), strict=True):
+                kept.data.lerp_(new.data, 1 / updates)
+            self.policy.statistics.load_state_dict(self.actor.statistics.state_dict())
 
     def imitate(self, lesson: Imitation) -> dict[str, float]:
         """An iteration that is a lesson."""
         with torch.no_grad():
             _, data = self.window(lesson)
         error = lesson.learn(self.generator)
+        self.keep(min(self.arguments.average, 1))
         return {"imitation_error": error, "value_error": self.learn_values(data)}
 
     def learn_values(self, data: dict[str, Tensor]) -> float:
@@ -237,8 +228,6 @@ class SHAC:
         minibatch.
         """
         a = self.arguments
-        if a.sight:
-            self.sighted.update(data["sight"])
         features, target = (x.flatten(0, 1) for x in self.targets(data))
         for _ in range(a.critic_epochs):
             for rows in torch.randperm(self.batch, generator=self.generator).chunk(
@@ -275,7 +264,7 @@ class SHAC:
         if self.imitation is not None:
             self.imitation.load_state_dict(state["imitation"])
 
-    _PARTS = ("policy", "sighted", "critic", "target", "optimizer", "critic_optimizer")
+    _PARTS = ("policy", "actor", "critic", "target", "optimizer", "critic_optimizer")
 
 
 if __name__ == "__main__":
