@@ -258,7 +258,7 @@ TAUGHT: dict[str, dict[str, Any]] = {
 RESOLVED: dict[str, dict[str, float]] = {
     "follow": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
     "follow-3d": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
-    "ik": dict(gain=0.21, damping=0.002, lead=0.05, turn=0.15),
+    "ik": dict(gain=0.21, damping=0.0035, lead=0.05, turn=0.1),
     "track-target": dict(gain=0.06, lead=0.1, ahead=0.1),
     "reach-pose": dict(gain=0.03, lead=0.15),
     "reach-behind": dict(gain=0.03, lead=0.15),
