@@ -230,7 +230,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("ppo", "track-3d"): 250_000,
     ("shac", "follow"): 600_000,
     ("shac", "follow-3d"): 560_000,
-    ("shac", "ik"): 350_000,
+    ("student", "ik"): 400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
 
@@ -335,13 +335,6 @@ SHAC: dict[str, dict[str, Any]] = {
     "peg": dict(teacher="Insert", lessons=8, num_envs=32, deviation=0.1, rate=2e-3),
     "follow": dict(**FOLLOWING, **SMOOTH, **WIDE, lessons=12, horizon=32, rate=3e-3),
     "follow-3d": dict(**FOLLOWING, **SMOOTH, **WIDE, lessons=24, horizon=16, rate=2e-3),
-    # at four times the rate after half the lessons, what was taught was lost (one run)
-    "ik": {
-        **FOLLOWING,
-        **SMOOTH,
-        **dict(teacher=_led("ik"), lessons=100, rate=5e-4, hidden=(128, 128)),
-        "horizon": 16,
-    },
     # the way is narrow: at a rate of 5e-4 and a deviation of 0.03 what was taught was lost
     "obstacles": {
         **FOLLOWING,
@@ -367,7 +360,9 @@ for _task in HIDDEN:
 # with a memory, which sees one frame
 REMEMBERING = ("student", "ppo-gru", "shac-gru")
 MEMORY: dict[str, Any] = dict(memory=64, frames=0)
-STUDENT: dict[str, dict[str, Any]] = {}
+STUDENT: dict[str, dict[str, Any]] = {
+    "ik": dict(teacher=_led("ik"), memory=0, hidden=(128, 128), lessons=50, horizon=20, updates=80)
+}
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
     _task: dict(
