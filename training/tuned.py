@@ -259,10 +259,10 @@ RESOLVED: dict[str, dict[str, float]] = {
     "follow": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
     "follow-3d": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
     "ik": dict(gain=0.21, damping=0.0035, lead=0.05, turn=0.1),
-    "track-target": dict(gain=0.06, lead=0.1, ahead=0.1),
-    "reach-pose": dict(gain=0.03, lead=0.15),
-    "reach-behind": dict(gain=0.03, lead=0.15),
-    "reach-nest": dict(gain=0.03, lead=0.15),
+    "track-target": dict(gain=0.06, damping=0.05, lead=0.1, ahead=0.1),
+    "reach-pose": dict(gain=0.03, damping=0.05, lead=0.15),
+    "reach-behind": dict(gain=0.03, damping=0.05, lead=0.15),
+    "reach-nest": dict(gain=0.03, damping=0.05, lead=0.15),
 }
 # of Waypoints, where nothing is random: found by a search in simulations of that very episode
 WAYS: dict[str, dict[str, Any]] = {
