@@ -21,9 +21,10 @@ class ResolvedRate(Controller):
         J' (J J' + damping^2 I)^-1 gain e,    e = target - tip + ahead target' - lead tip'
 
     with the target at the end of the interval. With a `turn`, the tip's turn has three more rows,
-    if the task asks for a turn. Actions and commands that would pass their bounds stay there, and the
-    others take over (Flacco, De Luca and Khatib 2012). An arm that follows its command with a lag tau needs lead = ahead = tau, and a small
-    gain beside the intervals in tau.
+    if the task asks for a turn. Actions and commands that would pass their bounds stay there, and
+    the others take over (Flacco, De Luca and Khatib 2012, "Motion control of redundant robots under
+    joint constraints: saturation in the null space"). An arm that follows its command with a lag
+    tau needs lead = ahead = tau, and a small gain beside the intervals in tau.
 
     Args:
         gain: share of the remaining way that an interval covers
