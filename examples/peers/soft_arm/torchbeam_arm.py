@@ -4,8 +4,8 @@
     python examples/peers/soft_arm/mujoco_arm.py >> arm.jsonl        # where MuJoCo is
     python examples/peers/soft_arm/torchbeam_arm.py arm.jsonl
 
-A row a program and kind of actions: how far the tips are apart, as a share of the tip's motion (RMS, and at
-most), and control intervals a CPU second of both, here alone and in batches.
+A row a program and kind of actions: how far the tips are apart, as a share of the tip's motion
+(RMS, and at most), and control intervals a CPU second of both, here alone and in batches.
 """
 
 import json
