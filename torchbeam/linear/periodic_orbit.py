@@ -24,11 +24,12 @@ from ..core.leaves import with_values
 from ..core.validation import concrete
 from ..dynamics.stepper import Stepper
 from ..math.block_matrices import block_diagonal
-from ..nodal.moves import move_between, remembered_count
+from ..nodal.moves import move_between, moved, remembered_count
 from ..scene.effects import Inputs
 from ..state.state import State, rest
 from .bearing import Bearing
 from .chart import Chart
+from .chart_slopes import slopes
 from .multiblade import SpinningModel
 from .periodic import Exponents, of_turn
 
@@ -108,25 +109,23 @@ class Shooting:
 
     def turn(self, state: State) -> Turn:
         """From a public state (...)."""
-        space, lead = self.bearing.model.space, state.batch_shape
-        change = torch.diag(CHANGE * self.sizes)
-        m = len(change)
-        z = torch.cat((change, -change, torch.zeros_like(change[:1])))
-        z = z.reshape(len(z), *(1,) * len(lead), m).expand(-1, *lead, m)
-        now, moves = self.moved(state, z), []
-        before = self.chart.coordinates(space.to_reduced(now))
-        for _ in range(self.steps):
+        space, start = self.bearing.model.space, self.bearing.model.space.to_reduced(state)
+        twice, m = 2 * CHANGE * self.sizes, len(self.sizes)
+        _, moves = slopes(self.chart, start)
+        up = (moves @ self.writes * twice / 2).movedim(-1, 0)
+        now = moved(space, start, torch.cat((up, -up, torch.zeros_like(up[:1]))))
+        now, on_the_way = space.to_public(now).broadcast(), []
+        for k in range(self.steps + 1):
             up, down = (space.to_reduced(x) for x in (now[:m], now[m : 2 * m]))
-            moves.append(move_between(space, down, up))
-            now = self.stepper(now, inputs=self.inputs)
-        after = self.chart.coordinates(space.to_reduced(now))
-        read = self.reads @ torch.stack((after, before))[..., None]
-        after, before = read[..., 0]
-        twice = 2 * CHANGE * self.sizes
-        by_start = ((after[:m] - after[m : 2 * m]).movedim(0, -1)) / twice
+            on_the_way.append(move_between(space, down, up).movedim(0, -1) / twice)
+            now = now if k == self.steps else self.stepper(now, inputs=self.inputs)
+        end = space.to_reduced(now[-1])
+        change = self.chart.coordinates(end) - self.chart.coordinates(start)
+        by_moves, _ = slopes(self.chart, end)
+        by_start = self.reads @ by_moves @ on_the_way.pop()
         if concrete(now.status != 0).any():
             by_start = by_start * torch.nan
-        return Turn((after - before)[-1], by_start, torch.stack(moves).movedim(1, -1) / twice)
+        return Turn((self.reads @ change[..., None])[..., 0], by_start, torch.stack(on_the_way))
 
     def orbit(self, state: State) -> Turn:
         """The turn that ends as it begins, by Newton's method from a public state. Raises
