@@ -38,8 +38,8 @@ symmetric, lets it swing but not drift where motion is resolved. The stress is t
 solve, its mean over the last 0.41 (S) or third (E) of the step.
 
 Strongly damped (E), velocities and reactions are of second order, positions and rotations of
-fourth. The velocity of a node that a support leads by some of its components, and its reaction, are
-of second order, as by P.
+fourth. The velocity of a node that a support leads by some of its components, or a joint holds, and
+its reaction, are of second order, as by P.
 
 Order is lost where the motion has no derivatives that the step resolves: in waves that a sudden
 load excites and that are faster than the step (they stay bounded, with a wrong phase), at kinks of

@@ -269,9 +269,10 @@ class Stepper:
             dt: another length for this step
 
         Returns:
-            A (..., n, n) and B (..., n, m), exact as gradients are, and constants themselves.
-            Native code makes them where it makes the steps. A failed sample stands still: A = 1, B
-            = 0. Memories of joints and interactions are no part of z, and are held.
+            A (..., n, n) and B (..., n, m), exact as gradients are, constants, native where steps
+            are. A failed sample stands still: A = 1, B = 0. Memories of joints and interactions are
+            held; so are velocities across joints, of the order dt^2: a product of A over many steps
+            of a structure with joints errs by the order dt, see `rollout_jacobian` for exact ones.
 
         Raises:
             ValueError: as a step does, and for generalized_alpha, whose states remember more than
