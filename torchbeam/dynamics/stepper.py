@@ -272,11 +272,10 @@ class Stepper:
             A (..., n, n) and B (..., n, m), exact as gradients are, constants, native where steps
             are. A failed sample stands still: A = 1, B = 0. Memories of joints and interactions are
             held; so are velocities across joints, of the order dt^2: a product of A over many steps
-            of a structure with joints errs by the order dt, see `rollout_jacobian` for exact ones.
+            errs by the order dt where joints are (`rollout_jacobian` does not).
 
         Raises:
-            ValueError: as a step does, and for generalized_alpha, whose states remember more than
-                z.
+            ValueError: as a step does, and for generalized_alpha, whose states remember more.
         """
         if type(self.method).begin is not Method.begin:
             raise ValueError(
