@@ -5,7 +5,7 @@ steadily.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -20,6 +20,7 @@ from ..nodal.conditions import Conditions, conditions
 from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.element_loads import Way
+from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -98,6 +99,7 @@ class SteadyProblem(BalanceProblem):
     begun     where supports are led from; None = from where the beam has their nodes
     relief    None = there is none
     past      None = nothing has been yet
+    own_frame of each node, None = frame a
     """
 
     t: Tensor = leaf(0)
@@ -108,15 +110,16 @@ class SteadyProblem(BalanceProblem):
     begun: Poses | None = leaf(2, default=None, kw_only=True)
     relief: Relief | None = leaf(2, default=None, kw_only=True)
     past: Past | None = leaf(2, default=None, kw_only=True)
+    own_frame: FixedFrame | None = field(default=None, kw_only=True)
 
     @cached
     def conditions(self) -> Conditions:
         """Of the instant; their eigenstrain is that of the whole load."""
         if self.known is not None:
             return self.known
-        return replace(
-            conditions(self.model, self.t, self.inputs), orientation=self.model.orientation(self.t)
-        )
+        now = conditions(self.model, self.t, self.inputs)
+        frame, orientation = self.own_frame or now.frame, self.model.orientation(self.t)
+        return replace(now, frame=frame, orientation=orientation)
 
     @property
     def support_factor(self) -> Tensor:

@@ -35,14 +35,13 @@ from torch.nn.functional import pad
 from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import Tree, leaf, map_leaves
 from ..core.validation import concrete
-from ..equations.steady import Configuration
+from ..equations.steady import Configuration, SteadyProblem
 from ..math.block_matrices import block_diagonal
 from ..math.shapes import broadcast_shapes
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from .bearing import Bearing
 from .cyclic_symmetry import beside_states, generator, symmetry
-from .spinning import SpinningProblem
 from .system_matrices import of_nodes, rigid_constraints, with_states
 
 RANK = 1e-9  # of the largest singular value
@@ -134,7 +133,7 @@ class SpinningModel(Tree):
 
 
 def spinning_model(
-    bearing: Bearing, problem: SpinningProblem, x: Configuration, state: State, speed: Tensor
+    bearing: Bearing, problem: SteadyProblem, x: Configuration, state: State, speed: Tensor
 ) -> SpinningModel:
     """About a steady spin at speeds (...)."""
     model, space = bearing.model, bearing.model.space

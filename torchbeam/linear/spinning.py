@@ -8,23 +8,22 @@ frames; nothing else knows of the spin.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from ..core.derivatives import cached, no_derivatives
+from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
 from ..equations.load_steps import climb
 from ..equations.steady import Configuration, SteadyProblem
-from ..nodal.conditions import Conditions, conditions
-from ..nodal.frame import FixedFrame
 from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import newton
 from ..state.state import State, rest
 from ..statics.internal_states import resting
+from ..statics.mechanism import stressed
 from .bearing import Axis, Bearing
 
 SAME = 1e-12  # of an axis, and of the structure's size: a bearing that does not move any more
@@ -32,43 +31,31 @@ MEMORY = 6  # of the axes tried last
 ROUNDS = 30  # of the bearing's place and the equilibrium under it
 
 
-@dataclass(frozen=True)
-class SpinningProblem(SteadyProblem):
-    """Balance of nodes that stand in `own_frame`, each in its own."""
-
-    own_frame: FixedFrame | None = None
-
-    @cached
-    def conditions(self) -> Conditions:
-        now = conditions(self.model, self.t, self.inputs)
-        return replace(now, frame=self.own_frame)
-
-
 def drawn(
     bearing: Bearing, speed: Tensor, t: Tensor, inputs: Inputs
-) -> tuple[SpinningProblem, Configuration]:
+) -> tuple[SteadyProblem, Configuration]:
     """What is to be solved at speeds (...) rad/s, and the shape as drawn to begin with."""
     model = bearing.model
     start = model.space.start(rest(model.scene))
     x = Configuration(start.position, start.rotation, start.stress)
     frame, one = bearing.frame(x, speed, bearing.axis(x)), torch.ones_like(speed)
-    problem = SpinningProblem(model, t, inputs, one, own_frame=frame)
+    problem = SteadyProblem(model, t, inputs, one, own_frame=frame)
     return problem, replace(problem, load_factor=torch.zeros_like(speed)).apply_supports(x)
 
 
 def steady_spin(
-    bearing: Bearing, speed: Tensor, problem: SpinningProblem, x: Configuration
-) -> tuple[SpinningProblem, Configuration, State]:
+    bearing: Bearing, speed: Tensor, problem: SteadyProblem, x: Configuration
+) -> tuple[SteadyProblem, Configuration, State]:
     """The steady state at speeds (...) rad/s from that on, with the problem that it solves. Raises
     RuntimeError for a speed without one.
     """
     model, axis, first = bearing.model, bearing.axis(x), problem
 
-    def problem_at(x: Configuration, axis: Axis) -> SpinningProblem:
+    def problem_at(x: Configuration, axis: Axis) -> SteadyProblem:
         return replace(first, own_frame=bearing.frame(x, speed, axis))
 
     with no_derivatives():
-        start = x
+        start = x = stressed(problem, x)[0]  # hinged blades are held by their centrifugal loads
         x, reaction, status, _ = newton(problem, start)
         if concrete(status != 0).any():  # too much at once
             x, reaction, status = climb(problem, start, None)

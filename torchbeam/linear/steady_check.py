@@ -7,17 +7,16 @@ from torch import Tensor
 
 from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
-from ..equations.steady import Configuration
+from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
 from .bearing import Bearing
-from .spinning import SpinningProblem
 
 AZIMUTH = 1.0  # rad
 CHANGES = 1e-6  # of the largest load, or moment over the extent
 MOVED = 1e-3  # of the extent: how far nodes are moved to see what springs do
 
 
-def unsteady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -> str | None:
+def unsteady(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> str | None:
     """What keeps the rotor from a steady state: loads that change with the azimuth, or a force or a
     moment that turns on a support that yields. None = nothing does.
     """
@@ -69,7 +68,7 @@ def unsteady(bearing: Bearing, problem: SpinningProblem, x: Configuration) -> st
     return None
 
 
-def _loads(problem: SpinningProblem, x: Configuration) -> Tensor:
+def _loads(problem: SteadyProblem, x: Configuration) -> Tensor:
     """(..., nodes, w) on all nodes, less their inertia."""
     total, between = problem.load(x), problem.element_loads(x)
     if between is not None:
