@@ -15,7 +15,7 @@ SECTION = tb.Section.from_stiffness(
 )
 
 
-def hover(lags, elements=4, blades=3, density=RHO):
+def hover(lags, elements=4, blades=3, density=RHO, wind=None):
     """Rigid blades with flap hinges on the axis. The beam lies at three quarters of the chord,
     where a turn of the section about itself makes no upwash.
     """
@@ -25,7 +25,7 @@ def hover(lags, elements=4, blades=3, density=RHO):
         s, c = math.sin(2 * math.pi * k / blades), math.cos(2 * math.pi * k / blades)
         parts[f"blade {k}"] = tb.Beam.straight(RADIUS, elements, SECTION, direction=(c, s, 0))
         joints.append(tb.Hinge("hub", (f"blade {k}", 0), axis=(s, -c, 0)))
-        strips = dict(axis=0.75, lags=lags, density=density)
+        strips = dict(axis=0.75, lags=lags, density=density, wind=wind)
         air.append(tb.StripAir(CHORD, **strips, on=f"blade {k}"))
     return tb.Scene(parts, air, joints=joints)
 
@@ -48,6 +48,18 @@ def test_flapping_in_hover_is_damped_by_a_sixteenth_of_the_lock_number():
     assert diagram.method == "multiblade"
     np.testing.assert_allclose(seen_from_the_blade(diagram), expected, rtol=1e-5)
     assert sorted(name.split()[1] for name in diagram.names) == ["collective", "forward", "forward"]
+
+
+def test_a_wind_along_the_axis_cones_the_blades_and_does_not_turn_them_over():
+    """By less than 1e-2 of the tip's speed, 1e-3 rad and 1e-5 of the damping; before they turn they
+    are held by nothing.
+    """
+    still, windy = (
+        tb.campbell(hover(None, 2, wind=wind), [SPEED], bearing=0, count=3)
+        for wind in (None, (0, 0, 0.1))
+    )
+    expected, found = seen_from_the_blade(still), seen_from_the_blade(windy)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
 def flapping_with_lags(elements, pairs):

@@ -12,7 +12,16 @@ from scipy.optimize import fsolve
 import torchbeam as tb
 
 from .test_rotors import C, exponents, helicopter
-from .test_rotors_in_air import SPEED, flapping_with_lags, hover, seen_from_the_blade
+from .test_rotors_in_air import (
+    CHORD,
+    INERTIA,
+    RADIUS,
+    RHO,
+    SPEED,
+    flapping_with_lags,
+    hover,
+    seen_from_the_blade,
+)
 
 OFFSET, LEVER, MASS, ABOUT_CENTRE, G = 0.25, 1.0, 2.0, 0.3, 9.81  # m, m, kg, kg m^2, m/s^2
 
@@ -66,7 +75,7 @@ def test_gravity_makes_a_lag_motion_grow_near_half_of_the_speed(speed, grows):
     expected = exponents_of_hill(speed)
     nearest = np.abs(expected - diagram.eigenvalue[0].numpy()).min()
     error = diagram.error[0, 0].item()
-    assert nearest < error < 0.02 * speed / 10  # 64 midpoint steps, 1.5 % of the growth
+    assert nearest < error < 0.02 * speed / 10  # 65 midpoint steps, 1.5 % of the growth
 
 
 def test_gravity_does_not_matter_at_high_speed():
@@ -92,12 +101,12 @@ def test_a_frequency_that_long_steps_take_across_the_speed_is_that_of_its_pair()
 
 
 def test_an_orbit_of_a_rotor_on_a_support_has_the_growth_of_ground_resonance():
-    """Hammond's helicopter with next to no gravity, its growth as in `test_rotors`: 64 and 32
+    """Hammond's helicopter with next to no gravity, its growth as in `test_rotors`: 81 and 41
     midpoint steps together err by fourth order.
     """
     scene = helicopter((0.0, C, C, C))
     scene = replace(scene, effects=(*scene.effects, tb.Gravity((0, 1e-3, 0))))
-    diagram = tb.campbell(scene, [26.0], bearing=0, count=6, steps=16)
+    diagram = tb.campbell(scene, [26.0], bearing=0, count=6, steps=20)
     assert diagram.method == "floquet"
     expected = exponents(26.0, (0.0, C, C, C))[::2]
     np.testing.assert_allclose(np.sort(diagram.eigenvalue.real[0]), expected, rtol=0, atol=2e-4)
@@ -109,6 +118,21 @@ def test_lags_of_the_wake_are_in_the_map_over_a_turn():
     scene = replace(scene, effects=(*scene.effects, tb.Gravity((1e-3, 0, 0))))
     diagram = tb.campbell(scene, [SPEED], bearing=0, count=1, steps=16)
     expected = flapping_with_lags(2, ((0.165, 0.0455), (0.335, 0.3)))
+    np.testing.assert_allclose(seen_from_the_blade(diagram), expected, rtol=2e-4)
+
+
+def test_wind_that_shears_moves_blades_and_does_not_change_their_damping():
+    """Quasi-steady lift is linear in the wind: the blades go around an orbit, of 4e-3 rad, and flap
+    about it as in `test_rotors_in_air`. They are rigid: motions that no step resolves are many.
+    """
+
+    def wind(x, t):
+        return torch.stack((0 * x[..., 0], 0 * x[..., 0], 0.1 + 0.015 * x[..., 0]), -1)
+
+    diagram = tb.campbell(hover(None, 2, wind=wind), [SPEED], bearing=0, count=1, steps=16)
+    assert diagram.method == "floquet"
+    lock = RHO * 2 * math.pi * CHORD * RADIUS**4 / INERTIA * (1 + 1 / 2**2)
+    expected = SPEED * complex(-lock / 16, math.sqrt(1 - (lock / 16) ** 2))
     np.testing.assert_allclose(seen_from_the_blade(diagram), expected, rtol=2e-4)
 
 

@@ -25,6 +25,7 @@ from ..linear.spinning_modes import (
     constant_modes,
     floquet_modes,
     multiblade_modes,
+    orbit_steps,
 )
 from ..linear.steady_check import unsteady
 from ..linear.whirl import names_of, tracked, whirl
@@ -39,7 +40,6 @@ from .campbell_diagram import Campbell
 
 METHODS = ("auto", "multiblade", "floquet")
 LEAST_STEPS = 8
-ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
 
 
 def campbell(
@@ -169,7 +169,7 @@ def _modes(
         state = spin.state.broadcast(spinning.speed.shape)
 
         def orbit(k: int, steps: int, count: int, limit: Tensor) -> Exponents:
-            of = bearing, spin.drawn.at(k), state[k], values, ORBIT_STEPS * steps
+            of = bearing, spin.drawn.at(k), state[k], values, orbit_steps(steps)
             return orbit_exponents(*of, count, limit)
 
         pairs = pairs._replace(right=_in_coordinates_of(spin.drawn, spinning, pairs.right))

@@ -27,7 +27,7 @@ from .whirl import whirl
 SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
 EQUAL = 1e-7
-MIDPOINT = 2  # order of the steps of an orbit
+ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 APERIODIC = 0.95  # damping ratio from which on a motion does not oscillate
 
@@ -137,6 +137,14 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
     return most
 
 
+def orbit_steps(steps: int) -> int:
+    """How many midpoint steps a turn of an orbit has, by steps of Floquet's. They are odd: each
+    changes the sign of motions much faster than it, which come back as they were after an even
+    number, and are part of no other orbit after an odd one.
+    """
+    return ORBIT_STEPS * steps + 1
+
+
 def floquet_modes(
     spinning: SpinningModel,
     pairs: Pairs,
@@ -173,7 +181,9 @@ def floquet_modes(
             coarse = torch.cat((coarse, coarse.conj()), -1)  # either one of a pair may be known
             apart = coarse[..., None, :] - value[..., :1]
             apart = apart.gather(-1, apart.abs().argmin(-1, keepdim=True))
-            share = 2 ** (ORDER if orbit is None else MIDPOINT) - 1
+            share = 2**ORDER - 1
+            if orbit is not None:
+                share = (orbit_steps(steps) / orbit_steps(steps // 2)) ** 2 - 1
             error = (apart.abs() / share).expand(value.shape)
         if orbit is not None:
             value = value - apart / share

@@ -11,6 +11,7 @@ from .bearing import Bearing
 from .mode_pairing import modal_assurance, pairs
 from .multiblade import SpinningModel
 
+SAME = 1e-6  # of a growth, by how much frequencies may differ that are the same
 WHIRLS = 0.3  # mean harmonic from which on a mode whirls
 NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
 
@@ -23,7 +24,9 @@ def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
     its pair goes on.
     """
     h, value = value.shape[-1], value.flatten(-2)
-    index = [h * value[-1, ..., ::h].imag.abs().argsort(dim=-1, stable=True)[..., :count]]
+    first = value[-1, ..., ::h]
+    first = first.imag.abs() - SAME * first.real  # of those as fast the growing ones
+    index = [h * first.argsort(dim=-1, stable=True)[..., :count]]
     for k in range(len(value) - 2, -1, -1):
         last = _taken(shape[k + 1], index[-1])
         before = value[k + 1].gather(-1, index[-1])[..., :, None]

@@ -90,7 +90,8 @@ def _shift(M: Any, K: Any) -> Tensor:
     in any units, by the root of rounding; where there is no stiffness at all any number does.
     """
     mass, stiffness = torch.broadcast_tensors(_diagonal(M), _diagonal(K).abs())
-    both = (mass > 0) & (stiffness > 0)
+    least = SURE * torch.finfo(mass.dtype).eps * mass.amax(-1, keepdim=True)  # rounding
+    both = (mass > least) & (stiffness > 0)
     usual = torch.where(both, stiffness / torch.where(both, mass, 1.0), torch.nan)
     usual = usual.nanmedian(-1).values
     return torch.finfo(usual.dtype).eps ** 0.5 * torch.where(usual > 0, usual, 1.0)
