@@ -24,6 +24,7 @@ DISTINCT = 1e-7  # of an eigenvalue: nearer ones are the same
 DOUBT = 0.01  # of an eigenvalue: by so much rounding may move one that is known
 NEUTRAL = 1e-6  # of the slowest square that is known: less is next to nothing
 SURE = 10.0  # times what rounding is taken to leave of a motion that nothing resists
+TINY = 1e-31  # of a matrix: rounding of rounding, whose balancing (LAPACK) would spoil vectors
 RAISE, RAISED = 100.0, 5  # a shift that does not make a matrix positive definite, and how often
 
 
@@ -222,6 +223,9 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
         K = plus(K, square, M)
         eigenvalues, vectors = torch.linalg.eig(-_inverted(K, M))
         return 1 / eigenvalues + square[..., None], vectors, K
+    M, D = (
+        torch.where(A.abs() > TINY * A.abs().amax((-1, -2), keepdim=True), A, 0) for A in (M, D)
+    )
     shift = square.sqrt()
     K, D = plus(plus(K, shift, D), square, M), plus(D, 2 * shift, M)
     flexible = _inverted(K, torch.cat((D, M), -1))
