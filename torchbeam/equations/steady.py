@@ -117,9 +117,8 @@ class SteadyProblem(BalanceProblem):
         """Of the instant; their eigenstrain is that of the whole load."""
         if self.known is not None:
             return self.known
-        now = conditions(self.model, self.t, self.inputs)
-        frame, orientation = self.own_frame or now.frame, self.model.orientation(self.t)
-        return replace(now, frame=frame, orientation=orientation)
+        now, turned = conditions(self.model, self.t, self.inputs), self.model.orientation(self.t)
+        return replace(now, frame=self.own_frame or now.frame, orientation=turned)
 
     @property
     def support_factor(self) -> Tensor:
@@ -156,9 +155,8 @@ class SteadyProblem(BalanceProblem):
         turn = move[..., space.dims.position :]
         turn = space.cayley(turn if space.turns else space.to_section(x.rotation, turn))
         rotation = space.normalize(space.multiply(turn, x.rotation))
-        return Configuration(
-            x.position + move[..., : space.dims.position], rotation, x.stress + dstress
-        )
+        position = x.position + move[..., : space.dims.position]
+        return Configuration(position, rotation, x.stress + dstress)
 
     @cached
     def least(self) -> tuple[Tensor, ...]:
