@@ -121,6 +121,31 @@ def test_lags_of_the_wake_are_in_the_map_over_a_turn():
     np.testing.assert_allclose(seen_from_the_blade(diagram), expected, rtol=2e-4)
 
 
+def test_modes_of_blades_and_tower_are_all_there():
+    """Under next to no gravity those of the same rotor without, by fourth order: 2e-4 of the
+    fastest, at 0.28 rad a step. How fast a motion is on average is told in the same coordinates:
+    moves of the tower come before those of blades that are three times as fast.
+    """
+    tower = tb.Section.from_stiffness(EA=1e9, GA=4e8, GJ=1e7, EI=2e7, mass=100.0, inertia=10.0)
+    blade = tb.Section.from_stiffness(EA=1e8, GA=4e7, GJ=1e5, EI=(4e5, 1e6), mass=8.0, inertia=0.1)
+    parts = {
+        "tower": tb.Beam.straight(10.0, 2, tower, direction=(0, 0, 1), up=(1, 0, 0)),
+        "hub": tb.Body(200.0, 20.0, position=(0, 0, 10.0)),
+    }
+    joints = [tb.Hinge(("tower", -1), "hub", axis=(1, 0, 0))]
+    for k in range(3):
+        along = (0, math.sin(2 * math.pi * k / 3), math.cos(2 * math.pi * k / 3))
+        straight = dict(root=(0, 0, 10.0), direction=along, up=(1, 0, 0))
+        parts[f"blade {k}"] = tb.Beam.straight(5.0, 1, blade, **straight)
+        joints.append(tb.Weld("hub", (f"blade {k}", 0)))
+    still = tb.Scene(parts, joints=joints, supports=tb.Support(("tower", 0)))
+    heavy = replace(still, effects=[tb.Gravity((0, 0, -1e-3))])
+    of = dict(bearing=0, count=6, steps=32)
+    expected, found = (tb.campbell(scene, [10.0], **of) for scene in (still, heavy))
+    assert (expected.method, found.method) == ("multiblade", "floquet")
+    torch.testing.assert_close(found.frequency, expected.frequency, rtol=2e-4, atol=0)
+
+
 def test_wind_that_shears_moves_blades_and_does_not_change_their_damping():
     """Quasi-steady lift is linear in the wind: the blades go around an orbit, of 4e-3 rad, and flap
     about it as in `test_rotors_in_air`. They are rigid: motions that no step resolves are many.

@@ -150,11 +150,14 @@ class Shooting:
         """The `count` slowest of an orbit, as `periodic.exponents`."""
         spinning = self.spinning
         psi = torch.arange(self.steps).to(self.speed) * (2 * math.pi / self.steps)
-        nodal = spinning.mechanical.moves_at(psi)
-        w, moves = nodal.shape[-2], turn.moves
-        g = torch.linalg.pinv(nodal) @ moves[..., :w, :]
+        nodal, e = spinning.mechanical.moves_at(psi), 1e-4
+        turned = (spinning.mechanical.moves_at(psi + x) for x in (e, -e))
+        w, moves, back = nodal.shape[-2], turn.moves, torch.linalg.pinv(nodal)
+        g = back @ moves[..., :w, :]
+        turned = (next(turned) - next(turned)) * self.speed / (2 * e)  # with the coordinates' axes
+        rates = back @ (moves[..., w : 2 * w, :] - turned @ g)
         g = torch.cat((g, moves[..., 2 * w :, :]), -2)
-        of = turn.by_start, g, moves[..., w : 2 * w, :], spinning.M, spinning.speed
+        of = turn.by_start, g, rates, spinning.M, spinning.speed
         return of_turn(*of, count, limit, self.states)
 
 
