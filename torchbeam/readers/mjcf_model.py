@@ -37,6 +37,11 @@ class Model:
         """Of an object; of one without a name its kind and number."""
         return getattr(self.m, kind)(i).name or f"{kind} {i}"
 
+    def refuse(self, of: str, i: Any, *arrays: str) -> None:
+        """What these arrays have at i, of an object; other versions of MuJoCo have other ones."""
+        some = [x for x in arrays if hasattr(self.m, x) and np.any(getattr(self.m, x)[i])]
+        self.changing += [f"{array.split('_')[1]} of {of}" for array in some]
+
     def own(self, b: int) -> str:
         """The name of a body, which no rod has."""
         name = self.name("body", b)

@@ -217,16 +217,18 @@ def test_cables_move_as_in_mujoco(shape, tmp_path):
 def test_a_limit_gives_way_at_rest_as_in_mujoco(tmp_path):
     """The depth in a limit, of a joint and of a tendon, under a bar's weight: K of the scene times
     MuJoCo's depth is the weight's moment, or the tendon's pull. (The impedance is constant here;
-    MuJoCo's default rises from 0.9 to 0.95 over a depth of 1 mm, K is that of the end.)
+    MuJoCo's default rises from 0.9 to 0.95 over a depth of 1 mm, K is that of the end.) A margin is
+    before the limit.
     """
     rest, hard = 'damping="3"', 'solimplimit="0.95 0.95 0.001"'
     tendon = '<site name="end" pos="0.4 0 0"/>'
-    world = bar(hinge(more=f'range="-2 0.4" limited="true" {rest} {hard}'), "") + (
+    world = bar(hinge(more=f'range="-2 0.45" margin="0.05" limited="true" {rest} {hard}'), "") + (
         '<frame pos="0 1 0">' + bar(hinge(more=rest), tendon, name="hung")
         + '<site name="wall" pos="0.4 0 0.5"/></frame>'
     )  # fmt: skip
     path = '<site site="wall"/><site site="end"/>'
-    rope = f'<tendon><spatial limited="true" range="0 0.5" {hard}>{path}</spatial></tendon>'
+    rope = f'limited="true" range="0 0.52" margin="0.02" {hard}'
+    rope = f"<tendon><spatial {rope}>{path}</spatial></tendon>"
     text = model(world, rope)
     scene = read(text, tmp_path)
     m = mujoco.MjModel.from_xml_string(text)
@@ -342,8 +344,9 @@ REFUSED = {  # what a model has, and what the sentence says of it
     ),
     "ball limit": (
         model(bar('<joint type="ball" range="0 1" limited="true"/>', "")),
-        "limits of the ball joint",
+        "limits of the joint 'joint 0', a ball",
     ),
+    "sprung body": (model(bar('<joint type="free" stiffness="1"/>', "")), "stiffness of the joint"),
     "switch": (
         model(JOINT, option='<option><flag spring="disable"/></option>'),
         "spring switched off",
@@ -361,12 +364,33 @@ def test_what_changes_the_motion_is_refused_and_named(name, tmp_path):
         assert "first" in read(text, tmp_path, part="arguments")["beam"]
 
 
+def test_impedances_are_bounded_as_in_mujoco(tmp_path):
+    """d = 1 counts as 0.9999: a limit is finite, friction slips slowly but moves."""
+    ones = 'solimplimit="1 1 1" solimpfriction="1 1 1"'
+    text = model(bar(hinge(more=f'range="-1 1" limited="true" frictionloss="1" {ones}'), ""))
+    (joint,) = read(text, tmp_path).joints
+    near = read(text.replace("1 1 1", ".9999 .9999 1"), tmp_path).joints[0]
+    for name in ("limit_stiffness", "slip_speed"):
+        torch.testing.assert_close(getattr(joint, name), getattr(near, name), rtol=1e-9, atol=0)
+
+
 def test_what_may_not_matter_is_told(tmp_path):
-    """Contact, servos and keyframes, in one warning; the time step is a part of its own."""
-    servo = '<actuator><position name="servo" joint="j" kp="1"/></actuator>'
+    """Contact, servos, efforts and keyframes, in one warning; a connection within a body is none;
+    the time step is a part of its own.
+    """
+    pid = "mujoco.pid"
+    servo = (
+        f'<extension><plugin plugin="{pid}"><instance name="p"/></plugin></extension><actuator>'
+        '<position name="servo" joint="j" kp="1"/><motor name="m" joint="j"/>'
+        f'<plugin name="pid" joint="j" plugin="{pid}" instance="p"/></actuator>'
+        '<equality><connect body1="first" body2="mate" anchor="0 0 0"/></equality>'
+    )
     key = '<keyframe><key qpos="1"/></keyframe>'
-    text = model(JOINT, servo + key, '<option timestep="0.004"/>')
-    with pytest.warns(UserWarning, match="the actuator 'servo'.*contact of geoms.*keyframes"):
+    mate = '<body name="mate"/><site name="a"/>'
+    limited = JOINT.replace('<site name="a"/>', mate).replace('"j"', '"j" actuatorfrcrange="-1 1"')
+    text = model(limited, servo + key, '<option timestep="0.004"/>')
+    every = "'servo'.*range of the motor 'm'.*'pid'.*contact of geoms.*keyframes"
+    with pytest.warns(UserWarning, match=f"the actuator {every}"):
         scene = read(text, tmp_path)
     assert isinstance(scene.beam.surface("first"), tb.Capsule)
     assert read(text, tmp_path, part="timestep") == 0.004
