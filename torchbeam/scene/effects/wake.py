@@ -61,10 +61,8 @@ class Flow(NamedTuple):
 
     @property
     def angle(self) -> Tensor:
-        """Angle of attack (..., sites) at three quarters of the chord, 0 in still air."""
-        still = (self.upwash == 0) & (self.forward == 0)
-        angle = torch.atan2(self.upwash, torch.where(still, 1.0, self.forward))
-        return torch.where(still, 0.0, angle)[..., 0]
+        """Angle of attack (..., sites) at three quarters of the chord."""
+        return torch.atan2(self.upwash, self.forward)[..., 0]
 
     def delayed(self, lags: Lags | None, z: Tensor | None) -> Flow:
         """As it acts; where nothing is known of internal states, after long."""
