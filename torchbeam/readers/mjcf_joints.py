@@ -53,10 +53,11 @@ def joint(model: Model, j: int, parent: Any, child: Any) -> list[Any]:
 def _resistance(model: Model, j: int, dof: int) -> dict[str, Any]:
     """Spring, damping and friction of a joint of any kind."""
     m, law = model.m, {}
-    if m.jnt_stiffness[j]:
-        law["stiffness"] = float(m.jnt_stiffness[j])
-    if m.dof_damping[dof]:
-        law["damping"] = float(m.dof_damping[dof])
+    _, by_coordinate, by_rate = model.servos.get(j, np.zeros(3))
+    if stiffness := float(m.jnt_stiffness[j] - by_coordinate):
+        law["stiffness"] = stiffness
+    if damping := float(m.dof_damping[dof] - by_rate):
+        law["damping"] = damping
     if mu := float(m.dof_frictionloss[dof]):
         d, _, _, b = _constraint(m.dof_solref[dof], m.dof_solimp[dof])
         law |= dict(friction=mu, slip_speed=mu * m.dof_invweight0[dof] * (1 - d) / (d * b))
@@ -73,7 +74,9 @@ def _coordinate(model: Model, j: int, effort: str) -> dict[str, Any]:
         low, high = (m.jnt_range[j] - m.qpos0[q]).tolist()
         margin = float(m.jnt_margin[j])
         law |= dict(limits=(low + margin, high - margin), limit_stiffness=k)
-    if pull := float(m.jnt_stiffness[j] * (m.qpos_spring[q] - m.qpos0[q])):
+    constant, by_coordinate, _ = model.servos.get(j, np.zeros(3))
+    pull = m.jnt_stiffness[j] * (m.qpos_spring[q] - m.qpos0[q])
+    if pull := float(pull + constant + by_coordinate * m.qpos0[q]):
         law[effort] = pull
     if motor := model.motors.get(("joint", j)):
         if effort in law:

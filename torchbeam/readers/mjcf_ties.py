@@ -27,27 +27,35 @@ WITHOUT = (
 
 
 def motors(model: Model) -> dict[tuple[str, int], str]:
-    """Names of the inputs of joints and tendons: those of motors, whose force is a control."""
+    """Names of the inputs of joints and tendons: those of motors, whose force is a control, and of
+    servos of joints, which have a stiffness and a damping beside it.
+    """
     m, mujoco = model.m, model.mujoco
-    plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE)
+    plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtDyn.mjDYN_NONE)
+    none, affine = mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE
     kinds = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon"}
     coordinate = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     named: dict[tuple[str, int], str] = {}
     for i in range(m.nu):
         name = f"the actuator {model.name('actuator', i)!r}"
         kind, at = kinds.get(int(m.actuator_trntype[i])), int(m.actuator_trnid[i][0])
-        types = m.actuator_gaintype[i], m.actuator_biastype[i], m.actuator_dyntype[i]
+        types, bias = (m.actuator_gaintype[i], m.actuator_dyntype[i]), int(m.actuator_biastype[i])
         fits = tuple(map(int, types)) == plain and m.actuator_plugin[i] < 0
         fits = fits and kind is not None and (kind, at) not in named
+        fits = fits and bias in ((none, affine) if kind == "joint" else (none,))
         if kind == "joint":
             fits = fits and int(m.jnt_type[at]) in coordinate
         if fits:
-            named[kind, at] = model.name("actuator", i)
-            own = m.actuator_ctrllimited[i] or m.actuator_forcelimited[i]
-            if own or (m.jnt_actfrclimited if kind == "joint" else m.tendon_actfrclimited)[at]:
+            named[kind, at], gear = model.name("actuator", i), m.actuator_gear[i][0]
+            if bias != none:
+                model.servos[at] = m.actuator_biasprm[i][:3] * (gear, gear**2, gear**2)
+            limited = m.actuator_ctrllimited[i] or m.actuator_forcelimited[i]
+            if limited or (m.jnt_actfrclimited if kind == "joint" else m.tendon_actfrclimited)[at]:
                 model.beside.append(f"the range of the motor {named[kind, at]!r}")
         else:
-            model.beside.append(f"{name}, which is no motor, or the second of one")
+            acts = bias != none or m.actuator_plugin[i] >= 0  # without a control, too
+            left = model.changing if acts else model.beside
+            left.append(f"{name}, which is no motor or servo, or a second one")
         model.refuse(name, i, "actuator_damping", "actuator_armature")
     return named
 

@@ -58,6 +58,7 @@ MECHANISMS = {
         hinge(),
         '<body pos="0.2 0 0" euler="0.3 0.2 0.1"><geom type="box" size=".05 .1 .02"/></body>' + TIP,
     ),
+    "servo": bar(hinge(more='name="j" stiffness="0.5" damping="0.05"'), TIP),
     "rotor": bar(hinge(more='armature="0.05"'), TIP),
     "slipping": bar(hinge(more='frictionloss="0.15" damping="0.3"'), TIP),
     "pulled": bar(hinge(more='damping="0.05"'), TIP + '<site name="end" pos="0.3 0 0"/>')
@@ -69,7 +70,8 @@ STEP = 2e-4
 STIFF = f'solref="{2 * STEP} 1" solimp="0.9999 0.9999 0.001"'
 TIES = f"""<tendon><spatial stiffness="60" springlength="0 0.35"><site site="pulled wall"/>
   <site site="pulled end"/></spatial></tendon>
-  <equality><weld body1="weld first" body2="weld other" {STIFF}/></equality>"""
+  <equality><weld body1="weld first" body2="weld other" {STIFF}/></equality>
+  <actuator><position name="drive" joint="servo j" kp="2" kv="0.1" gear="1.5"/></actuator>"""
 
 
 def side_by_side() -> str:
@@ -125,12 +127,15 @@ def differences(ours: np.ndarray, theirs: np.ndarray, least: float = 1e-3) -> np
 def test_mechanisms_move_as_in_mujoco(tmp_path):
     """Within 2e-4 of the displacement, of second order in the step of 4 ms; 5e-4 where a tendon
     pulls. A joint that sticks creeps by less than 2 % of a fall; by how much agrees to a quarter.
+    The input of a servo is gear kp times its control.
     """
     text, names = side_by_side(), list(MECHANISMS)
     sites = [f"{name} tip" for name in names]
     t = torch.linspace(0, 0.4, 11)
-    solution = tb.simulate(read(text, tmp_path), t, step=4e-3)
-    ours, theirs = sites_of(solution, text, sites), places(text, t, "site", sites)
+    inputs = {"drive": torch.tensor([1.5 * 2 * -0.6])}
+    solution = tb.simulate(read(text, tmp_path), t, step=4e-3, inputs=inputs)
+    aim = lambda m, d: d.ctrl.fill(-0.6)  # noqa: E731
+    ours, theirs = sites_of(solution, text, sites), places(text, t, "site", sites, aim)
     off = dict(zip(names, differences(ours, theirs, 1e-6).tolist(), strict=True))
     motion = np.square(theirs - theirs[0]).sum(-1).mean(0) ** 0.5
     assert motion[-1] < 0.02 * motion[0] and off.pop("stuck") < 0.25
@@ -347,6 +352,22 @@ REFUSED = {  # what a model has, and what the sentence says of it
         "limits of the joint 'joint 0', a ball",
     ),
     "sprung body": (model(bar('<joint type="free" stiffness="1"/>', "")), "stiffness of the joint"),
+    "servo of a tendon": (
+        model(
+            JOINT,
+            '<tendon><spatial name="t"><site site="a"/><site site="w"/></spatial></tendon>'
+            '<actuator><position name="p" tendon="t" kp="1"/></actuator>',
+        ),
+        "the actuator 'p', which is no motor or servo",
+    ),
+    "plugin": (
+        model(
+            JOINT,
+            '<extension><plugin plugin="mujoco.pid"><instance name="x"/></plugin></extension>'
+            '<actuator><plugin name="p" joint="j" plugin="mujoco.pid" instance="x"/></actuator>',
+        ),
+        "the actuator 'p', which is no motor or servo",
+    ),
     "switch": (
         model(JOINT, option='<option><flag spring="disable"/></option>'),
         "spring switched off",
@@ -375,22 +396,19 @@ def test_impedances_are_bounded_as_in_mujoco(tmp_path):
 
 
 def test_what_may_not_matter_is_told(tmp_path):
-    """Contact, servos, efforts and keyframes, in one warning; a connection within a body is none;
-    the time step is a part of its own.
+    """Contact, a second motor, limits of efforts and keyframes, in one warning; a connection within
+    a body is none; the time step is a part of its own.
     """
-    pid = "mujoco.pid"
-    servo = (
-        f'<extension><plugin plugin="{pid}"><instance name="p"/></plugin></extension><actuator>'
-        '<position name="servo" joint="j" kp="1"/><motor name="m" joint="j"/>'
-        f'<plugin name="pid" joint="j" plugin="{pid}" instance="p"/></actuator>'
+    actuators = (
+        '<actuator><motor name="m" joint="j"/><motor name="second" joint="j"/></actuator>'
         '<equality><connect body1="first" body2="mate" anchor="0 0 0"/></equality>'
     )
     key = '<keyframe><key qpos="1"/></keyframe>'
     mate = '<body name="mate"/><site name="a"/>'
     limited = JOINT.replace('<site name="a"/>', mate).replace('"j"', '"j" actuatorfrcrange="-1 1"')
-    text = model(limited, servo + key, '<option timestep="0.004"/>')
-    every = "'servo'.*range of the motor 'm'.*'pid'.*contact of geoms.*keyframes"
-    with pytest.warns(UserWarning, match=f"the actuator {every}"):
+    text = model(limited, actuators + key, '<option timestep="0.004"/>')
+    every = "'second'.*contact of geoms.*keyframes"
+    with pytest.warns(UserWarning, match=f"the range of the motor 'm'.*{every}"):
         scene = read(text, tmp_path)
     assert isinstance(scene.beam.surface("first"), tb.Capsule)
     assert read(text, tmp_path, part="timestep") == 0.004
