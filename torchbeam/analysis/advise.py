@@ -244,8 +244,10 @@ def _simplified(scene: Scene, same: list[Effect], how: str) -> Scene:
     """With less of an effect, which is one of `same` and comes to them; if it is still there."""
     for k, effect in enumerate(scene.effects):
         if any(effect is x for x in same) and how in effect.simpler:
-            same.append(effect.simpler[how])
-            return replace(scene, effects=(*scene.effects[:k], same[-1], *scene.effects[k + 1 :]))
+            effects = *scene.effects[:k], effect.simpler[how], *scene.effects[k + 1 :]
+            scene = replace(scene, effects=effects)
+            same.append(scene.effects[k])
+            return scene
     return scene
 
 

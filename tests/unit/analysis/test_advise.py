@@ -53,11 +53,12 @@ def test_what_air_can_do_without(monkeypatch):
     of = {t.what: t for t in advice.trials}
     assert "StripAir quasi-steady" in advice.matters and of["StripAir quasi-steady"].change > 0.1
     assert of["StripAir without dynamic stall"].change < 1e-9
-    changes = dict(_changes(tb.Scene(BEAM, [air]), ()))
-    plain = changes["StripAir quasi-steady"](tb.Scene(BEAM, [tb.Gravity((0, 0, -1.0)), air]))
-    plain = changes["StripAir without dynamic stall"](plain)
+    wing = tb.Scene(BEAM, [tb.Gravity((0, 0, -1.0)), air])
+    changes = dict(_changes(wing, ()))
+    plain = changes["StripAir without dynamic stall"](changes["StripAir quasi-steady"](wing))
     assert plain.effects[1].lags is None and isinstance(plain.effects[1].polar, tb.Polar)
-    assert changes["StripAir quasi-steady"](tb.Scene(BEAM)).effects == ()
+    gone = changes["StripAir quasi-steady"](changes["without StripAir"](wing))
+    assert len(gone.effects) == 1
 
 
 def test_a_change_is_what_two_runs_differ_by(advice):
