@@ -39,6 +39,8 @@ class DynamicStall(Tree):
     - 1)^2, 0 beyond where it first is, cl_s = (cl - c (a - a0) f)/(1 - f), and arm(f) of
     (cm - cm(a0))/cl at positive angles (Hansen, Gaunaa and Madsen 2004, Risoe-R-1354, equations 12
     to 34). At rest it is the polar itself, and with attached flow the lags alone are left.
+    A motion begins with attached flow: begin one in deep stall from `tb.equilibrium`, whose states
+    are settled.
 
     Args:
         polar: a steady `Polar`; best up to half a turn (`Polar.extended`)
