@@ -5,8 +5,8 @@ Blade-element momentum theory with Prandtl's losses gives power and thrust of fo
 batch. At the best of them a blade is a beam in a frame that turns: `StripAir` meets the wind and
 what the theory says that the rotor induces. The root of a stiff blade bears the theory's thrust and
 torque; a flexible one bends and twists. Three of them on a hub that turns, in the same wind and
-induction at all speeds, have modes that the air damps: flap much, lag (edge) little. Run as a script, it
-also draws out/wind_turbine.png and out/wind_turbine_modes.png.
+induction at all speeds, have modes that the air damps: flap much, lag (edge) little. Run as a
+script, it also draws out/wind_turbine.png and out/wind_turbine_modes.png.
 """
 
 import math
