@@ -57,7 +57,9 @@ def pictures(out: Path, runs: list[Run]) -> None:
         picture(out, runs, "curves.png", names)
 
 
-def picture(out: Path, runs: list[Run], file: str, names: list[str]) -> None:
+def picture(
+    out: Path, runs: list[Run], file: str, names: list[str], labels: dict[str, str] = LABELS
+) -> None:
     """Cost (minus the return on validation episodes) against steps and against training time, one
     row a task, logarithmic: the interquartile mean over seeds of its logarithm with a 95 % band,
     from five seeds on, and each seed. Of published tasks the return itself, which may be positive.
@@ -82,19 +84,19 @@ def picture(out: Path, runs: list[Run], file: str, names: list[str]) -> None:
         for name, pair in zip(names, axes, strict=True):
             here = sorted(
                 (run for run in runs if run["task"] == name),
-                key=lambda run: list(LABELS).index(run["algorithm"]),
+                key=lambda run: list(labels).index(run["algorithm"]),
             )
             for ax, axis, unit, label in (
                 (pair[0], "steps", 1e3, "environment steps (thousands)"),
                 (pair[1], "seconds", 1, "training, one thread (CPU s)"),
             ):
-                levels = _levels(ax, here)
-                levels += _curves(ax, out, here, axis, unit)
+                levels = _levels(ax, here, labels)
+                levels += _curves(ax, out, here, labels, axis, unit)
                 ax.set(xscale="log", xlabel=label if name == names[-1] else "")
                 ax.xaxis.set_minor_formatter("")
                 ax.xaxis.set_major_formatter("{x:g}")
-                handles, labels = ax.get_legend_handles_labels()
-                lines |= dict(zip(labels, handles, strict=True))
+                handles, texts = ax.get_legend_handles_labels()
+                lines |= dict(zip(texts, handles, strict=True))
                 if name in PUBLISHED:
                     ax.set_title(f"{name}: return on validation episodes")
                     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -113,7 +115,9 @@ def picture(out: Path, runs: list[Run], file: str, names: list[str]) -> None:
         plt.close(figure)
 
 
-def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list[float]:
+def _curves(
+    ax: Any, out: Path, runs: list[Run], labels: dict[str, str], axis: str, unit: float
+) -> list[float]:
     """Draw the learners; returns some of their costs (of published tasks, returns)."""
     levels = []
     there, back = _SCALES[runs[0]["task"] in PUBLISHED]
@@ -130,7 +134,7 @@ def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list
         y = np.array([np.interp(x, one[axis], there(one[CURVE])) for one in found])
         color = COLORS[algorithm]
         mean, low, high = (back(one) for one in estimate(interquartile_mean, y.T, resamples=1000))
-        ax.plot(x / unit, mean, color=color, lw=1.8, label=LABELS[algorithm])
+        ax.plot(x / unit, mean, color=color, lw=1.8, label=labels[algorithm])
         ax.plot(x / unit, back(y).T, color=color, lw=0.6, alpha=0.6)
         if len(found) >= FEWEST:
             ax.fill_between(x / unit, low, high, color=color, alpha=0.18, lw=0)
@@ -138,7 +142,7 @@ def _curves(ax: Any, out: Path, runs: list[Run], axis: str, unit: float) -> list
     return levels
 
 
-def _levels(ax: Any, runs: list[Run]) -> list[float]:
+def _levels(ax: Any, runs: list[Run], labels: dict[str, str]) -> list[float]:
     """Draw the baselines as lines across, by the same episodes; returns their costs (of published
     tasks, returns).
     """
@@ -152,7 +156,7 @@ def _levels(ax: Any, runs: list[Run]) -> list[float]:
                 color="0.35",
                 ls=STYLES[run["algorithm"]],
                 lw=1,
-                label=LABELS[run["algorithm"]],
+                label=labels[run["algorithm"]],
             )
     return levels
 

@@ -33,6 +33,7 @@ from .table import LABELS
 from .watch import Budget
 
 SEEDS = 10
+NAMES = {**LABELS, "student": "student of ResolvedRate"}
 QUICK: dict[str, Any] = {"tasks": ["obstacles", "ik"], "seeds": 2, "share": 0.1}
 
 
@@ -41,14 +42,14 @@ class Publication(NamedTuple):
 
     metric   the entry of `evaluate` that it draws or logs
     value    of the best of its learners, and hours of its training; None = not published
-    learned  whether we learn it too, or lead the arm alone
+    learner  by which we learn it; empty where the arm is led alone
     """
 
     metric: str
     value: float | None
     hours: float | None
     source: str
-    learned: bool = True
+    learner: str = "shac"
 
 
 # Choi and Tong 2025 (arXiv 2511.06667), dismech-rl, SAC with 500 environments: the mean of the
@@ -58,13 +59,13 @@ class Publication(NamedTuple):
 PUBLISHED = {
     "follow": Publication("discounted_mean", None, None, "dismech-rl"),
     "follow-3d": Publication("discounted_mean", 99.3, 0.34, "dismech-rl"),
-    "ik": Publication("discounted_mean", 197.4, 0.37, "dismech-rl"),
+    "ik": Publication("discounted_mean", 197.4, 0.37, "dismech-rl", "student"),
     "obstacles": Publication("discounted_mean", 40.6, 0.6, "dismech-rl"),
     "obstacles-3d": Publication("discounted_mean", 27.7, 0.96, "dismech-rl"),
-    "track-target": Publication("return", 10834.0, 10.9, "Elastica-RL-control", False),
-    "reach-pose": Publication("return", 2044.0, 25.0, "Elastica-RL-control", False),
-    "reach-behind": Publication("return", 4115.0, 2.1, "Elastica-RL-control", False),
-    "reach-nest": Publication("return", 2036.0, 7.8, "Elastica-RL-control", False),
+    "track-target": Publication("return", 10834.0, 10.9, "Elastica-RL-control", ""),
+    "reach-pose": Publication("return", 2044.0, 25.0, "Elastica-RL-control", ""),
+    "reach-behind": Publication("return", 4115.0, 2.1, "Elastica-RL-control", ""),
+    "reach-nest": Publication("return", 2036.0, 7.8, "Elastica-RL-control", ""),
 }
 
 
@@ -81,7 +82,7 @@ def rows(found: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         groups.setdefault((run["task"], run["algorithm"]), []).append(run)
 
     def order(key: tuple[str, str]) -> tuple[int, int]:
-        return [*PUBLISHED].index(key[0]), [*LABELS].index(key[1])
+        return [*PUBLISHED].index(key[0]), [*NAMES].index(key[1])
 
     return [_row(*key, groups[key]) for key in sorted(groups, key=order)]
 
@@ -127,7 +128,7 @@ def report(out: Path) -> list[dict[str, Any]]:
     cells = [
         (
             row["task"],
-            LABELS[row["learner"]],
+            NAMES[row["learner"]],
             _said(row["mean"])
             + ("" if row["low"] is None else f" [{row['low']:.1f}, {row['high']:.1f}]"),
             _said(row["published"]),
@@ -149,7 +150,7 @@ def report(out: Path) -> list[dict[str, Any]]:
         return lines
     if any((out / "runs").glob("*.csv")):
         matplotlib.use("Agg")
-        picture(out, found, "published.png", names)
+        picture(out, found, "published.png", names, NAMES)
     return lines
 
 
@@ -163,7 +164,7 @@ def plan(options: argparse.Namespace) -> dict[results.Run, tuple[Budget, int]]:
     for seed in range(options.seeds):
         for task in options.tasks:
             source = PUBLISHED[task]
-            for name in (*leading(task), *(("shac",) if source.learned else ())):
+            for name in (*leading(task), *filter(None, [source.learner])):
                 fixed = name in BASELINES
                 run = results.Run(task, name, None if fixed else seed)
                 steps = None if fixed else round(options.share * tuned.budget(name, task))

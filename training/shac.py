@@ -64,6 +64,10 @@ class Arguments:
     """
     lessons: int = 40
     """windows in which it does so, and the critic learns beside it"""
+    average: int = 0
+    """updates, about so many, over which the weights that are validated and kept are averaged; from
+    the lessons on the normalisation of observations then stays. 0: the last weights are kept
+    """
     smooth: float = 0.0
     """width by which the environment smooths the steps of its reward in training, where it has such
     an argument: their gradient is zero else. 0: as it is
@@ -77,6 +81,9 @@ class SHAC:
     The value at the end of the window, and of an episode that ends within it by the time limit, is
     that of the observation before the reset; after a failed solve it is none. Gradients that are
     not finite are left out and counted.
+
+    `actor` plays and learns; `policy` is what is kept of it: the same, or an exponential average
+    of its weights (Polyak and Juditsky 1992), which forgets the noise of single updates.
     """
 
     NAME = "shac"
@@ -90,7 +97,7 @@ class SHAC:
         actions = self.env.single_action_space.shape[0]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(a.seed)
-            self.policy = Policy(
+            self.actor = Policy(
                 (inputs, *a.hidden, actions),
                 squash=True,
                 activation="elu",
@@ -98,25 +105,26 @@ class SHAC:
                 linear=a.linear,
                 memory=a.memory,
             )
-            self.critic = Value((self.policy.features, *a.hidden), activation="elu")
+            self.policy = copy.deepcopy(self.actor) if a.average else self.actor
+            self.critic = Value((self.actor.features, *a.hidden), activation="elu")
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.optimizer, self.critic_optimizer = (
             torch.optim.Adam(part.parameters(), rate, betas=(0.7, 0.95), fused=True)
-            for part, rate in ((self.policy, a.rate), (self.critic, a.critic_rate))
+            for part, rate in ((self.actor, a.rate), (self.critic, a.critic_rate))
         )
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out, self.steps = 0, 0
         self.env.reset(seed=training_seed(a.seed))
-        self.memory = self.policy.blank(a.num_envs)  # of what was before the observation
+        self.memory = self.actor.blank(a.num_envs)  # of what was before the observation
         self.imitation = (
-            Imitation(self.env, self.policy, a.teacher, a.lessons) if a.teacher else None
+            Imitation(self.env, self.actor, a.teacher, a.lessons) if a.teacher else None
         )
 
     def window(self, lesson: Imitation | None = None) -> tuple[Tensor, dict[str, Tensor]]:
         """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy
         as it is, or as a lesson.
         """
-        a, policy = self.arguments, self.policy
+        a, policy = self.arguments, self.actor
         observation = self.env.initialize_trajectory()
         memory, rows = self.memory, []
         objective = observation.new_zeros(a.num_envs)
@@ -157,7 +165,7 @@ class SHAC:
     @torch.no_grad()
     def targets(self, data: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """(features (horizon, n, ...), lambda returns (horizon, n) from the target critic)."""
-        a, policy = self.arguments, self.policy
+        a, policy = self.arguments, self.actor
         features = policy.see_all(data["observation"], data["memory"][0], data["over"])
         value = self.target(policy.see_next(features, data["next"]))
         after = torch.where(data["terminated"], 0.0, value)
@@ -182,25 +190,37 @@ class SHAC:
         objective, data = self.window()
         self.optimizer.zero_grad()
         (-objective.mean()).backward()
-        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), a.gradient_norm)
+        norm = nn.utils.clip_grad_norm_(self.actor.parameters(), a.gradient_norm)
         if torch.isfinite(norm):
             self.optimizer.step()
         else:
             self.left_out += 1
         error = self.learn_values(data)
-        self.policy.statistics.update(data["observation"])
+        if not (a.average and a.teacher):
+            self.actor.statistics.update(data["observation"])
+        self.keep(a.average)
         return {
             "gradient_norm": norm.item(),
             "left_out": self.left_out,
             "value_error": error,
-            "deviation": self.policy.log_deviation.exp().mean().item(),
+            "deviation": self.actor.log_deviation.exp().mean().item(),
         }
+
+    def keep(self, updates: int) -> None:
+        """Take the actor's weights into an average over so many updates; 0: they are kept as they
+        are.
+        """
+        if updates:
+            for kept, new in zip(self.policy.parameters(), self.actor.parameters(), strict=True):
+                kept.data.lerp_(new.data, 1 / updates)
+            self.policy.statistics.load_state_dict(self.actor.statistics.state_dict())
 
     def imitate(self, lesson: Imitation) -> dict[str, float]:
         """An iteration that is a lesson."""
         with torch.no_grad():
             _, data = self.window(lesson)
         error = lesson.learn(self.generator)
+        self.keep(min(self.arguments.average, 1))
         return {"imitation_error": error, "value_error": self.learn_values(data)}
 
     def learn_values(self, data: dict[str, Tensor]) -> float:
@@ -244,7 +264,7 @@ class SHAC:
         if self.imitation is not None:
             self.imitation.load_state_dict(state["imitation"])
 
-    _PARTS = ("policy", "critic", "target", "optimizer", "critic_optimizer")
+    _PARTS = ("policy", "actor", "critic", "target", "optimizer", "critic_optimizer")
 
 
 if __name__ == "__main__":

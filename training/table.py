@@ -50,9 +50,13 @@ AXES = ("steps", "seconds")
 
 def as_now(run: Run) -> Run:
     """A run as it would be written now. Those of before have frames among the arguments of the
-    environment, not among the learner's settings, no memory, and SHAC's rates fell over the budget.
+    environment, not among the learner's settings, no memory, and SHAC's rates fell over the budget
+    and its last weights were kept.
     """
     settings = run.get("settings", {})
+    if run["algorithm"].startswith("shac") and settings:
+        settings = {"average": 0, **settings}
+        run = {**run, "settings": settings}
     if "frames" in settings or "environment" not in run:
         return run
     arguments = dict(run["environment"]["arguments"])

@@ -11,6 +11,8 @@ from ..inverse_kinematics import Turned
 from ..soft_arm import SoftArm
 from .holding import Controller, vector_env
 
+ROUNDS = 4  # in each of which more components may come to their bounds
+
 
 class ResolvedRate(Controller):
     """Change of the command by damped least squares (Whitney 1969; Wampler 1986). J is the soft
@@ -19,9 +21,10 @@ class ResolvedRate(Controller):
         J' (J J' + damping^2 I)^-1 gain e,    e = target - tip + ahead target' - lead tip'
 
     with the target at the end of the interval. With a `turn`, the tip's turn has three more rows,
-    if the task asks for a turn. A command that would pass its limit is left out, and the others
-    take over. An arm that follows its command with a lag tau needs lead = ahead = tau, and a small
-    gain beside the intervals in tau.
+    if the task asks for a turn. Actions and commands that would pass their bounds stay there, and
+    the others take over (Flacco, De Luca and Khatib 2012, "Motion control of redundant robots under
+    joint constraints: saturation in the null space"). An arm that follows its command with a lag
+    tau needs lead = ahead = tau, and a small gain beside the intervals in tau.
 
     Args:
         gain: share of the remaining way that an interval covers
@@ -73,9 +76,21 @@ class ResolvedRate(Controller):
         if self.turn:
             off = task.to_turn(now) - self.lead * now.beam.spin[:, -1]
             J, way = torch.cat((J, self.turn * turned), 1), torch.cat((way, self.turn * off), 1)
-        action = self._least_squares(J, self.gain * way)
-        beyond = (task.command(now) + task.change * action).abs() > task.limits
-        return task.held(now) + self._least_squares(J * ~beyond[:, None], self.gain * way)
+        return self._within_bounds(now, J, self.gain * way)
+
+    def _within_bounds(self, now: Episodes, J: Tensor, way: Tensor) -> Tensor:
+        """(n, a): actions and commands beyond their bounds stay there, and the rest takes over."""
+        task = self.env.task
+        held, command = task.held(now), task.command(now) / task.change
+        room, fixed = task.limits / task.change, torch.zeros_like(held, dtype=torch.bool)
+        low, high = (-1 - held).maximum(-room - command), (1 - held).minimum(room - command)
+        move = torch.zeros_like(held)
+        for _ in range(ROUNDS):
+            left = way - (J @ (move * fixed)[..., None])[..., 0]
+            move = torch.where(fixed, move, self._least_squares(J * ~fixed[:, None], left))
+            fixed = fixed | (move <= low) | (move >= high)
+            move = move.clamp(low, high)
+        return held + move
 
     def _least_squares(self, J: Tensor, way: Tensor) -> Tensor:
         eye = self.damping**2 * torch.eye(way.shape[-1], dtype=J.dtype, device=J.device)

@@ -195,8 +195,8 @@ def balances(motion: Motion) -> dict[str, Array]:
 
 
 def _elastic(motion: Motion) -> tuple[Array, Array, Array]:
-    """(T,) J: strain energy, what damping has dissipated, and what a change of the eigenstrain has
-    brought in.
+    """(T,) J: strain energy, what damping and arms that forget have dissipated, and what a change
+    of the eigenstrain has brought in.
     """
     case, t = motion.case, motion.t
     flexible = case.rod.S.diagonal() > 0
@@ -207,18 +207,33 @@ def _elastic(motion: Motion) -> tuple[Array, Array, Array]:
     h = case.rod.length / len(middle)
     own = np.stack([case.eigenstrain(now) for now in t])[:, None, :]
     total = strains(motion)
-    stress = turn(K, total - own)
-    strain = h * dot_(total - own, stress).sum(1) / 2
+    elastic, (shares, times) = total - own, case.arms()
+    lags = [elastic - _crept(t, elastic, tau) for tau in times.T]
+    stress = turn(K, (1 - shares.sum(-1)) * elastic)
+    strain = h * dot_(elastic, stress).sum(1) / 2
+    dissipated = np.zeros_like(t)
+    for share, time, lag in zip(shares.T, times.T, lags, strict=True):
+        own_stress = turn(K, share * lag)
+        stress, strain = stress + own_stress, strain + h * dot_(lag, own_stress).sum(1) / 2
+        dissipated = dissipated + _sum(t, h * dot_(lag / time, own_stress).sum(1))
     change = -h * (_means(stress) * np.diff(own, axis=0)).sum((1, 2))
     tau, zero = case.damping(), np.zeros(1)
-    dissipated = np.zeros_like(t)
     if tau is not None:
         T = np.diag(np.sqrt(tau))
         step = np.diff(total, axis=0)
-        dissipated = np.concatenate(
+        dissipated = dissipated + np.concatenate(
             (zero, np.cumsum(h * dot_(step, turn(T @ K @ T, step)).sum(1) / np.diff(t)))
         )
     return strain, dissipated, np.concatenate((zero, np.cumsum(change)))
+
+
+def _crept(t: Array, strain: Array, time: Array) -> Array:
+    """q (T, n, 6) of time q' = strain - q, at rest at t = 0, by the trapezoidal rule."""
+    crept = [strain[0]]
+    for h, before, after in zip(np.diff(t), strain, strain[1:], strict=False):
+        half = h / (2 * time)
+        crept.append(((1 - half) * crept[-1] + half * (before + after)) / (1 + half))
+    return np.stack(crept)
 
 
 def _means(x: Array) -> Array:

@@ -24,11 +24,14 @@ ABOUT = (
     "displaced and turned; in planes and in space; at rest and in a frame that turns) under "
     "effects of every kind. `statics`: the Cosserat equations as a boundary value problem. "
     "`vibrations`: their linearisation by collocation. `motion`: balances of momentum, angular "
-    "momentum and energy. Error: of what the library's answers on three meshes tend to, over the "
+    "momentum and energy. `hinges`: wheels on hinges that yield or have hysteresis, "
+    "by their differential equations. Error: of what the library's answers on three "
+    "meshes tend to, over the "
     "size of the quantity; accepted is what the last refinement changed it by, and the accuracy "
     "of the oracle."
 )
 QUICK = 2  # cases
+ALL = (*NETS, "hinges")
 
 
 def study(options: Namespace) -> Report:
@@ -37,7 +40,7 @@ def study(options: Namespace) -> Report:
     numbers = range(options.first, options.first + (QUICK if options.quick else options.cases))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of equilibria that are not stable
-        for net in NETS if options.net == "all" else (options.net,):
+        for net in ALL if options.net == "all" else (options.net,):
             start = time.perf_counter()
             for number in numbers:
                 try:
@@ -102,7 +105,7 @@ main = Study(
         "--cases": _number(20, "how many of each net"),
         "--first": _number(0, "number of the first case"),
         "--net": dict(
-            choices=(*NETS, "all"), default="all", help="which comparison (default: %(default)s)"
+            choices=(*ALL, "all"), default="all", help="which comparison (default: %(default)s)"
         ),
     },
     check=lambda options: (

@@ -10,6 +10,8 @@ import numpy as np
 from . import scenes
 from .balances import balances
 from .draws import case as draw_case
+from .hinges import Wheel
+from .hinges import draw as draw_wheel
 from .rod import Case
 from .rotations import Array
 from .statics import equilibrium
@@ -25,9 +27,14 @@ OSCILLATES = 0.05
 RIGID = 5e-5
 STILL = 1e-12  # of the strain energy: a kinetic energy that is none
 STEPS, SPAN = 40, 0.5  # of the coarsest motion; in units of sqrt(m L^4/EI)
-FLOOR = {"statics": 1e-7, "vibrations": 2e-7, "motion": 1e-7}  # of the oracle itself
+FLOOR = {
+    "statics": 1e-7,
+    "vibrations": 2e-7,
+    "motion": 1e-7,
+    "hinges": 1e-8,
+}  # of the oracle itself
 # no answer that settles more slowly is taken
-CAP = {"statics": 3e-5, "vibrations": 2e-4, "motion": 1e-3}
+CAP = {"statics": 3e-5, "vibrations": 2e-4, "motion": 1e-3, "hinges": 3e-4}
 
 
 @dataclass(frozen=True)
@@ -178,7 +185,29 @@ def motion_by(
 NETS = {"statics": statics, "vibrations": vibrations, "motion": motion}
 
 
+def hinges(
+    wheel: Wheel, span: float = 3.0, steps: int = 3000
+) -> list[tuple[str, float, float, float]]:
+    """Angle, rate, hysteretic variable and energy lost of a wheel, over the largest of each. Where
+    it yields and turns back the error is of second order with a factor that jumps from step to
+    step: what the last halving changed is accepted, and a quarter of the change before.
+    """
+    exact = wheel.motion(np.linspace(0, span, 26))
+    runs = [scenes.turning(wheel, span, steps * 2**k)[:: steps * 2**k // 25] for k in range(3)]
+    size = np.abs(exact).max(0)
+    first, last = (np.abs(b - a).max(0) / size for a, b in itertools.pairwise(runs))
+    error, rows = np.abs(runs[-1] - exact).max(0) / size, []
+    for i, name in enumerate(("angle", "rate", "hysteretic variable", "energy lost")):
+        change = float(max(last[i], first[i] / 4))
+        rows.append((name, float(error[i]), tolerance("hinges", change), change))
+    return rows
+
+
 def compare(net: str, seed: int, number: int) -> list[Comparison]:
     """The rows of a random case. Raises statics.NotFound where the oracle has no answer."""
-    case = draw_case(np.random.default_rng((seed, number)), number, moving=net == "motion")
+    random = np.random.default_rng((seed, number))
+    if net == "hinges":
+        wheel = draw_wheel(random, number)
+        return [Comparison(net, seed, number, str(wheel.law), *row) for row in hinges(wheel)]
+    case = draw_case(random, number, moving=net == "motion")
     return [Comparison(net, seed, number, case.name, *row) for row in NETS[net](case)]

@@ -17,6 +17,7 @@ SUPPORTS = (
 )  # fmt: skip
 SHAPES = ("straight", "arc", "helix", "pretwisted")
 SECTIONS = ("plain", "coupled", "rotated", "rigid", "tapered")
+FORGETS = 6  # cases from one to the next with arms that forget
 RIGID = ((1, 2), (0, 1, 2), (0,), (3,))
 # axes and strains in it
 PLANES = {
@@ -181,6 +182,18 @@ def effect(draw: Draw, name: str, rod: Rod, force: float, moving: bool) -> Any:
     return make[name]()
 
 
+def forgetting(draw: Draw, kind: str, rate: float) -> fx.Viscoelastic:
+    """Two arms that creep faster than the first vibrations; a plain section has them in each strain
+    by itself.
+    """
+    rows = 6 if kind == "plain" else 1
+    shares, times = (
+        np.array([[draw.log(low, high) for _ in range(2)] for _ in range(rows)]) + np.zeros((6, 2))
+        for low, high in ((0.05, 0.3), (0.02, 0.1))
+    )
+    return fx.Viscoelastic(shares, times / rate)
+
+
 def supports(draw: Draw, kind: str, rod: Rod, moving: bool, rate: float) -> dict[float, Support]:
     """By place."""
 
@@ -217,14 +230,14 @@ def case(
     own = rod(draw, shape, kind)
     force = 1 / own.length**2
     rate = float(np.sqrt(force / own.mass) / own.length)  # sqrt(EI/(m L^4))
-    names = [name for name in fx.ROWS if name != "RootSpring"]
+    names = [name for name in fx.ROWS if name not in ("RootSpring", "Viscoelastic")]
     chosen = {
         names[number % len(names)],
         names[int(random.integers(len(names)))],
         draw.one("TipLoad", "LineLoad", "Gravity"),
     }
     if every:
-        chosen = set(fx.ROWS)
+        chosen = set(fx.ROWS) - {"Viscoelastic"}
     elif hold == "elastic clamp":
         chosen.add("RootSpring")
     spin = draw.vector(draw(0.2, 1.0) * rate, across=True) if draw.chance(0.4) else None
@@ -235,6 +248,8 @@ def case(
     )
     acting = tuple(effect(draw, name, own, force, moving) for name in sorted(chosen))
     order = draw.one(2, 2, 1)
+    if every or number % FORGETS == FORGETS - 1:
+        acting, chosen = (*acting, forgetting(draw, kind, rate)), {*chosen, "Viscoelastic"}
     text = ", ".join(
         [
             shape,

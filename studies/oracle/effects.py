@@ -14,9 +14,8 @@ from .rotations import Array, back, cross, dot, length, logarithm, skew, turn
 
 
 class OracleEffect:
-    """kind: load, body, damping or eigenstrain.  at: its place x = s/L, None = along the rod.
-    on_mass: it acts on whatever
-    has mass, bodies too.  holds: it is a support's part.
+    """kind: load, body, damping, memory or eigenstrain.  at: its place x = s/L, None = along the
+    rod.  on_mass: it acts on whatever has mass, bodies too.  holds: it is a support's part.
     """
 
     kind = "load"
@@ -256,6 +255,17 @@ class Damping(OracleEffect):
 
 
 @dataclass(frozen=True)
+class Viscoelastic(OracleEffect):
+    """Stress that forgets: S [F; M] = e - sum of share q with time q' = e - q; (6, m), of each
+    strain and arm.
+    """
+
+    shares: Array
+    times: Array
+    kind = "memory"
+
+
+@dataclass(frozen=True)
 class Load(OracleEffect):
     """A law of the motion: force -k (r - to) - c |v|^2 v + push R e_y, moment -d w + twist x
     (R e_z).
@@ -278,6 +288,6 @@ class Load(OracleEffect):
 ROWS: dict[str, type[Any]] = {
     row.__name__: row
     for row in (Actuation, Damping, Drag, Gravity, LineLoad, Load, MassDamping, PointLoad,
-                PointMass, RootSpring, Spring, StripAir, TipLoad, Contact)
+                PointMass, RootSpring, Spring, StripAir, TipLoad, Contact, Viscoelastic)
 }
 # fmt: on

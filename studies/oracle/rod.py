@@ -136,6 +136,11 @@ class Case:
         """(6,) s of the stress by strain rate, or None."""
         return next((e.tau for e in self.effects if e.kind == "damping"), None)
 
+    def arms(self) -> tuple[Array, Array]:
+        """Shares and times s (6, m) of what forgets; m may be 0."""
+        none = np.zeros((6, 0)), np.zeros((6, 0))
+        return next(((e.shares, e.times) for e in self.effects if e.kind == "memory"), none)
+
     def eigenstrain(self, t: Array | float = 0.0) -> Array:
         """(..., 6) of the unloaded rod."""
         return sum((e.eigenstrain(t) for e in self.effects if e.kind == "eigenstrain"), np.zeros(6))
@@ -233,13 +238,12 @@ def with_section(case: Case, p: Point) -> Point:
 
 
 def strain(case: Case, p: Point, n: Array, m: Array, share: float = 1.0) -> Array:
-    """[gamma; kappa] (..., 6) under the stress resultants n, m (..., 3), frame a, and a share of
-    the eigenstrain.
+    """[gamma; kappa] (..., 6) at rest under the stress resultants n, m (..., 3), frame a, and a
+    share of the eigenstrain.
     """
     stress = np.concatenate((back(p.R, n), back(p.R, m)), -1)
-    return turn(case.rod.S, stress) / case.rod.thinned(p.x)[..., None] + share * case.eigenstrain(
-        p.t
-    )
+    left = (1 - case.arms()[0].sum(-1)) * case.rod.thinned(p.x)[..., None]  # of the stiffness
+    return turn(case.rod.S, stress) / left + share * case.eigenstrain(p.t)
 
 
 def rates(

@@ -14,6 +14,7 @@ import torchbeam as tb
 
 from . import effects as fx
 from .balances import Motion
+from .hinges import Wheel
 from .rod import Case, Value
 from .rotations import Array
 
@@ -40,8 +41,8 @@ def section(case: Case) -> tb.Section | Callable[[Tensor], tb.Section]:
         )
     )
     S, mass = tensor(rod.S), tensor(np.block([[rod.mass * np.eye(3), -c], [c, rod.inertia]]))
-    if not rod.taper:
-        return tb.Section(S, mass)
+    if not rod.taper:  # arms of each strain want a compliance without more than its diagonal
+        return tb.Section(rod.S.tolist() if _six(*case.arms()) else S, mass)
 
     def at(s: Tensor) -> tb.Section:
         thin = (1 - rod.taper * s / rod.length)[..., None, None]
@@ -101,6 +102,17 @@ def _law(load: fx.Load) -> Callable[..., tuple[Tensor, Tensor]]:
     return law
 
 
+def _six(shares: Array, times: Array) -> bool:
+    """Whether strains have arms of their own."""
+    return any(x.size > 0 and bool(np.ptp(x, axis=0).any()) for x in (shares, times))
+
+
+def _viscoelastic(e: fx.Viscoelastic) -> tb.Viscoelastic:
+    six = _six(e.shares, e.times)
+    shares, times = (tensor(x if six else x[0]) for x in (e.shares, e.times))
+    return tb.Viscoelastic(shares, times, six=six)
+
+
 def effects(case: Case, elements: int) -> list[Any]:
     """The effects in the library's terms."""
 
@@ -146,6 +158,7 @@ def effects(case: Case, elements: int) -> list[Any]:
             _value(e.curvature, case.rod), _value(e.strain, case.rod)
         ),
         fx.Damping: lambda e: tb.Damping(tuple(e.tau) if np.ptp(e.tau) else e.tau[0]),
+        fx.Viscoelastic: _viscoelastic,
         fx.Load: lambda e: tb.Load(_law(e), None if e.at is None else at(e)),
     }
     return [make[type(e)](e) for e in case.effects]
@@ -210,3 +223,22 @@ def motion(case: Case, elements: int, span: float, steps: int) -> tuple[Motion, 
             "strain": energy.strain.numpy(),
         },
     )
+
+
+def turning(wheel: Wheel, span: float, steps: int) -> Array:
+    """(steps + 1, 4): angle, rate and what is remembered, of a wheel from rest."""
+    law = getattr(tb, type(wheel.law).__name__)(**vars(wheel.law))
+    sizes, rates = tensor(wheel.sizes), tensor(wheel.rates)
+    hinge = tb.Hinge(
+        None,
+        "wheel",
+        axis=(0, 0, 1),
+        hysteresis=law,
+        torque=lambda t: (sizes * torch.sin(rates * t)).sum(),
+    )
+    body = tb.Body(mass=tensor(1.0), inertia=wheel.inertia, position=(0, 0, 0))
+    t = torch.linspace(0, span, steps + 1, dtype=torch.float64)
+    solution = tb.simulate(tb.Scene({"wheel": body}, joints=[hinge]), t, step=1.01 * span / steps)
+    joint = solution.state.joint[0]
+    parts = joint.coordinate[:, None], joint.rate[:, None], joint.memory[:, :2]
+    return torch.cat(parts, -1).numpy()

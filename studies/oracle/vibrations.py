@@ -3,9 +3,9 @@ quadratic eigenproblem.
 
 Unknowns are the displacement dr, the turn dphi (spatial: dR = ~dphi R) and the changes dn, dm of
 force and moment at Chebyshev points of each part, (12) each; the equations hold at Gauss points,
-one fewer. Where the stress depends on the strain rate, the changes of the strain at the Gauss
-points are unknowns too. Derivatives of the equations of a point are complex steps, exact to
-rounding (Squire and Trapp 1998).
+one fewer. Where the stress depends on the strain rate, or forgets, the changes of the strain at
+the Gauss points are unknowns too, and those of what arms have crept by. Derivatives of the
+equations of a point are complex steps, exact to rounding (Squire and Trapp 1998).
 """
 
 from __future__ import annotations
@@ -58,9 +58,10 @@ def pencil(at: Equilibrium, points: int) -> tuple[Array, Array, Array, Array]:
     """
     case = at.case
     breaks = np.array(case.breaks)
-    parts, tau = len(breaks) - 1, case.damping()
+    parts, tau, (shares, times) = len(breaks) - 1, case.damping(), case.arms()
+    arms, lossy = shares.shape[1], tau is not None or shares.size > 0
     grid, to, slope = collocation(points)
-    width, own = 12 * points, 6 * (points - 1) * (tau is not None)
+    width, own = 12 * points, 6 * (points - 1) * (1 + arms) * lossy
     n = parts * (width + own)
     K, D, M = (np.zeros((n, n)) for _ in range(3))
     row = 0
@@ -74,24 +75,30 @@ def pencil(at: Equilibrium, points: int) -> tuple[Array, Array, Array, Array]:
         flow = [
             np.einsum("gj,gab->gajb", to, A).reshape(rows.stop - row, width) for A in (A0, A1, A2)
         ]
-        if tau is None:
+        if not lossy:
             flow[0] = flow[0] + np.einsum("gj,gab->gajb", to, by_strain @ S @ stress).reshape(
                 rows.stop - row, width
             )
         K[rows, columns], D[rows, columns], M[rows, columns] = spread - flow[0], -flow[1], -flow[2]
         row = rows.stop
-        if tau is not None:  # strain + S T S^-1 T strain rate = S stress, T^2 = diag(tau)
-            mine = slice(parts * width + k * own, parts * width + (k + 1) * own)
-            K[rows, mine] = -_diagonal(by_strain)
-            rows = slice(row, row + own)
-            K[rows, mine] = np.eye(own)
-            T, flexible = np.diag(np.sqrt(tau)), S[0].diagonal() > 0
+        if lossy:  # strain - sum share q + S T S^-1 T strain rate = S stress, T^2 = diag(tau)
+            first, size = parts * width + k * own, 6 * (points - 1)
+            mine, rows = slice(first, first + size), slice(row, row + size)
+            K[row - 12 * (points - 1) : row, mine] = -_diagonal(by_strain)
+            K[rows, mine] = np.eye(size)
+            T, flexible = np.diag(np.sqrt(np.zeros(6) if tau is None else tau)), S[0].diagonal() > 0
             stiff = np.zeros_like(S)
             some = (slice(None), flexible[:, None] & flexible)
             stiff[some] = np.linalg.inv(S[:, flexible][..., flexible]).reshape(len(S), -1)
             D[rows, mine] = _diagonal(S @ T @ stiff @ T)
-            K[rows, columns] = -np.einsum("gj,gab->gajb", to, S @ stress).reshape(own, width)
+            K[rows, columns] = -np.einsum("gj,gab->gajb", to, S @ stress).reshape(size, width)
             row = rows.stop
+            for i in range(arms):  # time q' + q = strain
+                crept = slice(first + (i + 1) * size, first + (i + 2) * size)
+                K[rows, crept] = -np.diag(np.tile(shares[:, i], points - 1))
+                K[row : row + size, crept], K[row : row + size, mine] = np.eye(size), -np.eye(size)
+                D[row : row + size, crept] = np.diag(np.tile(times[:, i], points - 1))
+                row += size
     for x in breaks:
         row = _conditions(at, x, list(breaks).index(x), parts, points, (K, D, M), row)
     moving = np.flatnonzero(np.abs(D).sum(0) + np.abs(M).sum(0))

@@ -203,6 +203,39 @@ def test_resolved_rate_follows():
         ResolvedRate(TipReachVectorEnv(1, elements=2))
 
 
+def test_resolved_rate_makes_the_most_of_bounded_actions():
+    """The least squares of the docstring under the bounds of actions, in random shapes, some
+    commands at their limits: by the conditions of Karush, Kuhn and Tucker where an action is free,
+    to 1e-9, which actions that are merely clipped do not meet. Commands stay within limits.
+    """
+    env = FollowTargetVectorEnv(16, elements=5, output="torch", autoreset_mode="Disabled")
+    env.reset(seed=3)
+    for _ in range(45):
+        env.step(2 * torch.rand(16, 10, generator=torch.Generator().manual_seed(1)) - 1)
+    now, task, damping = env.state, env.task, 0.01
+    command = task.command(now)
+    assert (command.abs() == 2.0).any()
+    tip = now.beam.position[:, -1]
+    target = tip + 0.08 * torch.tensor([[1.0, 0.5, -0.7]], dtype=tip.dtype)
+    controller = ResolvedRate(env, damping=damping, lead=0.0)
+    controller.begin(env)
+    action = controller.towards(now, target, target)
+    after = command + task.change * action
+    assert action.abs().max() <= 1 and after.abs().max() <= 2 + 1e-12
+    J = task.change * task.tip_jacobian(now)[0]
+    eye = damping**2 * torch.eye(3, dtype=J.dtype)
+
+    def slope(x):
+        off = (J @ x[..., None])[..., 0] - (target - tip)
+        return (J.mT @ off[..., None])[..., 0] + damping**2 * x
+
+    free = (action.abs() < 1 - 1e-9) & (after.abs() < 2 - 1e-9)
+    assert 0.2 < free.double().mean() < 0.9
+    assert (slope(action) * free).abs().max() < 1e-9
+    clipped = (J.mT @ torch.linalg.solve(J @ J.mT + eye, (target - tip)[..., None]))[..., 0]
+    assert (slope(clipped.clamp(-1, 1)) * free).abs().max() > 1e-4
+
+
 @pytest.mark.parametrize(
     ("kind", "arguments", "message"),
     [

@@ -11,7 +11,7 @@ import pytest
 
 import torchbeam as tb
 from studies import oracle
-from studies.oracle import command, comparison, draws, scenes
+from studies.oracle import command, comparison, draws, hinges, scenes
 from studies.oracle import effects as fx
 from studies.oracle.balances import Motion, balances
 from studies.oracle.command import main
@@ -19,9 +19,10 @@ from studies.oracle.rod import Case, Rod, Support, Value
 from studies.oracle.statics import equilibrium
 from studies.oracle.vibrations import eigenvalues
 from torchbeam.scene.effects import Effect
+from torchbeam.scene.hysteresis import HystereticLaw
 
 FOLDER = Path(oracle.__file__).parent
-REFERENCE = ("rotations", "rod", "effects", "draws", "statics", "vibrations", "balances")
+REFERENCE = "rotations rod effects draws statics vibrations balances hinges".split()
 # EI = GJ = 1 N m^2, hardly any stretch or shear
 SLENDER = np.diag((1e-8, 1e-8, 1e-8, 1.0, 1.0, 1.0))
 ROD = Rod(1.0, np.zeros(3), np.eye(3), np.zeros(3), SLENDER, 1.0, np.zeros(3), np.zeros((3, 3)))
@@ -50,7 +51,7 @@ def test_the_reference_knows_neither_the_library_nor_torch(name):
 def test_the_translation_uses_public_names_alone():
     assert set(imports("scenes")) <= {
         "__future__", "collections.abc", "typing", "numpy", "torch", "torchbeam", ".", ".balances",
-        ".rod", ".rotations",
+        ".hinges", ".rod", ".rotations",
     }  # fmt: skip
     tree = ast.parse((FOLDER / "scenes.py").read_text())
     used = {
@@ -73,9 +74,8 @@ def test_every_effect_has_a_row():
         if isinstance(getattr(tb, name), type) and issubclass(getattr(tb, name), Effect)
     }
     # these couple points of the rod, which the oracle's has no form for: `verify` has a rod of its
-    # own, with a tendon on a helix, and beams that touch; what relaxes has a memory, which the
-    # oracle's balances know nothing of: closed forms and an explicit method stand for it
-    public -= {"Tendon", "SelfContact", "Viscoelastic"}
+    # own, with a tendon on a helix, and beams that touch
+    public -= {"Tendon", "SelfContact"}
     assert set(fx.ROWS) == public
     random, taken = np.random.default_rng(0), set()
     for number in range(22):
@@ -84,6 +84,38 @@ def test_every_effect_has_a_row():
         made = scenes.effects(case, 4)
         assert [type(e) for e in made] == [getattr(tb, type(e).__name__) for e in case.effects]
     assert taken == public
+
+
+def test_every_law_with_memory_has_a_row():
+    public = (getattr(tb, name) for name in tb.__all__)
+    laws = {x.__name__ for x in public if isinstance(x, type) and issubclass(x, HystereticLaw)}
+    assert set(hinges.LAWS) == laws
+
+
+@pytest.mark.parametrize(
+    "law", [hinges.ElastoPlastic(50, 9, 0, 1), hinges.BoucWen(50, 9, 1, 2, 1, 0)]
+)
+def test_an_elastic_hinge_swings_as_an_oscillator(law):
+    """q = (F/J)/(w0^2 - w^2) (sin w t - w/w0 sin w0 t), below the yield moment or with a ratio of
+    1; nothing is lost.
+    """
+    wheel, t = hinges.Wheel(0.5, np.array([2.0]), np.array([4.0]), law), np.linspace(0, 2, 9)
+    q, _, _, lost = wheel.motion(t).T
+    w = np.sqrt(50 / 0.5)
+    exact = 4.0 / (w**2 - 16) * (np.sin(4 * t) - 4 / w * np.sin(w * t))
+    assert np.allclose(q, exact, rtol=0, atol=1e-9) and np.allclose(lost, 0, atol=1e-12)
+
+
+def test_a_plastic_hinge_loses_what_drives_it():
+    """The work of the drive is the kinetic energy, what is stored, and what is lost."""
+    law = hinges.ElastoPlastic(50.0, 1.0, 6.0, 0.4)
+    wheel, t = hinges.Wheel(0.5, np.array([2.0]), np.array([4.0]), law), np.linspace(0, 2, 20001)
+    q, v, p, lost = wheel.motion(t).T
+    kappa = lost / 1.0
+    stored = (50 * (q - p) ** 2 + 0.4 * 6 * p**2 + 0.6 * 6 * kappa**2) / 2
+    power = 2 * np.sin(4 * t) * v
+    work = np.concatenate(([0], np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(t))))
+    assert lost[-1] > 0.5 and np.allclose(0.25 * v**2 + stored + lost, work, rtol=0, atol=1e-6)
 
 
 def test_an_end_moment_rolls_a_rod_up_to_a_half_circle():

@@ -298,15 +298,19 @@ def test_the_critic_is_not_pleased_by_the_memory():
     assert (x.grad != 0).all()
 
 
-@pytest.mark.parametrize("name", ["ppo", "shac", "student"])
-def test_a_stopped_run_ends_in_the_same_bits(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "settings"), [("ppo", {}), ("shac", {"average": 3}), ("student", {})]
+)
+def test_a_stopped_run_ends_in_the_same_bits(name, settings, tmp_path):
     """Stopped between two checkpoints; episodes of twelve intervals in windows of eight: what is
     remembered where it stops goes on.
     """
     budget, task = common.Budget(steps=4 * 32), TINY.varied(randomize=True, noise=0.01)
     options = dict(episodes=2, final=2, progress=False, name="run")
-    whole = common.train(learner(name, task), task, tmp_path / "whole", budget, **options)
-    part = learner(name, task)
+    whole = common.train(
+        learner(name, task, **settings), task, tmp_path / "whole", budget, **options
+    )
+    part = learner(name, task, **settings)
     steps, stop = part.iteration, iter(range(3))
 
     def iteration(done):
@@ -315,7 +319,9 @@ def test_a_stopped_run_ends_in_the_same_bits(name, tmp_path):
     part.iteration = iteration
     with pytest.raises(pytest.fail.Exception):
         common.train(part, task, tmp_path / "part", budget, **options)
-    resumed = common.train(learner(name, task), task, tmp_path / "part", budget, **options)
+    resumed = common.train(
+        learner(name, task, **settings), task, tmp_path / "part", budget, **options
+    )
     a, b = (load(tmp_path / where / "run.pt").state_dict() for where in ("whole", "part"))
     assert all(torch.equal(a[key], b[key]) for key in a)
     assert {**whole, "seconds": 0} == {**resumed, "seconds": 0}
@@ -343,6 +349,37 @@ def test_learning_goes_on_from_lessons_with_a_memory(name):
         figures = one.iteration(k / 4)
         assert ("imitation_error" in figures) == (k < 2)
     assert all(np.isfinite(value) for value in figures.values()) and not one.imitation.seen
+
+
+def test_shac_keeps_an_average_of_its_weights():
+    """In three updates after two lessons, by their definition: x <- x + (w - x)/4 of each weight
+    from where the lessons ended. The normalisation of observations stays as the lessons left it;
+    without them it goes on, and is the actor's. Over one update it is the actor itself.
+    """
+    one = learner("shac", teacher="LQR", lessons=2, average=4)
+    for _ in range(2):
+        one.iteration(0.0)
+    kept = [w.detach().clone() for w in one.actor.parameters()]
+    seen = one.actor.statistics.count.item()
+    for _ in range(3):
+        one.iteration(0.0)
+        kept = [x + (w.detach() - x) / 4 for x, w in zip(kept, one.actor.parameters(), strict=True)]
+    for x, w in zip(kept, one.policy.parameters(), strict=True):
+        torch.testing.assert_close(x, w.detach(), rtol=1e-6, atol=1e-7)
+    assert one.policy.statistics.count.item() == seen == one.actor.statistics.count.item()
+    apart = [
+        (a - b).abs().max()
+        for a, b in zip(one.policy.parameters(), one.actor.parameters(), strict=True)
+    ]
+    assert max(apart) > 1e-3
+    for average in (0, 1):
+        same = learner("shac", average=average)
+        for _ in range(2):
+            same.iteration(0.0)
+        assert (same.policy is same.actor) == (average == 0)
+        a, b = same.policy.state_dict(), same.actor.state_dict()
+        assert all(torch.equal(a[key], b[key]) for key in a)
+        assert a["statistics.count"] > 64
 
 
 def test_lessons_are_of_whole_episodes():

@@ -42,7 +42,7 @@ def test_the_table_is_made_of_the_runs_that_are_there(tmp_path, capsys):
     """
     runs = tmp_path / "runs"
     runs.mkdir()
-    made = [("ik", "shac", seed, 100.0 + 10 * seed) for seed in range(5)]
+    made = [("ik", "student", seed, 100.0 + 10 * seed) for seed in range(5)]
     made += [
         ("obstacles", "shac", 0, 30.0),
         ("reach", "shac", 0, -3.0),
@@ -68,7 +68,10 @@ def test_the_table_is_made_of_the_runs_that_are_there(tmp_path, capsys):
     rows = json.loads((tmp_path / "published.json").read_text())["rows"]
     assert [row["task"] for row in rows] == ["follow", "ik", "obstacles", "reach-pose"]
     text = (tmp_path / "published.md").read_text()
-    assert "| 120.0 [" in text and "| 197.4 | 5.0 | 50 % | 1,000 | 10 CPU s | 0.37 h | 5 |" in text
+    assert (
+        "| student of ResolvedRate | 120.0 [" in text
+        and "| 197.4 | 5.0 | 50 % | 1,000 | 10 CPU s | 0.37 h | 5 |" in text
+    )
     assert (tmp_path / "published.png").exists()
 
 
@@ -83,7 +86,7 @@ def test_what_is_wanted_is_ten_seeds_and_the_controllers():
         own = count.setdefault(run.task, {})
         own[run.algorithm] = own.get(run.algorithm, 0) + 1
     led = {"zero": 1, "resolved-rate": 1}
-    assert count["ik"] == led | {"shac": 10} and count["reach-nest"] == led
+    assert count["ik"] == led | {"student": 10} and count["reach-nest"] == led
     assert count["obstacles"] == led | {"waypoints": 1, "shac": 10}
     assert wanted[results.Run("obstacles", "shac", 3)][1] == 1
     assert wanted[results.Run("track-target", "zero", None)][1] == 16

@@ -43,12 +43,19 @@ def test_vibrations(number):
     check(comparison.vibrations(case("vibrations", number)))
 
 
-@pytest.mark.parametrize("number", (pytest.param(6, marks=pytest.mark.long), 7))
+@pytest.mark.parametrize("number", (pytest.param(6, marks=pytest.mark.long), 7, 11))
 def test_motion(number):
     """Momentum, angular momentum, energy, and the power of what acts; frames that turn, a clamp
     that moves.
     """
     check(comparison.motion_by(case("motion", number), meshes=(4, 8, 16), steps=8, span=0.12))
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_hinges(number):
+    """Wheels whose hinge yields, or has hysteresis, driven to and fro."""
+    rows = comparison.compare("hinges", SEED, number)
+    check([(r.quantity, r.error, r.tolerance, r.change) for r in rows])
 
 
 @pytest.mark.long

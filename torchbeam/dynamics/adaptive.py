@@ -16,7 +16,7 @@ made with other steps.
    should that change).
 
 Friction in joints and tendons makes it of first order (`Method.order`), and an extrapolated run of
-second.
+second. What an error is told by where forces have corners: `ErrorEstimate`.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from ..scene.prescribed_motion import PrescribedMotion
 from ..state.solution import Event
 from ..state.state import State
 from .dense_output import between, extrapolated, with_means
+from .error_estimate import ErrorEstimate
 from .events import Events
 from .step_control import Controlled, controlled
 from .step_sequence import StepSequence, picked
@@ -46,11 +47,6 @@ from .tolerance import Tolerance
 
 CHECKS = 32  # instants, beside those asked for, at which the error is looked at
 NEAR = 16  # instants about an event
-# a run is off by a third of what it differs by from that of twice the step (second order), and an
-# extrapolated one by a fifteenth, where the step is small enough to be told by
-RUN, LIMIT = 3.0, 7.0
-# the same of first order: all of it, and a third
-RUN_OF_FIRST, LIMIT_OF_FIRST = 1.0, 1.0
 
 
 class ErrorCheck(NamedTuple):
@@ -82,7 +78,7 @@ class _Runs:
     stepper: Stepper
     start: State
     inputs: dict[str, Any]
-    order: int
+    estimate: ErrorEstimate
 
     def __post_init__(self) -> None:
         self.motion = PrescribedMotion(self.stepper.scene)
@@ -108,10 +104,13 @@ class _Runs:
         return [middle.where(second, first), last.where(second, middle)]
 
     def limit(self, coarse: list[State], fine: list[State], t: Tensor) -> State:
-        """States at t, extrapolated; as they are where a sample has failed on the way."""
-        first, middle, last = fine
-        low = extrapolated(coarse[0], first, self.order)
-        high = extrapolated(coarse[1], last, self.order)
+        """States at t, extrapolated where that helps; as they are where a sample has failed on the
+        way.
+        """
+        first, middle, last = low, _, high = fine
+        if self.estimate.limit is not None:
+            low = extrapolated(coarse[0], first, self.estimate.order)
+            high = extrapolated(coarse[1], last, self.estimate.order)
         width = high.t - low.t
         share = (t - low.t) / torch.where(width > 0, width, torch.ones_like(width))
         place = self.stepper.method.stress_at(self.stepper.model, width / 2)
@@ -139,9 +138,9 @@ def adaptive(
         )
     order = stepper.method.order(stepper.model)
     stops = t if any(isinstance(v, PerInterval) for v in inputs.values()) else t[[0, -1]]
-    runs = _Runs(stepper, start, inputs, order)
+    runs = _Runs(stepper, start, inputs, ErrorEstimate.of(stepper.model, order))
     with no_derivatives():
-        plain = _Runs(stepper, start.map(lambda x: x.detach()), inputs, order)
+        plain = replace(runs, start=start.map(lambda x: x.detach()))
         steps = controlled(
             stepper, plain.start, stops.detach(), inputs, tolerance, order, most, first, events
         )
@@ -182,21 +181,17 @@ def _proof(
     error = torch.zeros_like(sequence.end)
     good = torch.full_like(counts, count)
     states = runs.start.map(lambda x: x.expand(len(times), *x.shape))
-    run, near = (RUN, LIMIT) if runs.order > 1 else (RUN_OF_FIRST, LIMIT_OF_FIRST)
-    previous, coarse, now = None, runs.run(sequence, 0, times) if remaining.any() else [], 0
+    coarse = runs.run(sequence, 0, times) if remaining.any() else []
+    previous, before, now = None, torch.full_like(times, torch.inf), 0
     while remaining.any():
         now += 1
         coarse = runs.own(sequence, now - 1, times, coarse)
         fine = runs.run(sequence.only(remaining), now, times)
         limit = runs.limit(coarse, fine, times)
-        largest_error = (
-            torch.maximum(
-                tolerance.distance(coarse[0], fine[0]), tolerance.distance(coarse[1], fine[2])
-            )
-            / run
-        )
-        if previous is not None:
-            largest_error = torch.minimum(largest_error, tolerance.distance(limit, previous) / near)
+        pairs = (coarse[0], fine[0]), (coarse[1], fine[2])
+        apart = torch.maximum(*(tolerance.distance(*pair) for pair in pairs))
+        limits = None if previous is None else tolerance.distance(limit, previous)
+        largest_error = runs.estimate(apart, before, limits)
         worst, broken = largest_error.amax(0), (fine[2].status != SUCCESS).any(0)
         spent = (worst > 1) & (counts * 2 ** (now + 1) > most)
         leaving = remaining & ((worst <= 1) | spent | broken)
@@ -207,7 +202,7 @@ def _proof(
         )
         lost = torch.where(broken, fine[2].status.amax(0), torch.where(spent, TOO_MANY, SUCCESS))
         status = torch.where(leaving & (lost != SUCCESS), lost, status)
-        remaining, previous, coarse = remaining & ~leaving, limit, fine
+        remaining, previous, coarse, before = remaining & ~leaving, limit, fine, apart
     return ErrorCheck(states, level, error, good, status)
 
 

@@ -37,7 +37,7 @@ class SmallMotions(NamedTuple):
 
 class FirstOrder(NamedTuple):
     """Matrices A, B, C, D of z' = A z + B du, dy = C z + D du; whether coordinates without inertia
-    creep; mass of the first half of z, or None.
+    creep; mass of the first moves of z where all moves have inertia, else None.
     """
 
     A: Tensor
@@ -145,7 +145,7 @@ def _creeping(
         C[..., order],
         Y_u + V @ creep[..., n:],
         creeps,
-        None,
+        M11 if len(light) == states else None,
     )
 
 

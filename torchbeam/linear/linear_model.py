@@ -15,7 +15,7 @@ from ..core.arguments import boolean, instance, step_size
 from ..core.arguments import count as check_count
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
-from ..math.block_matrices import of_blocks
+from ..math.block_matrices import block_diagonal, of_blocks
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.quadratic_eigen import covering, lowest
 from ..nodal.coordinates.spatial import Spatial
@@ -24,6 +24,7 @@ from ..state.state_check import of_mesh
 from .chart import Chart, Place
 from .chart_slopes import slopes
 from .elsewhere import array_of, labels, state_space, write
+from .relaxing import reduced_arms
 
 SYMMETRIC = 1e-6
 BALANCING = 6  # sweeps over the scales of z before an exponential
@@ -50,8 +51,9 @@ class Linear:
         moves: (..., 2 w (N+1) + Z, n) gives the moves of z, with reads @ moves = 1
         chart: coordinates of a state as moves of the nodes, see `departure`
         dt: s, step of a model in discrete time; else None
-        mass: (..., n/2, n/2) if z = [q; q'] and undamped frequencies follow from K - omega^2 mass;
-            else None
+        mass: (..., q, q) if z = [q; q'], or [q; q'; what arms have crept by], and undamped
+            frequencies follow from K - omega^2 mass; else None
+        arms: how many of the last states are what arms of `Viscoelastic` have crept by
 
     z = [q_1; q_1'], or [q_1; q_0; q_1'] if coordinates without inertia are damped: m, rad, m/s,
     rad/s. Departures of `State.internal` follow, if loads have internal states.
@@ -81,6 +83,7 @@ class Linear:
     mass: Tensor | None = None
     chart: Chart | None = None
     moves: Tensor | None = None
+    arms: int = 0
 
     def __repr__(self) -> str:
         time = "continuous time" if self.dt is None else f"steps of {self.dt:.4g} s"
@@ -187,6 +190,12 @@ class Linear:
         normalised by mass, and rates. Otherwise they are the modes of A, each pair as its real and
         imaginary part.
 
+        Of a scene that relaxes (`Viscoelastic`) the modes are those of the instantaneous stiffness.
+        The arms of each time creep in the modes' own strains: one state for each mode and time,
+        behind the rates. Nothing else is left out: where the stress of the
+        equilibrium adds no stiffness, each mode relaxes as in the whole model. Turns without
+        inertia couple the arms: then all of these states stay.
+
         Args:
             static: keep the response to a steady input exact: the contribution of the other modes
                 goes into D
@@ -195,14 +204,16 @@ class Linear:
 
         Raises:
             ValueError: for a model in discrete time, for more modes than there are, and for rigid
-                motions (A singular) if K is not symmetric.
+                motions (A singular) if K is not symmetric. For a scene that relaxes, whose K or D
+                is not symmetric.
         """
         self._continuous("reduced")
         boolean("static", static)
-        n = self.A.shape[-1]
+        n = self.A.shape[-1] - self.arms
         if check_count("count", count) > n // 2:
             raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
         right, left = self._by_mass(count) or self._by_pairs(count)
+        arms = right.shape[-1] - 2 * count
         small = replace(
             self,
             A=left @ self.A @ right,
@@ -213,6 +224,7 @@ class Linear:
             mass=None
             if self.mass is None
             else torch.eye(count, dtype=self.A.dtype, device=self.A.device),
+            arms=arms,
         )
         if static:
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
@@ -289,7 +301,8 @@ class Linear:
         if self.mass is None:
             return None
         k = self.mass.shape[-1]
-        K, D = (-self.mass @ part for part in (self.A[..., k:, :k], self.A[..., k:, k:]))
+        rows = self.mass @ self.A[..., k : 2 * k, :]
+        K, D = -rows[..., :k], -rows[..., k : 2 * k]
         if any(
             (X - X.mT).detach().abs().amax() > SYMMETRIC * X.detach().abs().amax()
             for X in (K, D, self.mass)
@@ -302,12 +315,22 @@ class Linear:
         shapes = lowest(mass, K, shift, count)[1]
         root = torch.linalg.cholesky(shapes.mT @ mass @ shapes)
         right = torch.linalg.solve_triangular(root, shapes.mT, upper=False).mT
-        return _twice(right), _twice((mass @ right).mT)
+        moves = _twice(right), _twice((mass @ right).mT)
+        if not self.arms:
+            return moves
+        creep = reduced_arms(self.A[..., 2 * k :, :k] @ right, self.A[..., 2 * k :, 2 * k :])
+        return tuple(block_diagonal(*parts) for parts in zip(moves, creep, strict=True))
 
     def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
         """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left
         with left @ right = I.
         """
+        if self.arms:
+            raise ValueError(
+                "a model of a scene that relaxes, by Viscoelastic, was asked for its reduction; "
+                "symmetric stiffness and damping are wanted there: no load that turns with the "
+                "beam, no air"
+            )
         scale = _balance(self.A)
         inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
         if not torch.isfinite(inverse.detach()).all():

@@ -5,7 +5,8 @@ With R the rows of the elements' strains by the nodes' moves, of each strain and
 
     q' = (R a - q)/tau        the nodes are pushed by h R^T C g q
 
-beside the instantaneous stiffness h R^T C R, which is in K.
+beside the instantaneous stiffness h R^T C R, which is in K. Of moves a = V b, arms of one time
+creep within the strains R V alone: q = R V y with y' = (b - y)/tau, without loss.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import times
 from ..nodal.loads import Lags
 from ..nodal.model import Model
+
+DEPENDENT = 1e-6  # of the largest strains
 
 
 def with_arms(model: Model, B: Tensor, lags: Lags | None) -> Lags | None:
@@ -43,6 +46,35 @@ def with_arms(model: Model, B: Tensor, lags: Lags | None) -> Lags | None:
     none = torch.zeros_like(H)
     of_arms = Lags(L.mT, G, H, none, none)
     return of_arms if lags is None else _both(lags, of_arms)
+
+
+def reduced_arms(H: Tensor, G: Tensor) -> tuple[Tensor, Tensor]:
+    """What arms have crept by, q = right y, y = left q, of few moves: q' = H b + G q (..., Z, c)
+    and (..., Z, Z) by these. One y for each move and time; where the strains of arms of a time are
+    dependent, as of bending moves in torsion, all q of that time; all of them where arms act on
+    each other, by turns without inertia.
+    """
+    rates = G.diagonal(dim1=-2, dim2=-1)
+    if (G.detach() != torch.diag_embed(rates.detach())).any():
+        eye = torch.eye(G.shape[-1], dtype=H.dtype, device=H.device).expand_as(G)
+        return eye, eye
+    strains, count = -H / rates[..., None], H.shape[-1]
+    _, time = torch.unique(rates.detach().reshape(-1, rates.shape[-1]), dim=-1, return_inverse=True)
+    rights, lefts = [], []
+    for k in range(int(time.max()) + 1):
+        at = (time == k).nonzero()[:, 0]
+        own = strains[..., at, :]
+        sizes = torch.linalg.svdvals(own.detach())
+        eye = torch.eye(len(at), dtype=H.dtype, device=H.device).expand(*H.shape[:-2], -1, -1)
+        if len(at) > count and (sizes[..., -1] > DEPENDENT * sizes[..., 0]).all():
+            Q, R = torch.linalg.qr(own)
+            right, left = own, torch.linalg.solve_triangular(R, Q.mT, upper=True)
+        else:
+            right = left = eye
+        none = H.new_zeros(*H.shape[:-2], H.shape[-2], right.shape[-1])
+        rights.append(none.index_copy(-2, at, right))
+        lefts.append(none.mT.index_copy(-1, at, left))
+    return torch.cat(rights, -1), torch.cat(lefts, -2)
 
 
 def _both(first: Lags, second: Lags) -> Lags:

@@ -185,8 +185,9 @@ def _linear(
         reads=reads,
         space=model.space,
         chart=None if model.couplings.multipliers.count else Chart.of(model, state, near.moves()),
-        mass=mass,
+        mass=None if model.internal_states else mass,
         moves=writes,
+        arms=0 if model.internal_states else states,
     )
 
 

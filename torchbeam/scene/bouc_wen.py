@@ -14,7 +14,7 @@ from .coordinate_law import Response, Travel, rows
 from .hysteresis import HystereticLaw, share
 
 ITERATIONS = 5  # of Newton's method: then to rounding up to n = 10, to 1e-13 of the root at n = 20
-WINDOWS = 4  # of the way to an equilibrium: z is then known to 0.01
+WINDOWS = 8  # of the way to an equilibrium: z is then known to 0.011
 LEAST = 1e-30  # of what a power is taken of
 
 
@@ -26,10 +26,17 @@ class BoucWen(HystereticLaw):
 
     z tends to (beta + gamma)^(-1/n), which is 1 by default; k is the stiffness at z = 0. The law
     does not depend on the rate. It loses (1 - r) M_y |z|^(n + 1) (beta |q'| + gamma q' sign z).
-    This is never negative for |gamma| <= beta (Erlicher and Point 2004). The midpoint rule of z
-    keeps that in every step. It has derivatives everywhere but where a step turns around; there
-    the slope is the mean of both. In an equilibrium z comes to its place by extrapolated implicit
-    Euler steps, within 0.01.
+    This is never negative for |gamma| <= beta (Erlicher and Point 2004). Along a way x = k q/M_y in
+    one direction z, counted in it, follows z' = 1 - f(z) with f = |z|^n (gamma + beta sign z). A
+    step takes
+
+        z_1 = z_0 + x (1 - s f(z_0) - (1 - s) f(z_1))        s = 18/(36 + 6 X + X^2)
+
+    with X = x times the steepest slope of f. It is of second order, as s = 1/2 - X/12 + ..., and z
+    stays within its bound however long the step is, as x s f' <= 1. Its loss
+    is x (s z_0 f(z_0) + (1 - s) z_1 f(z_1)) >= 0; the work of its mean load is stored and lost. It
+    has derivatives everywhere but where a step turns around; there the slope is the mean of both.
+    In an equilibrium z comes to its place by eight such steps, within 0.011.
 
     Memory: z; the energy lost, J.
 
@@ -76,51 +83,59 @@ class BoucWen(HystereticLaw):
         way, per = after - before, self.stiffness / self.yield_moment
         sign = torch.where(way < 0, -1.0, 1.0).to(way)
         size, w = sign * way, sign * z
-        still = size == 0
-        if moves:
-            mean, by = self._implicit(w, per * size / 2, torch.zeros_like(w))
-            w_after, w_mean, by = 2 * mean - w, mean, by / 2
-            q = (before + after) / 2
-        else:
-            w_after, by, drop = self._settled(w, per * size)
-            w_mean, q = w_after, after
-        by = torch.where(still, (1 - self.gamma * z.abs() ** self.n) * (0.5 if moves else 1), by)
+        steepest, windows = self._steepest(w), 1 if moves else WINDOWS
+        place, drop = (w, torch.zeros_like(w)), 0.0
+        for _ in range(windows):
+            place, mean, part = self._step(*place, per * size / windows, 1 / windows, steepest)
+            drop = drop + part
+        (load, by), q = (mean, (before + after) / 2) if moves else (place, after)
+        by = torch.where(size == 0, (1 - self.gamma * z.abs() ** self.n) / (1 + moves), by)
         rest = (1 - self.ratio) * self.yield_moment
-        load = self.ratio * self.stiffness * q + rest * sign * w_mean
-        slope = self.ratio * self.stiffness * (0.5 if moves else 1) + rest * by * per
-        lost = lost + rest * (w_mean * (size - (w_after - w) / per) if moves else drop / per)
-        return Response(load, slope, torch.stack(torch.broadcast_tensors(sign * w_after, lost), -1))
+        load = self.ratio * self.stiffness * q + rest * sign * load
+        slope = self.ratio * self.stiffness / (1 + moves) + rest * by * per
+        after = sign * place[0], lost + rest * drop / per
+        return Response(load, slope, torch.stack(torch.broadcast_tensors(*after), -1))
 
-    def _settled(self, w: Tensor, way: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """w (...) after a way >= 0, its derivative by that, and the integral of what is lost."""
-        part, by, drop = way / WINDOWS, torch.zeros_like(w), torch.zeros_like(w)
-        for _ in range(WINDOWS):
-            whole, whole_by = self._implicit(w, part, by, 1 / WINDOWS)
-            half = self._implicit(w, part / 2, by, 0.5 / WINDOWS)
-            half, half_by = self._implicit(half[0], part / 2, half[1], 0.5 / WINDOWS)
-            end, by = 2 * half - whole, 2 * half_by - whole_by
-            drop = drop + part * (self._rate(w) + self._rate(end)) / 2
-            w = end
-        return w, by, drop
-
-    def _rate(self, w: Tensor) -> Tensor:
-        """What is lost, out of M_y, over the way."""
-        shape = self.beta + torch.where(w < 0, -1.0, 1.0).to(w) * self.gamma
-        return shape * torch.clamp(w.abs(), min=LEAST) ** (self.n + 1)
-
-    def _implicit(
-        self, w: Tensor, way: Tensor, w_by: Tensor, way_by: float = 1.0
-    ) -> tuple[Tensor, Tensor]:
-        """x = w + way (1 - |x|^n (gamma + beta sign x)), way >= 0, and its derivative where w and
-        way have these.
+    def _step(
+        self, w: Tensor, w_by: Tensor, way: Tensor, way_by: float, steepest: Tensor
+    ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor], Tensor]:
+        """w (...) after a way >= 0, its mean, both with their derivatives, and the integral of
+        what is lost: x = w + way (1 - share f(w) - (1 - share) f(x)), see the class.
         """
-        b = w + way
+        n, turn = self.n, steepest * way
+        share = 18 / (36 + 6 * turn + turn**2)
+        share_by = -(share**2) * (3 + turn) / 9 * steepest * way_by
+        f, f_by = self._fall(w)
+        f_by = f_by * w_by
+        b = w + way * (1 - share * f)
         side = torch.where(b < 0, -1.0, 1.0).to(b)
         shape = self.beta + side * self.gamma
-        y = _root(side * b, way * shape, self.n)
-        power = torch.clamp(y, min=LEAST) ** self.n
-        fall = 1 + self.n * way * shape * power / torch.clamp(y, min=LEAST)
-        return side * y, (w_by + way_by * (1 - side * shape * power)) / fall
+        x = side * _root(side * b, way * (1 - share) * shape, n)
+        g, g_x = self._fall(x)
+        rise = w_by + way_by * (1 - share * f - (1 - share) * g)
+        rise = rise - way * (share_by * (f - g) + share * f_by)
+        x_by = rise / (1 + way * (1 - share) * g_x)
+        lean, change = (1 - share) * g - share * f, (x - w) / 2
+        lean_by = (1 - share) * g_x * x_by - share_by * (f + g) - share * f_by
+        mean = (w + x) / 2 + change * lean
+        mean_by = (w_by + x_by) / 2 + (x_by - w_by) / 2 * lean + change * lean_by
+        return (x, x_by), (mean, mean_by), way * (share * w * f + (1 - share) * x * g)
+
+    def _fall(self, w: Tensor) -> tuple[Tensor, Tensor]:
+        """f and its derivative."""
+        side = torch.where(w < 0, -1.0, 1.0).to(w)
+        size = torch.clamp(w.abs(), min=LEAST)
+        shape = self.beta + side * self.gamma
+        power = shape * size**self.n
+        return side * power, self.n * power / size
+
+    def _steepest(self, w: Tensor) -> Tensor:
+        """The largest slope of f on the way from w on."""
+        down = torch.where(w < 0, w.abs(), 0.0)
+        below = (self.beta - self.gamma) * torch.clamp(down, min=LEAST) ** (self.n - 1)
+        below = torch.where(w < 0, below, 0.0)
+        above = torch.clamp(self.beta + self.gamma, min=LEAST) ** (1 / self.n)
+        return self.n * torch.where(below > above, below, above)
 
     def stored(self, coordinate: Tensor, memory: Tensor) -> Tensor:
         z = memory[..., 0]

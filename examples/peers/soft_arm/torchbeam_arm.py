@@ -1,15 +1,17 @@
-"""The arm of `TrackTarget-v0` under the same actions, beside what another program's script printed:
+"""The arm of `TrackTarget-v0` under the same actions, beside what other programs' scripts printed:
 
     python examples/peers/soft_arm/pyelastica_arm.py > arm.jsonl     # where PyElastica is installed
+    python examples/peers/soft_arm/mujoco_arm.py >> arm.jsonl        # where MuJoCo is
     python examples/peers/soft_arm/torchbeam_arm.py arm.jsonl
 
-A row a kind of actions: how far the tips are apart, as a share of the tip's motion (RMS, and at
-most), and control intervals a CPU second of both, here alone and in batches.
+A row a program and kind of actions: how far the tips are apart, as a share of the tip's motion
+(RMS, and at most), and control intervals a CPU second of both, here alone and in batches.
 """
 
 import json
 import sys
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -34,17 +36,17 @@ def run(arms):
 
 
 def compared(rows):
-    """Prints a line of JSON a kind."""
+    """Prints a line of JSON a program and kind."""
     rest = np.array([0.0, 1.0, 0.0])
-    for kind in HELD:
-        peers = [row for row in rows if row["actions"] == kind]
+    for peer, kind in product(dict.fromkeys(row["peer"] for row in rows), HELD):
+        peers = [row for row in rows if (row["peer"], row["actions"]) == (peer, kind)]
         theirs = np.array([row["tip"] for row in peers]).swapaxes(0, 1)
         ours, _ = run(np.stack([actions(kind, row["seed"]) for row in peers], 1))
         apart, moved = (np.linalg.norm(x, axis=-1) for x in (ours - theirs, theirs - rest))
         scale = np.sqrt((moved**2).mean())
         found = {"actions": kind, "runs": len(peers), "motion_rms_m": scale}
         found |= {"rms": np.sqrt((apart**2).mean()) / scale, "most": apart.max() / scale}
-        found["peer"] = peers[0]["peer"]
+        found["peer"] = peer
         found["peer_intervals_a_cpu_s"] = INTERVALS / min(row["cpu_s"] for row in peers)
         print(json.dumps(found), flush=True)
 
@@ -58,7 +60,7 @@ def rates():
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("a file is wanted, of what pyelastica_arm.py printed")
+        sys.exit("a file is wanted, of what the other programs' scripts printed")
     torch.set_num_threads(1)
     with torch.no_grad():
         compared([json.loads(line) for line in Path(sys.argv[1]).read_text().splitlines()])

@@ -17,6 +17,7 @@ from torchbeam.core.derivatives import no_derivatives
 from torchbeam.core.status import TOO_MANY, UNDERFLOW
 from torchbeam.dynamics.adaptive import _again, _Runs
 from torchbeam.dynamics.dense_output import between, extrapolated
+from torchbeam.dynamics.error_estimate import ErrorEstimate
 from torchbeam.dynamics.events import Events
 from torchbeam.dynamics.make_steps import part_of
 from torchbeam.dynamics.step_sequence import StepSequence
@@ -231,7 +232,7 @@ def test_gradient_is_that_of_the_frozen_steps():
         tolerance=1e-12,
     )
     with no_derivatives():
-        runs = _Runs(stepper, tb.rest(stepper.scene).broadcast(), {}, 2)
+        runs = _Runs(stepper, tb.rest(stepper.scene).broadcast(), {}, ErrorEstimate(2))
         found = _again(
             runs, sequence, sol.stats.level.expand(4), t[1:, None].expand(1, 4)
         ).tip.position.sum((0, -1))

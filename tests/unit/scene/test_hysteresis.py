@@ -51,6 +51,60 @@ def test_the_slope_is_the_derivative(law, dt):
     assert_close(response.slope.detach(), slope, rtol=1e-11, atol=1e-9)
 
 
+def random_loops(count):
+    """Bouc-Wen laws with exponents from 1 to 20 and shapes of the loop, two in ten with n = 1 and
+    one in ten without slope on the way back; bounds of z.
+    """
+    generator = torch.Generator().manual_seed(3)
+
+    def draw(low, high):
+        return low + (high - low) * torch.rand(count, generator=generator, dtype=torch.float64)
+
+    n = torch.where(draw(0, 1) < 0.2, 1.0, draw(0, 3).exp())
+    beta = draw(0.1, 1.1)
+    gamma = torch.where(draw(0, 1) < 0.1, beta, beta * draw(-0.9, 1))
+    law = tb.BoucWen(10.0, 2.0, ratio=draw(0, 0.5), n=n, beta=beta, gamma=gamma)
+    most = (beta + gamma) ** (-1 / n)
+    return bound(law, torch.float64, torch.device("cpu")), most, draw
+
+
+@pytest.mark.parametrize("dt", [STEP, None])
+def test_z_stays_within_its_bound_in_any_step(dt):
+    """2,000 random loops, from any z, by ways of 1e-5 to 1e4 times the yield one: |z| <=
+    (beta + gamma)^(-1/n) (to rounding of a power), nothing is gained, M (q_after - q) is what is
+    stored and lost, and the slope is the derivative. The midpoint rule overstepped by three.
+    """
+    law, most, draw = random_loops(2000)
+    z, q, size = most * draw(-1, 1), draw(-1, 1), 10 ** draw(-5, 4)
+    after = (q + torch.where(draw(0, 1) < 0.5, -0.2, 0.2) * size).requires_grad_()
+    memory = torch.stack((z, 0 * z), -1)
+    response = law.response(Travel(q, after, memory, NOW, dt))
+    (slope,) = torch.autograd.grad(response.load.sum(), after, retain_graph=True)
+    z, lost = response.memory.detach().unbind(-1)
+    assert (z.abs() <= most * (1 + 1e-14)).all() and (lost >= 0).all()
+    assert_close(response.slope.detach(), slope, rtol=1e-6, atol=1e-6)
+    if dt is not None:
+        energy = law.stored(after, response.memory) - law.stored(q, memory) + lost
+        assert_close(energy, response.load * (after - q), rtol=1e-9, atol=1e-9)
+
+
+def test_z_comes_to_its_place_in_an_equilibrium():
+    """In one step of any length, against z' = 1 - f(z) by scipy: 0.011 of the bound at most."""
+    law, most, draw = random_loops(40)
+    start, ways = most * draw(-1, 1), 10 ** draw(-1, 1.5)
+    memory = torch.stack((start, 0 * start), -1)
+    after = law.response(Travel(0 * ways, ways / 5, memory, NOW, None)).memory[:, 0]
+
+    def rate(x, z, n, beta, gamma):
+        return 1 - np.abs(z) ** n * (gamma + beta * np.sign(z))
+
+    for k, shape in enumerate(torch.stack((law.n, law.beta, law.gamma), -1).numpy()):
+        exact = solve_ivp(
+            rate, (0, ways[k]), start[k : k + 1], method="LSODA", rtol=1e-8, args=tuple(shape)
+        )
+        assert abs(after[k] - exact.y[0, -1]) < 0.012 * most[k]
+
+
 def test_a_step_stores_and_loses_what_it_takes(law):
     """M (q_after - q) is the change of what is stored and what is lost, exactly; never less than
     nothing is lost, in steps of any length.
