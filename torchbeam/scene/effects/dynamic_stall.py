@@ -24,7 +24,7 @@ LEAST = 1e-4  # of a degree of attachment, below which its root is replaced by a
 
 @dataclass(frozen=True, eq=False)
 class DynamicStall(Tree):
-    """A polar with dynamic stall: two more states at each node of a `StripAir`, beside its lags.
+    """A polar with dynamic stall: the states x and 1 - y at each node of a `StripAir`, behind lags.
 
     a is the angle at three quarters of the chord, delayed by the wake (`lags`). b is the semichord,
     V the speed, p the pitch rate, f(a) the degree of attachment of the steady polar. Then:
