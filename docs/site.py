@@ -251,7 +251,7 @@ def beside(name: str) -> Any:
 
 
 # letters of titles as people write them
-WRITTEN = {"Lees": "Lee's", "carlo": "Carlo", "imus": "IMUs", "scipy": "SciPy"}
+WRITTEN = {"Lees": "Lee's", "Mujoco": "MuJoCo", "carlo": "Carlo", "imus": "IMUs", "scipy": "SciPy"}
 
 
 def title_of(name: str) -> str:

@@ -114,9 +114,6 @@ for _task, _module, _steps in (
     _register(_task, _steps, _module, _task)
     _register(f"{_task}Planar", _steps, _module, _task, planar=True)
 
-# the version before, until the release after next
-_register("Gripper", 100, "gripper", "Gripper", 0, substeps=4)
-_register("GripperPlanar", 100, "gripper", "Gripper", 0, planar=True, substeps=4)
 _register("InverseKinematics", 100, "inverse_kinematics", "InverseKinematics")
 _register("TrackTarget", 7142, "track_target", "TrackTarget")
 _register("ReachPose", 1428, "reach_pose", "ReachPose")

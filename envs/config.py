@@ -67,7 +67,7 @@ class BeamEnvConfig:
         max_episode_steps: None = no end
         params_in_info: whether `info["params"]` has the varying parameters at each step. Policies
             must not know them, and wrappers that log `info` write them down. None = True, with a
-            DeprecationWarning; False from the release after next on
+            DeprecationWarning; False from the next minor version on
 
     Examples:
         >>> config = envs.BeamEnvConfig(elements=2, planar=True, sensors=("tip", "gauges"))

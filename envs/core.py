@@ -32,7 +32,7 @@ OUTPUTS = ("numpy", "torch")
 RENDER_MODES = ("rgb_array", "human")
 OPTIONS = ("reset_mask", "params", "goal")
 PARAMS = (
-    "info['params'], what an episode's parameters are, is left out from the release after next on; "
+    "info['params'], what an episode's parameters are, is left out from the next minor version on; "
     "params_in_info=True asks for it, params_in_info=False leaves it out now"
 )
 

@@ -1,12 +1,15 @@
-"""A wind turbine's rotor: power over tip-speed ratio, and how far its flexible blades bend.
+"""A wind turbine's rotor: power over tip-speed ratio, how its blades bend, and how air damps them.
 
 Three blades of 50 m whose chord and twist are near Glauert's optimum at a tip-speed ratio of 7.
 Blade-element momentum theory with Prandtl's losses gives power and thrust of forty speeds in one
 batch. At the best of them a blade is a beam in a frame that turns: `StripAir` meets the wind and
 what the theory says that the rotor induces. The root of a stiff blade bears the theory's thrust and
-torque; a flexible one bends and twists. Run as a script, it also draws out/wind_turbine.png.
+torque; a flexible one bends and twists. Three of them on a hub that turns, in the same wind and
+induction at all speeds, have modes that the air damps: flap much, lag (edge) little. Run as a
+script, it also draws out/wind_turbine.png and out/wind_turbine_modes.png.
 """
 
+import math
 from pathlib import Path
 
 import torch
@@ -39,23 +42,41 @@ def rotor(ratio):
     )  # fmt: skip
 
 
-def turning(stiffness):
-    """Thrust N and torque N m of three blades whose section has so many times its stiffness, and
-    how far their tips bend downwind, m.
-    """
+def blade(stiffness, elements, angle=0.0, on=None):
+    """A blade at an azimuth, rad, whose section has so many times its stiffness; and its air."""
     section = tb.Section.from_stiffness(
         EA=stiffness * 3e9, GA=stiffness * 1e9, GJ=stiffness * 4e8,
         EI=(stiffness * 8e8, stiffness * 3e9), mass=250.0, inertia=(20.0, 80.0),
     )  # fmt: skip
-    blade = tb.Beam.straight(TIP - HUB, N, section, root=(HUB, 0, 0), twist=tb.Table(s, -twist))
+    out = torch.tensor((math.cos(angle), math.sin(angle), 0.0))
+    place = dict(root=HUB * out, direction=out, up=AXIS)
+    beam = tb.Beam.straight(TIP - HUB, elements, section, twist=tb.Table(s, -twist), **place)
     met = tb.Wind((0, 0, WIND)) + best.induction
-    air = tb.StripAir(
-        tb.Table(s, chord), axis=0.25, polar=foil, density=DENSITY, lags=None, wind=met
-    )
+    strips = dict(axis=0.25, polar=foil, density=DENSITY, lags=None, wind=met)
+    return beam, tb.StripAir(tb.Table(s, chord), **strips, on=on)
+
+
+def turning(stiffness):
+    """Thrust N and torque N m of three blades whose section has so many times its stiffness, and
+    how far their tips bend downwind, m.
+    """
+    beam, air = blade(stiffness, N)
     spin = tb.Frame(angular_velocity=(0, 0, speed))
-    state = tb.equilibrium(tb.Scene(blade, [air], frame=spin))
+    state = tb.equilibrium(tb.Scene(beam, [air], frame=spin))
     torque = state.root.moment[2] + HUB * state.root.force[1]
     return -BLADES * state.root.force[2], -BLADES * torque, state.tip.position[2]
+
+
+def standing():
+    """The rotor as seen from the ground: three flexible blades on a hub with a bearing."""
+    parts, air = {"hub": tb.Body(mass=5e4, inertia=1e5)}, []
+    joints = [tb.Hinge(None, "hub", axis=AXIS)]
+    for k in range(BLADES):
+        name = f"blade {k}"
+        parts[name], strips = blade(1.0, N, 2 * math.pi * k / BLADES, name)
+        air.append(strips)
+        joints.append(tb.Weld("hub", (name, 0)))
+    return tb.Scene(parts, air, joints=joints)
 
 
 ratios = torch.linspace(3.0, 12.0, 40)
@@ -67,6 +88,8 @@ speed = ratios[k] * WIND / TIP
 best = rotor(ratios[k])
 stiff_thrust, stiff_torque, _ = turning(1e5)
 thrust, torque, bend = turning(1.0)
+speeds = torch.linspace(0.5, 1.75, 11) * speed
+modes = tb.campbell(standing(), speeds, count=6)
 CHECK = max(
     abs(x / y - 1).item() for x, y in ((stiff_thrust, best.thrust), (stiff_torque, best.torque))
 )
@@ -77,6 +100,7 @@ print(f"theory         thrust {best.thrust / 1e3:.1f} kN   torque {best.torque /
 print(f"stiff blades          {stiff_thrust / 1e3:.1f}             {stiff_torque / 1e3:.1f}")
 print(f"flexible ones         {thrust / 1e3:.1f}             {torque / 1e3:.1f}")
 print(f"their tips bend {bend:.2f} m downwind")
+print(modes)
 
 
 def draw(path: Path = Path("out/wind_turbine.png")) -> None:
@@ -95,6 +119,9 @@ def draw(path: Path = Path("out/wind_turbine.png")) -> None:
     right.set(xlabel="radius, m", title=f"at a ratio of {ratios[k]:.1f}", ylim=(0, 1.1))
     right.legend()
     print("wrote", tb.plot.save(left, path))
+    left, right = tb.plot.grid(1, 2, (10, 4))
+    modes.plot(left, damping=right)
+    print("wrote", tb.plot.save(left, path.with_name("wind_turbine_modes.png")))
 
 
 if __name__ == "__main__":

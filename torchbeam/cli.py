@@ -21,7 +21,7 @@ import torch
 
 from .analysis.describe import describe
 from .core.command_line import run_command
-from .core.results import measured_on
+from .core.results import measured_on, versions
 
 GROUP = "torchbeam.commands"
 STUDIES = (  # commands of before, which `python -m studies` has
@@ -71,6 +71,7 @@ def info(argv: Sequence[str]) -> None:
     facts = measured_on(dtype=None)
     facts |= {
         **facts.pop("versions"),
+        **versions("llvmlite", "scipy"),
         "default dtype": torch.get_default_dtype(),
         "cuda": torch.cuda.get_device_name() if torch.cuda.is_available() else "none",
     }

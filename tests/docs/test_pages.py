@@ -25,6 +25,8 @@ ELSEWHERE = {f"{page}.md" for page in (
     "works_with", "own_environment", "own_soft_arm", "control_libraries", "textbook")}  # fmt: skip
 SHORT = 90  # lines of the README
 LINES = 250  # of a page, about: code in it is at most WIDE columns wide
+WIDE = 88
+DRAWN = ("math", "mermaid")  # blocks that a reader sees as a formula, as a picture
 # by page, what it says in words of what its blocks give: names -> number, and that
 SAID = {
     "applications": (
@@ -136,6 +138,16 @@ def test_page(page):
     written = re.sub(r"<!-- (\S+\.md) -->\n.*?<!-- end -->", "", text, flags=re.DOTALL).splitlines()
     assert len(written) <= LINES, f"{len(written)} lines"
     assert page != README or len(text.splitlines()) <= SHORT
+
+
+@pytest.mark.parametrize(
+    "page", PAGES + sorted(ROOT.glob("*/README.md")), ids=lambda p: f"{p.parent.name}/{p.stem}"
+)
+def test_code_fits_the_column_of_a_page(page):
+    """Nobody scrolls to the side to read a block."""
+    text = re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    lines = [line for drawn, block in text if drawn not in DRAWN for line in block.splitlines()]
+    assert not [line for line in lines if len(line) > WIDE]
 
 
 def anchors(page: Path) -> set[str]:

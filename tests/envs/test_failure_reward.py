@@ -19,13 +19,8 @@ IDS = sorted(
     for id in gymnasium.registry
     if id.startswith("torchbeam/") and not any(name in id for name in PUBLISHED)
 )
-# in space, and of versions that another has followed: `long`
-ONCE = [
-    pytest.param(
-        id, marks=[pytest.mark.long] * ("Planar" not in id or id == "torchbeam/GripperPlanar-v0")
-    )
-    for id in IDS
-]
+# in space: `long`
+ONCE = [pytest.param(id, marks=[pytest.mark.long] * ("Planar" not in id)) for id in IDS]
 EPISODES = 2
 
 

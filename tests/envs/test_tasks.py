@@ -48,7 +48,7 @@ def vector(id, n, **changes):
 
 def once_long(ids):
     """What takes long to compile, and is another's code but for a third axis, is `long`."""
-    slow = "torchbeam/Peg-v1", "torchbeam/Gripper-v1", "torchbeam/Gripper-v0"
+    slow = "torchbeam/Peg-v1", "torchbeam/Gripper-v1"
     return [pytest.param(id, marks=[pytest.mark.long] * (id in slow)) for id in ids]
 
 

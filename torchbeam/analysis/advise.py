@@ -220,13 +220,9 @@ def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, 
             f"without {name}",
             lambda s, gone=effect: replace(s, effects=tuple(e for e in s.effects if e is not gone)),
         )
-        for how, simpler in effect.simpler.items():
-            yield (
-                f"{name} {how}",
-                lambda s, gone=effect, less=simpler: replace(
-                    s, effects=tuple(less if e is gone else e for e in s.effects)
-                ),
-            )
+        same = [effect]  # and what it becomes, as several of its changes go together
+        for how in effect.simpler:
+            yield f"{name} {how}", lambda s, same=same, how=how: _simplified(s, same, how)
     for name in ("frame", "root"):
         if getattr(scene, name) is not None:
             yield f"without the {name}'s motion", lambda s, name=name: replace(s, **{name: None})
@@ -242,6 +238,17 @@ def _changes(scene: Scene, consider: tuple[Effect, ...]) -> Iterator[tuple[str, 
             yield f"in the plane {plane}", lambda s, plane=plane: replace(s, plane=plane)
     for effect, name in zip(consider, _names(consider), strict=True):
         yield f"with {name}", lambda s, more=effect: replace(s, effects=(*s.effects, more))
+
+
+def _simplified(scene: Scene, same: list[Effect], how: str) -> Scene:
+    """With less of an effect, which is one of `same` and comes to them; if it is still there."""
+    for k, effect in enumerate(scene.effects):
+        if any(effect is x for x in same) and how in effect.simpler:
+            effects = *scene.effects[:k], effect.simpler[how], *scene.effects[k + 1 :]
+            scene = replace(scene, effects=effects)
+            same.append(scene.effects[k])
+            return scene
+    return scene
 
 
 def _names(effects: tuple[Effect, ...]) -> list[str]:

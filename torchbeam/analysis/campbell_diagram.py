@@ -129,16 +129,29 @@ class Campbell:
                 crossings.append(Critical(at, order, self.names[k]))
         return sorted(crossings)
 
-    def plot(self, ax: Axes | None = None, *, orders: Sequence[int] = (1, 2, 3)) -> Axes:
-        """Frequencies over speed, with rays at multiples of the speed and unstable ranges shaded.
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        orders: Sequence[int] = (1, 2, 3),
+        damping: Axes | None = None,
+    ) -> Axes:
+        """Frequencies over speed, with rays at multiples of the speed and unstable ranges shaded;
+        in the axes `damping` the damping ratios, in the same colours.
 
         Raises ValueError for a batch, ImportError without matplotlib.
         """
         self._one("plot")
         speed, frequency = self.speed.detach(), self.frequency.detach()
         ax = frequencies_over_speed(speed, frequency, ax, orders=orders, names=self.names)
+        if damping is not None:
+            for k, ratio in enumerate(self.damping.detach().T):
+                damping.plot(speed, ratio, color=f"C{k % 10}", lw=1.6)
+            damping.axhline(0.0, color="0.6", lw=0.8)
+            damping.set(xlabel="speed / (rad/s)", ylabel="damping ratio", xlim=ax.get_xlim())
         for k, (low, high) in enumerate(self._ranges()):
-            ax.axvspan(low, high, label=None if k else "unstable", **SHADE)
+            for axes in filter(None, (ax, damping)):
+                axes.axvspan(low, high, label=None if k else "unstable", **SHADE)
         ax.legend(frameon=False, fontsize=8)
         return ax
 

@@ -34,7 +34,16 @@ from .text import Text
 SIGNS = ("<mujoco", "<robot")
 LIGHT = 1e-6  # of a body's mass: that of a body between two of its joints
 ROUNDING = 0.1  # of the smallest side of a box: radius of its edges
-SWITCHES = ("CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "PASSIVE", "SPRING", "DAMPER")
+SWITCHES = (
+    "CONSTRAINT",
+    "EQUALITY",
+    "FRICTIONLOSS",
+    "LIMIT",
+    "PASSIVE",
+    "SPRING",
+    "DAMPER",
+    "ACTUATION",
+)
 
 
 def parts(text: Text) -> tuple[str, ...]:

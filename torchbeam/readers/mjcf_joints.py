@@ -22,47 +22,45 @@ from ..scene.effects.values import Input
 from ..scene.joints import Hinge, Slider
 from .mjcf_model import Model
 
-NONLINEAR = ("jnt_stiffnesspoly", "jnt_springyield", "dof_dampingpoly")
+NONLINEAR = "jnt_stiffnesspoly", "jnt_springyield"
+IMPEDANCES = 1e-4, 0.9999  # between these MuJoCo keeps d
 
 
 def joint(model: Model, j: int, parent: Any, child: Any) -> list[Any]:
     """A joint at its place; none for a free one."""
     kinds, kind = model.mujoco.mjtJoint, int(model.m.jnt_type[j])
+    name, dof = f"the joint {model.name('joint', j)!r}", int(model.m.jnt_dofadr[j])
+    model.refuse(name, j, *NONLINEAR)
+    model.refuse(name, dof, "dof_dampingpoly")
     if kind == kinds.mjJNT_FREE:
-        dofs = slice(int(model.m.jnt_dofadr[j]), int(model.m.jnt_dofadr[j]) + 6)
-        arrays = (model.m.dof_damping, model.m.dof_armature, model.m.dof_frictionloss)
-        if any(x[dofs].any() for x in arrays):
-            model.changing.append(f"damping, friction or armature of {model.name('joint', j)!r}")
+        model.refuse(name, j, "jnt_stiffness")
+        resisting = "dof_damping", "dof_armature", "dof_frictionloss"
+        model.refuse(name, slice(dof, dof + 6), *resisting)
         return []
+    if not grounded(model, j):
+        model.refuse(name, dof, "dof_armature")
     at, axis = model.d.xanchor[j].copy(), model.d.xaxis[j].copy()
-    law = _resistance(model, j)
+    law = _resistance(model, j, dof)
     if kind == kinds.mjJNT_BALL:
         if model.m.jnt_limited[j]:
-            model.changing.append(f"limits of the ball joint {model.name('joint', j)!r}")
+            model.changing.append(f"limits of {name}, a ball")
         return [Ball(parent, child, at=at, **law)]
     effort, kind = ("torque", Hinge) if kind == kinds.mjJNT_HINGE else ("force", Slider)
     law |= _coordinate(model, j, effort)
     return [kind(parent, child, axis, at=at, **law)]
 
 
-def _resistance(model: Model, j: int) -> dict[str, Any]:
+def _resistance(model: Model, j: int, dof: int) -> dict[str, Any]:
     """Spring, damping and friction of a joint of any kind."""
-    m, name = model.m, f"the joint {model.name('joint', j)!r}"
-    dof, law = int(m.jnt_dofadr[j]), {}
-    if m.jnt_stiffness[j]:
-        law["stiffness"] = float(m.jnt_stiffness[j])
-    if m.dof_damping[dof]:
-        law["damping"] = float(m.dof_damping[dof])
+    m, law = model.m, {}
+    _, by_coordinate, by_rate = model.servos.get(j, np.zeros(3))
+    if stiffness := float(m.jnt_stiffness[j] - by_coordinate):
+        law["stiffness"] = stiffness
+    if damping := float(m.dof_damping[dof] - by_rate):
+        law["damping"] = damping
     if mu := float(m.dof_frictionloss[dof]):
-        d = m.dof_solimp[dof][0]
-        b = _reference(m.dof_solref[dof], m.dof_solimp[dof])[1]
+        d, _, _, b = _constraint(m.dof_solref[dof], m.dof_solimp[dof])
         law |= dict(friction=mu, slip_speed=mu * m.dof_invweight0[dof] * (1 - d) / (d * b))
-    if m.dof_armature[dof] and not grounded(model, j):
-        model.changing.append(f"armature of {name}")
-    for array in NONLINEAR:
-        at = dof if array.startswith("dof") else j
-        if hasattr(m, array) and np.any(getattr(m, array)[at]):
-            model.changing.append(f"{array[4:]} of {name}")
     return law
 
 
@@ -74,8 +72,11 @@ def _coordinate(model: Model, j: int, effort: str) -> dict[str, Any]:
         inverse = m.dof_invweight0[m.jnt_dofadr[j]]
         k = rest_stiffness(m.jnt_solref[j], m.jnt_solimp[j], inverse)
         low, high = (m.jnt_range[j] - m.qpos0[q]).tolist()
-        law |= dict(limits=(low, high), limit_stiffness=k)
-    if pull := float(m.jnt_stiffness[j] * (m.qpos_spring[q] - m.qpos0[q])):
+        margin = float(m.jnt_margin[j])
+        law |= dict(limits=(low + margin, high - margin), limit_stiffness=k)
+    constant, by_coordinate, _ = model.servos.get(j, np.zeros(3))
+    pull = m.jnt_stiffness[j] * (m.qpos_spring[q] - m.qpos0[q])
+    if pull := float(pull + constant + by_coordinate * m.qpos0[q]):
         law[effort] = pull
     if motor := model.motors.get(("joint", j)):
         if effort in law:
@@ -85,18 +86,19 @@ def _coordinate(model: Model, j: int, effort: str) -> dict[str, Any]:
     return law
 
 
-def _reference(solref: np.ndarray, solimp: np.ndarray) -> tuple[float, float]:
-    """k 1/s^2 and b 1/s; negative numbers are these themselves, times d1^2 and d1."""
-    largest = float(solimp[1])
+def _constraint(solref: np.ndarray, solimp: np.ndarray) -> tuple[float, float, float, float]:
+    """d0, d1, k 1/s^2 and b 1/s; negative numbers are k and b, times d1^2 and d1."""
+    least, largest = np.clip(solimp[:2], *IMPEDANCES).tolist()
     if solref[0] <= 0:
-        return -solref[0] / largest**2, -solref[1] / largest
-    return 1 / (largest * solref[0] * solref[1]) ** 2, 2 / (largest * solref[0])
+        return least, largest, -solref[0] / largest**2, -solref[1] / largest
+    k, b = 1 / (largest * solref[0] * solref[1]) ** 2, 2 / (largest * solref[0])
+    return least, largest, k, b
 
 
 def rest_stiffness(solref: np.ndarray, solimp: np.ndarray, inverse: float) -> float:
     """K of a limit, of the inverse inertia 1/I."""
-    d = float(solimp[1])
-    return float(d * d * _reference(solref, solimp)[0] / ((1 - d) * inverse))
+    _, d, k, _ = _constraint(solref, solimp)
+    return float(d * d * k / ((1 - d) * inverse))
 
 
 def grounded(model: Model, j: int) -> bool:

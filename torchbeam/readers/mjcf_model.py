@@ -15,6 +15,8 @@ class Model:
     home      of each MuJoCo body: None = the ground, the name of a body that it is rigidly part of,
               or the name of a rod with the nodes that it is between
     motors    name of the input that drives a joint, ("joint", number), or a tendon
+    servos    (3,) of a joint: effort, and its slopes by coordinate and rate, of a motor without
+              input
     changing  in words, what is left out, and the motion is another without; beside: likewise, of
               what may not matter
     """
@@ -32,10 +34,16 @@ class Model:
         self.rods: dict[str, Any] = {}
         self.home: dict[int, Any] = {0: None}
         self.motors: dict[tuple[str, int], str] = {}
+        self.servos: dict[int, np.ndarray] = {}
 
     def name(self, kind: str, i: int) -> str:
         """Of an object; of one without a name its kind and number."""
         return getattr(self.m, kind)(i).name or f"{kind} {i}"
+
+    def refuse(self, of: str, i: Any, *arrays: str) -> None:
+        """What these arrays have at i, of an object; other versions of MuJoCo have other ones."""
+        some = [x for x in arrays if hasattr(self.m, x) and np.any(getattr(self.m, x)[i])]
+        self.changing += [f"{array.split('_')[1]} of {of}" for array in some]
 
     def own(self, b: int) -> str:
         """The name of a body, which no rod has."""

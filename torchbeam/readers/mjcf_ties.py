@@ -18,32 +18,45 @@ from .mjcf_joints import rest_stiffness
 from .mjcf_model import Model
 
 MET = 1e-6  # m, and of axes: how far an equality may be from fulfilled at qpos0
-NONLINEAR = ("tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield", "tendon_armature")
+# fmt: off
+WITHOUT = (
+    "tendon_damping", "tendon_frictionloss", "tendon_armature", "tendon_stiffnesspoly",
+    "tendon_dampingpoly", "tendon_springyield",
+)
+# fmt: on
 
 
 def motors(model: Model) -> dict[tuple[str, int], str]:
-    """Names of the inputs of joints and tendons: those of motors, whose force is a control."""
+    """Names of the inputs of joints and tendons: those of motors, whose force is a control, and of
+    servos of joints, which have a stiffness and a damping beside it.
+    """
     m, mujoco = model.m, model.mujoco
-    plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE)
+    plain = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtDyn.mjDYN_NONE)
+    none, affine = mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE
     kinds = {mujoco.mjtTrn.mjTRN_JOINT: "joint", mujoco.mjtTrn.mjTRN_TENDON: "tendon"}
     coordinate = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     named: dict[tuple[str, int], str] = {}
     for i in range(m.nu):
+        name = f"the actuator {model.name('actuator', i)!r}"
         kind, at = kinds.get(int(m.actuator_trntype[i])), int(m.actuator_trnid[i][0])
-        types = m.actuator_gaintype[i], m.actuator_biastype[i], m.actuator_dyntype[i]
-        fits = tuple(map(int, types)) == plain
+        types, bias = (m.actuator_gaintype[i], m.actuator_dyntype[i]), int(m.actuator_biastype[i])
+        fits = tuple(map(int, types)) == plain and m.actuator_plugin[i] < 0
         fits = fits and kind is not None and (kind, at) not in named
+        fits = fits and bias in ((none, affine) if kind == "joint" else (none,))
         if kind == "joint":
             fits = fits and int(m.jnt_type[at]) in coordinate
         if fits:
-            named[kind, at] = model.name("actuator", i)
-            if m.actuator_ctrllimited[i] or m.actuator_forcelimited[i]:
+            named[kind, at], gear = model.name("actuator", i), m.actuator_gear[i][0]
+            if bias != none:
+                model.servos[at] = m.actuator_biasprm[i][:3] * (gear, gear**2, gear**2)
+            limited = m.actuator_ctrllimited[i] or m.actuator_forcelimited[i]
+            if limited or (m.jnt_actfrclimited if kind == "joint" else m.tendon_actfrclimited)[at]:
                 model.beside.append(f"the range of the motor {named[kind, at]!r}")
         else:
-            model.beside.append(f"the actuator {model.name('actuator', i)!r}, which is no motor")
-        for array in ("actuator_damping", "actuator_armature"):
-            if hasattr(m, array) and np.any(getattr(m, array)[i]):
-                model.changing.append(f"{array[9:]} of the actuator {model.name('actuator', i)!r}")
+            acts = bias != none or m.actuator_plugin[i] >= 0  # without a control, too
+            left = model.changing if acts else model.beside
+            left.append(f"{name}, which is no motor or servo, or a second one")
+        model.refuse(name, i, "actuator_damping", "actuator_armature")
     return named
 
 
@@ -71,14 +84,9 @@ def tendons(model: Model) -> Iterator[Tendon]:
             if low > 0:
                 model.changing.append(f"the lower limit of {name}")
             solver = m.tendon_solref_lim[i], m.tendon_solimp_lim[i], m.tendon_invweight0[i]
+            high -= float(m.tendon_margin[i])
             yield Tendon(eyelets, length=high, stiffness=rest_stiffness(*solver))
-        if m.tendon_damping[i]:
-            model.changing.append(f"damping of {name}")
-        if m.tendon_frictionloss[i]:
-            model.changing.append(f"friction of {name}")
-        for array in NONLINEAR:
-            if hasattr(m, array) and np.any(getattr(m, array)[i]):
-                model.changing.append(f"{array[7:]} of {name}")
+        model.refuse(name, i, *WITHOUT)
 
 
 def equalities(model: Model) -> Iterator[Any]:
@@ -117,6 +125,8 @@ def equalities(model: Model) -> Iterator[Any]:
             continue
         a, b = (model.end(body, points[0]) for body in bodies)
         turns = kind == kinds.mjEQ_CONNECT
+        if a == b:  # parts of one body
+            continue
         if not turns and any(
             body in rod.points_only for rod in model.rods.values() for body in bodies
         ):

@@ -193,8 +193,12 @@ def test_files_and_pictures(tmp_path):
     torch.save(diagram, tmp_path / "rotor.pt")
     again = torch.load(tmp_path / "rotor.pt", weights_only=True)
     assert torch.equal(again.eigenvalue, diagram.eigenvalue)
-    ax = diagram.plot(orders=(1,))
+    ax, damping = tb.plot.grid(1, 2)
+    diagram.plot(ax, orders=(1,), damping=damping)
     assert [line.get_label() for line in ax.lines[:3]] == diagram.names
+    for k, (above, below) in enumerate(zip(ax.lines[:3], damping.lines[:3], strict=True)):
+        assert above.get_color() == below.get_color()
+        np.testing.assert_array_equal(below.get_ydata(), diagram.damping[:, k])
     assert "multiblade" in repr(diagram)
 
 

@@ -126,6 +126,12 @@ def test_batches_and_refusals(tmp_path):
     names = [node["name"] for node in document["nodes"][1:]]
     assert names == ["sample 0/beam 0", "sample 1/beam 0"] and len(document["materials"]) == 2
     assert "animations" not in document
+    failing = tb.Scene(beam, [tb.TipLoad(force=torch.tensor([[0.0, 0, 0.01], [0.0, 0, 1e9]]))])
+    with pytest.warns(RuntimeWarning, match="stopped"):
+        motion = tb.simulate(failing, [0.0, 0.1], step=0.05)
+    materials = parts(tb.export(motion, tmp_path / "two.glb"))[0]["materials"]
+    red = [material["pbrMetallicRoughness"]["baseColorFactor"][0] for material in materials]
+    assert 0.66 < red[1] < 0.68  # that of failed samples, from the first instant on
     modes = tb.modes(scene, state, count=1)
     with pytest.raises(ValueError, match=r"ends in \.vtu is wanted"):
         tb.export(modes, tmp_path / "modes.glb", state=state)

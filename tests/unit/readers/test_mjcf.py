@@ -58,6 +58,7 @@ MECHANISMS = {
         hinge(),
         '<body pos="0.2 0 0" euler="0.3 0.2 0.1"><geom type="box" size=".05 .1 .02"/></body>' + TIP,
     ),
+    "servo": bar(hinge(more='name="j" stiffness="0.5" damping="0.05"'), TIP),
     "rotor": bar(hinge(more='armature="0.05"'), TIP),
     "slipping": bar(hinge(more='frictionloss="0.15" damping="0.3"'), TIP),
     "pulled": bar(hinge(more='damping="0.05"'), TIP + '<site name="end" pos="0.3 0 0"/>')
@@ -69,7 +70,8 @@ STEP = 2e-4
 STIFF = f'solref="{2 * STEP} 1" solimp="0.9999 0.9999 0.001"'
 TIES = f"""<tendon><spatial stiffness="60" springlength="0 0.35"><site site="pulled wall"/>
   <site site="pulled end"/></spatial></tendon>
-  <equality><weld body1="weld first" body2="weld other" {STIFF}/></equality>"""
+  <equality><weld body1="weld first" body2="weld other" {STIFF}/></equality>
+  <actuator><position name="drive" joint="servo j" kp="2" kv="0.1" gear="1.5"/></actuator>"""
 
 
 def side_by_side() -> str:
@@ -125,12 +127,15 @@ def differences(ours: np.ndarray, theirs: np.ndarray, least: float = 1e-3) -> np
 def test_mechanisms_move_as_in_mujoco(tmp_path):
     """Within 2e-4 of the displacement, of second order in the step of 4 ms; 5e-4 where a tendon
     pulls. A joint that sticks creeps by less than 2 % of a fall; by how much agrees to a quarter.
+    The input of a servo is gear kp times its control.
     """
     text, names = side_by_side(), list(MECHANISMS)
     sites = [f"{name} tip" for name in names]
     t = torch.linspace(0, 0.4, 11)
-    solution = tb.simulate(read(text, tmp_path), t, step=4e-3)
-    ours, theirs = sites_of(solution, text, sites), places(text, t, "site", sites)
+    inputs = {"drive": torch.tensor([1.5 * 2 * -0.6])}
+    solution = tb.simulate(read(text, tmp_path), t, step=4e-3, inputs=inputs)
+    aim = lambda m, d: d.ctrl.fill(-0.6)  # noqa: E731
+    ours, theirs = sites_of(solution, text, sites), places(text, t, "site", sites, aim)
     off = dict(zip(names, differences(ours, theirs, 1e-6).tolist(), strict=True))
     motion = np.square(theirs - theirs[0]).sum(-1).mean(0) ** 0.5
     assert motion[-1] < 0.02 * motion[0] and off.pop("stuck") < 0.25
@@ -217,16 +222,18 @@ def test_cables_move_as_in_mujoco(shape, tmp_path):
 def test_a_limit_gives_way_at_rest_as_in_mujoco(tmp_path):
     """The depth in a limit, of a joint and of a tendon, under a bar's weight: K of the scene times
     MuJoCo's depth is the weight's moment, or the tendon's pull. (The impedance is constant here;
-    MuJoCo's default rises from 0.9 to 0.95 over a depth of 1 mm, K is that of the end.)
+    MuJoCo's default rises from 0.9 to 0.95 over a depth of 1 mm, K is that of the end.) A margin is
+    before the limit.
     """
     rest, hard = 'damping="3"', 'solimplimit="0.95 0.95 0.001"'
     tendon = '<site name="end" pos="0.4 0 0"/>'
-    world = bar(hinge(more=f'range="-2 0.4" limited="true" {rest} {hard}'), "") + (
+    world = bar(hinge(more=f'range="-2 0.45" margin="0.05" limited="true" {rest} {hard}'), "") + (
         '<frame pos="0 1 0">' + bar(hinge(more=rest), tendon, name="hung")
         + '<site name="wall" pos="0.4 0 0.5"/></frame>'
     )  # fmt: skip
     path = '<site site="wall"/><site site="end"/>'
-    rope = f'<tendon><spatial limited="true" range="0 0.5" {hard}>{path}</spatial></tendon>'
+    rope = f'limited="true" range="0 0.52" margin="0.02" {hard}'
+    rope = f"<tendon><spatial {rope}>{path}</spatial></tendon>"
     text = model(world, rope)
     scene = read(text, tmp_path)
     m = mujoco.MjModel.from_xml_string(text)
@@ -342,7 +349,24 @@ REFUSED = {  # what a model has, and what the sentence says of it
     ),
     "ball limit": (
         model(bar('<joint type="ball" range="0 1" limited="true"/>', "")),
-        "limits of the ball joint",
+        "limits of the joint 'joint 0', a ball",
+    ),
+    "sprung body": (model(bar('<joint type="free" stiffness="1"/>', "")), "stiffness of the joint"),
+    "servo of a tendon": (
+        model(
+            JOINT,
+            '<tendon><spatial name="t"><site site="a"/><site site="w"/></spatial></tendon>'
+            '<actuator><position name="p" tendon="t" kp="1"/></actuator>',
+        ),
+        "the actuator 'p', which is no motor or servo",
+    ),
+    "plugin": (
+        model(
+            JOINT,
+            '<extension><plugin plugin="mujoco.pid"><instance name="x"/></plugin></extension>'
+            '<actuator><plugin name="p" joint="j" plugin="mujoco.pid" instance="x"/></actuator>',
+        ),
+        "the actuator 'p', which is no motor or servo",
     ),
     "switch": (
         model(JOINT, option='<option><flag spring="disable"/></option>'),
@@ -361,12 +385,30 @@ def test_what_changes_the_motion_is_refused_and_named(name, tmp_path):
         assert "first" in read(text, tmp_path, part="arguments")["beam"]
 
 
+def test_impedances_are_bounded_as_in_mujoco(tmp_path):
+    """d = 1 counts as 0.9999: a limit is finite, friction slips slowly but moves."""
+    ones = 'solimplimit="1 1 1" solimpfriction="1 1 1"'
+    text = model(bar(hinge(more=f'range="-1 1" limited="true" frictionloss="1" {ones}'), ""))
+    (joint,) = read(text, tmp_path).joints
+    near = read(text.replace("1 1 1", ".9999 .9999 1"), tmp_path).joints[0]
+    for name in ("limit_stiffness", "slip_speed"):
+        torch.testing.assert_close(getattr(joint, name), getattr(near, name), rtol=1e-9, atol=0)
+
+
 def test_what_may_not_matter_is_told(tmp_path):
-    """Contact, servos and keyframes, in one warning; the time step is a part of its own."""
-    servo = '<actuator><position name="servo" joint="j" kp="1"/></actuator>'
+    """Contact, a second motor, limits of efforts and keyframes, in one warning; a connection within
+    a body is none; the time step is a part of its own.
+    """
+    actuators = (
+        '<actuator><motor name="m" joint="j"/><motor name="second" joint="j"/></actuator>'
+        '<equality><connect body1="first" body2="mate" anchor="0 0 0"/></equality>'
+    )
     key = '<keyframe><key qpos="1"/></keyframe>'
-    text = model(JOINT, servo + key, '<option timestep="0.004"/>')
-    with pytest.warns(UserWarning, match="the actuator 'servo'.*contact of geoms.*keyframes"):
+    mate = '<body name="mate"/><site name="a"/>'
+    limited = JOINT.replace('<site name="a"/>', mate).replace('"j"', '"j" actuatorfrcrange="-1 1"')
+    text = model(limited, actuators + key, '<option timestep="0.004"/>')
+    every = "'second'.*contact of geoms.*keyframes"
+    with pytest.warns(UserWarning, match=f"the range of the motor 'm'.*{every}"):
         scene = read(text, tmp_path)
     assert isinstance(scene.beam.surface("first"), tb.Capsule)
     assert read(text, tmp_path, part="timestep") == 0.004

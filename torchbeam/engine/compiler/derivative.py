@@ -2,7 +2,7 @@
 tangents (jvp).
 
 What is piecewise has the derivative that torch gives it: of select that of the chosen branch, of
-max and min equal shares among equal arguments, of abs 0 at 0, of norm 0 at 0, of floor, round,
+max and min equal shares among equal arguments, of abs, norm and atan2 0 at 0, of floor, round,
 comparisons and stop 0. (Griewank and Walther 2008, chapter 3.)
 """
 
@@ -192,6 +192,7 @@ def partials(graph: Graph, node: int) -> Iterator[tuple[int, Linear]]:
     elif op == "atan2":
         y, x = args
         square = graph.dot((y, x), (y, x))
+        square = make("select", make("eq", square, graph.zero), graph.one, square)
         yield y, lambda v: make("div", make("mul", v, x), square)
         yield x, lambda v: make("neg", make("div", make("mul", v, y), square))
     elif op == "abs":

@@ -337,15 +337,15 @@ class _Body:
 
     def _offset(self, place: str, distance: int) -> str:
         """Bytes to a place of a table from its beginning, in each lane."""
-        lanes, long = self.lanes, self.lanes.of("i64")
+        lanes, short = self.lanes, self.lanes.of("i32")  # AVX2 has no other whole numbers
         if (place, distance) not in self.offsets:
-            whole = self.new(f"fptosi {lanes.vector} {place} to {long}")
+            whole = self.new(f"fptosi {lanes.vector} {place} to {short}")
             size = distance * lanes.count * lanes.bytes
-            offset = self.new(f"mul {long} {whole}, {lanes.all('i64', str(size))}")
+            offset = self.new(f"mul {short} {whole}, {lanes.all('i32', str(size))}")
             if lanes.count > 1:
-                own = ", ".join(f"i64 {lane * lanes.bytes}" for lane in range(lanes.count))
-                offset = self.new(f"add {long} {offset}, <{own}>")
-            self.offsets[place, distance] = offset
+                own = ", ".join(f"i32 {lane * lanes.bytes}" for lane in range(lanes.count))
+                offset = self.new(f"add {short} {offset}, <{own}>")
+            self.offsets[place, distance] = self.new(f"sext {short} {offset} to {lanes.of('i64')}")
         return self.offsets[place, distance]
 
     def _elementary(self, op: str, args: list[str]) -> str:

@@ -24,7 +24,7 @@ LEAST = 1e-4  # of a degree of attachment, below which its root is replaced by a
 
 @dataclass(frozen=True, eq=False)
 class DynamicStall(Tree):
-    """A polar with dynamic stall: two more states at each node of a `StripAir`, beside its lags.
+    """A polar with dynamic stall: the states x and 1 - y at each node of a `StripAir`, behind lags.
 
     a is the angle at three quarters of the chord, delayed by the wake (`lags`). b is the semichord,
     V the speed, p the pitch rate, f(a) the degree of attachment of the steady polar. Then:
@@ -39,6 +39,8 @@ class DynamicStall(Tree):
     - 1)^2, 0 beyond where it first is, cl_s = (cl - c (a - a0) f)/(1 - f), and arm(f) of
     (cm - cm(a0))/cl at positive angles (Hansen, Gaunaa and Madsen 2004, Risoe-R-1354, equations 12
     to 34). At rest it is the polar itself, and with attached flow the lags alone are left.
+    A motion begins with attached flow: begin one in deep stall from `tb.equilibrium`, whose states
+    are settled.
 
     Args:
         polar: a steady `Polar`; best up to half a turn (`Polar.extended`)

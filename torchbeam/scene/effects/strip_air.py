@@ -75,7 +75,7 @@ class StripAir(LoadEffect):
     Args:
         chord: m, along y of the section: leading edge at +y, of a negative one at -y. (..., 1) for
             all, (..., N) of the elements, (..., N+1) of the nodes, or a function of s (..., sites).
-            It may vanish at a tip; with states it counts as 1e-6 of the largest there
+            It may vanish at a tip, where it counts as 1e-6 of the largest
         axis: of the beam: share of the chord behind the leading edge; likewise
         lift_slope: c, 1/rad; likewise
         polar: function(angle) -> (lift, drag, moment), coefficients by chord and dynamic pressure
@@ -182,8 +182,7 @@ class StripAir(LoadEffect):
             )
             for name, x in self._numbers().items()
         }
-        if self.internal:
-            numbers["chord"] = not_vanishing(numbers["chord"])
+        numbers["chord"] = not_vanishing(numbers["chord"])
         if hasattr(self.polar, "at_sites"):
             numbers["polar"] = self.polar.at_sites(s)
         if hasattr(self.wind, "resolved"):

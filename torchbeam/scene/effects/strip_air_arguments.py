@@ -36,11 +36,10 @@ def chord_along(name: str, value: Any) -> Any:
 
 
 def not_vanishing(chord: Tensor) -> Tensor:
-    """Chords (..., sites), `SLENDER` of the largest where they are 0: lags in semichords of travel
-    ask for one.
+    """Chords (..., sites), `SLENDER` of the largest more where they are 0: lags in semichords of
+    travel ask for one.
     """
-    largest = chord.abs().amax(-1, keepdim=True)
-    return torch.where(chord == 0, SLENDER * largest, chord)
+    return chord + (chord == 0) * (SLENDER * chord.abs().amax(-1, keepdim=True))
 
 
 def coefficients(value: Any, like: Tensor) -> list[Tensor]:

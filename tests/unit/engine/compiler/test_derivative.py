@@ -82,6 +82,7 @@ def test_each_operation_has_torchs_derivative(name):
 SPECIAL = {
     "norm at 0": (lambda x: torch.linalg.vector_norm(x), torch.zeros(3)),
     "abs at 0": (lambda x: x.abs(), torch.zeros(3)),
+    "atan2 at 0": (lambda x: torch.atan2(x[0], x[1]), torch.zeros(2)),
     "the largest of equals": (lambda x: x.amax(), torch.tensor([1.0, 2.0, 2.0, 2.0])),
     "maximum of equals": (lambda x: torch.maximum(x, torch.ones(2)), torch.ones(2)),
     "the smallest of equals": (lambda x: x.amin(), torch.tensor([1.0, 1.0, 2.0])),
