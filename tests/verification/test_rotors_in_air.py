@@ -63,6 +63,22 @@ def test_a_wind_along_the_axis_cones_the_blades_and_does_not_turn_them_over():
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
+def test_a_hinged_blade_in_a_frame_that_turns_cones_in_a_wind():
+    """beta = pi rho c w (1 + 1/(2 N^2))/(m W): lift along the hinge's arm against W^2 I; strips at
+    the ends of N elements make the trapezoidal rule of r^2. To beta^2.
+    """
+    elements, w = 2, 0.1
+    air = tb.StripAir(CHORD, axis=0.75, lags=None, density=RHO, wind=(0, 0, w))
+    blade = tb.Beam.straight(RADIUS, elements, SECTION)
+    hinge = tb.Hinge(None, ("blade", 0), axis=(0, -1, 0))
+    frame = tb.Frame(angular_velocity=(0, 0, SPEED))
+    tip = tb.equilibrium(tb.Scene({"blade": blade}, [air], joints=[hinge], frame=frame)).position[
+        -1
+    ]
+    angle = math.pi * RHO * CHORD * w * (1 + 1 / (2 * elements**2)) / (MASS * SPEED)
+    np.testing.assert_allclose(tip[2] / tip[0], angle, rtol=1e-5)
+
+
 def flapping_with_lags(elements, pairs):
     """The eigenvalue of one blade with strips at its nodes, own model: I (f'' + W^2 f) is the
     moment of lift rho b 2 pi W r Q, Q = (1 - sum A) q + sum A z, q = -r f', z' = B W r/b (q - z),

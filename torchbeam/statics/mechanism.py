@@ -49,7 +49,7 @@ def stressed(problem: SteadyProblem, x: Configuration) -> tuple[Configuration, T
     holds as x stands; and (...) bool, which of them the loads drive further than `SWING`, by the
     stiffness of that stress. None = there are no such motions.
     """
-    if clamped(problem.model):
+    if _clamped_alone(problem.model):
         return x, None
     with no_derivatives():
         free = free_motions(problem, x)
@@ -107,7 +107,12 @@ def unheld(
 
 def clamped(model: Model) -> bool:
     """Whether all is held without a look at loads, or by a frame that turns."""
-    return model.turning or _welded_to_clamps(model.scene) or _held_elastically(model)
+    return model.turning or _clamped_alone(model)
+
+
+def _clamped_alone(model: Model) -> bool:
+    """The same without a look at a frame that turns: that holds by the stress that it makes."""
+    return _welded_to_clamps(model.scene) or _held_elastically(model)
 
 
 def _held_elastically(model: Model) -> bool:
