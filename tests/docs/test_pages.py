@@ -22,7 +22,7 @@ README = ROOT / "README.md"
 PAGES = tables.pages()
 # run by the tests that are named after them
 ELSEWHERE = {f"{page}.md" for page in (
-    "works_with", "own_environment", "own_soft_arm", "control_libraries", "textbook")}  # fmt: skip
+    "works_with", "own_environment", "own_soft_arm", "control_libraries", "uq_libraries", "textbook")}  # fmt: skip
 SHORT = 90  # lines of the README
 LINES = 250  # of a page, about: code in it is at most WIDE columns wide
 WIDE = 88

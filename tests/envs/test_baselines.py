@@ -188,7 +188,7 @@ def test_the_way_of_the_tip_and_its_slopes():
     start, way = env.state, TipWay(env.task, env.state.plant)
     generator = torch.Generator().manual_seed(0)
     acting = 0.3 * torch.randn(2, 4, 1, generator=generator, dtype=torch.float64)
-    _, slopes = way.slopes(start, acting)
+    slopes = way.linearised(start.beam, acting).by_acting
     for k in range(4):
         env.step(acting[:, k])
         if k:  # an action acts an interval later
@@ -292,9 +292,11 @@ def test_predictive_control_that_is_informed():
         away = total = 0.0
         for _ in range(20):
             action = controller(observation)
-            plan = torch.cat((action[:, None], controller.plan[:, :-1]), 1)
+            kept = controller.plan
+            controller.plan = torch.cat((action[:, None], kept[:, :-1]), 1)
             way = TipWay(env.task, env.state.plant) if informed else controller.way
-            promised = way(env.state, controller.acting(plan))[:, 0]
+            promised = way(env.state, controller.acting(env.state))[:, 0]
+            controller.plan = kept
             observation, reward, *_ = env.step(action)
             tip = env.state.beam.position[:, -1, env.task.vector]
             away, total = max(away, (tip - promised).abs().max().item()), total - reward.sum()
