@@ -97,10 +97,11 @@ class Estimated(Controller):
             self.prepare()
             predicted, self.predicted = self.predicted, None
             self.z = self.filter.update(predicted, y)
-            over = now.done if self.z.window is None else torch.zeros_like(now.done)
-            if (fresh := (now.steps == 0) | over).any():  # what is over goes on nowhere
+            begun = now.steps == 0
+            over = now.done if self.z.window is None else torch.zeros_like(begun)
+            if (fresh := begun | over).any():  # what is over goes on nowhere
                 self._begin(fresh)
-            elif predicted.after is not None:
+            if predicted.after is not None and not begun.any():
                 z = self.z.x[self._likely()][:, : self.filter.moves]
                 self.controller.arrive(z - predicted.after.z[self.foreseen])
         env.set_state(self.believed())
@@ -201,7 +202,7 @@ class Estimated(Controller):
         the others go on.
         """
         env, now = self.env, self.env.state
-        if fresh is None or self.known:
+        if fresh is None or (self.known and (now.steps == 0).any()):
             self._make(env)
         start = self.whole.state_at(self.whole.departure(now.start))  # held as the model's is
         shape = len(self.latencies), env.num_envs

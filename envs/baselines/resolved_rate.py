@@ -10,6 +10,7 @@ from ..episodes import Episodes
 from ..inverse_kinematics import Turned
 from ..soft_arm import SoftArm
 from .holding import Controller, vector_env
+from .linear import amount
 
 ROUNDS = 4  # in each of which more components may come to their bounds
 
@@ -34,7 +35,7 @@ class ResolvedRate(Controller):
         turn: m, weight of a turn of the tip by 1 rad
 
     Raises:
-        ValueError: for a task of another beam.
+        ValueError: for a task of another beam, and a damping that is not positive.
 
     Examples:
         >>> env = envs.InverseKinematicsVectorEnv(2)
@@ -60,7 +61,7 @@ class ResolvedRate(Controller):
                 f"{type(task).__name__} was given to ResolvedRate; a soft arm (FollowTarget, "
                 "TrackTarget) is wanted"
             )
-        self.gain, self.damping, self.lead = gain, damping, lead
+        self.gain, self.damping, self.lead = gain, amount("damping", damping), lead
         self.ahead, self.turn = ahead, turn if isinstance(task, Turned) else 0.0
 
     def act(self, observation: Tensor) -> Tensor:

@@ -142,6 +142,35 @@ def test_what_is_prepared_changes_no_action(monkeypatch):
     assert torch.equal(*both) and both[0].abs().max() > 0.1
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_an_episode_that_is_over_changes_nothing_for_others(known, monkeypatch):
+    """Decisions for the second episode, while the first is over or not: to rounding. No decision
+    simulates, nor makes a filter, because of what is over.
+    """
+    env, both, calls = make(2, params_in_info=False), [], []
+
+    def counted(owner, name):
+        whole = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or whole(*a, **k))
+
+    counted(tb, "rollout_jacobian")
+    counted(AdaptiveMPC, "_make")
+    for over in (False, True):
+        observation, _ = env.reset(seed=1)
+        controller, actions = AdaptiveMPC(env, horizon=6, known=known), []
+        controller.begin(env)
+        calls.clear()
+        for k in range(6):
+            actions.append(controller(observation)[1])
+            observation, *_ = env.step(controller.asked[:, 0])
+            if over and k == 1:
+                ended = torch.tensor([True, False])
+                env.set_state(replace(env.state, terminated=ended))
+        assert calls.count("_make") == 1 and calls.count("rollout_jacobian") == 6
+        both.append(torch.stack(actions))
+    assert (both[0] - both[1]).abs().max() < 1e-12 and both[0].abs().max() > 0.1
+
+
 def test_what_was_expected_is_corrected_to_first_order():
     """The way of a tip about an expected beam and actions, corrected by what came, against the way
     of that: errors fall with the square of the change. A plan about what was expected is, where

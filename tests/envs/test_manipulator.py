@@ -201,6 +201,8 @@ def test_resolved_rate_follows():
         assert scores[1][0] > scores[0][0] + 1 and scores[1][1] < 0.5 * scores[0][1]
     with pytest.raises(ValueError, match="a soft arm"):
         ResolvedRate(TipReachVectorEnv(1, elements=2))
+    with pytest.raises(ValueError, match=r"damping = 0\.0 was given; a positive"):
+        ResolvedRate(FollowTargetVectorEnv(1), damping=0.0)  # all at their bounds leave nothing
 
 
 def test_resolved_rate_makes_the_most_of_bounded_actions():
