@@ -382,8 +382,7 @@ class GripperVectorEnv(BeamVectorEnv):
         four of a hundred intervals rounding decides whether a step ends in one go or in parts, and
         rewards differ by 0.01. With eight it is none of 768. An interval's reward is up to 2.4 %
         (in the plane 0.5 %) from that of v0.
-    v0: first version, substeps = 4: v1 with that argument. Its ids stay registered in the next
-        release, and go with the one after.
+    v0: first version, substeps = 4: v1 with that argument.
 
     Examples:
         >>> env = envs.GripperVectorEnv(2, planar=True)
