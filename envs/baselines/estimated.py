@@ -86,7 +86,6 @@ class Estimated(Controller):
 
     def restart(self, fresh: Tensor) -> None:
         self.controller.restart(fresh)
-        self.fresh = fresh
 
     def act(self, observation: Tensor) -> Tensor:
         env, now = self.env, self.env.state
@@ -114,7 +113,7 @@ class Estimated(Controller):
 
     @torch.no_grad()
     def prepare(self) -> None:
-        """Predict the next observation, and build the plant for planning."""
+        """Predict the next observation, and what the controller computes of what is expected."""
         if self.z is None or self.predicted is not None:
             return
         self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
