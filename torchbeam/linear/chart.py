@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import isnan
 from typing import Any, NamedTuple
 
 import torch
@@ -234,8 +235,7 @@ class Chart:
                 gaps = self.joints.gaps(self.joints.pose(position, rotation), near.joints).detach()
                 change = change - pad(gaps, (self.independent.shape[-2], 0))
             move = self._free_moves(rows, change).unflatten(-1, (-1, space.unknowns))
-            moved = (move.detach() / unit).abs()
-            before, largest = largest, concrete(moved.amax()).item() if moved.numel() else 0.0
+            before, largest = largest, _largest((move.detach() / unit).abs())
             share = largest if anew else largest / before  # what is left of a move after it
             displacement, turn = move.split((space.dims.position, space.dims.spin), -1)
             turn = space.exponential(turn if space.turns else space.to_section(rotation, turn))
@@ -336,6 +336,14 @@ class Chart:
     def _carried(self, spin: Tensor, position: Tensor) -> Tensor:
         """What the model's own spin (frame a) makes of a displacement."""
         return (self.space.skew(spin) @ (position - self.own.position)[..., None])[..., 0]
+
+
+def _largest(moves: Tensor) -> float:
+    """Of samples that are numbers: those that are not hold up no others."""
+    if not moves.numel():
+        return 0.0
+    largest = concrete(moves.amax()).item()
+    return concrete(moves.nan_to_num(nan=0.0).amax()).item() if isnan(largest) else largest
 
 
 def _bases(model: Model) -> tuple[int, ...]:
