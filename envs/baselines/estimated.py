@@ -113,7 +113,7 @@ class Estimated(Controller):
 
     @torch.no_grad()
     def prepare(self) -> None:
-        """Predict the next observation, and what the controller computes of what is expected."""
+        """Predict the next observation; the controller prepares its decision about it."""
         if self.z is None or self.predicted is not None:
             return
         self.predicted = self.filter.predict(self.z, self.asked.flatten(1))
