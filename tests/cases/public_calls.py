@@ -106,7 +106,7 @@ CALLS = {
     **{f"Section.{name}": (getattr(tb.Section, name), arguments | dict(fineness=1))
        for name, arguments in dict(
            laminate=dict(plies=PLIES, width=0.1),
-           polygons=dict(parts=[([(0.0, 0), (1, 0), (0, 1)], tb.Material(**ISOTROPIC))]),
+           polygons=dict(parts=[([(0.0, 0), (1, 0), (0, 1)], PLIES[0][2])]),
            thin_walled=dict(walls=[([(0.0, 0), (1, 0)], PLIES)], line="first", join="depth")
        ).items()},
     "from_cross_section": (tb.Section.from_cross_section, dict(cross=TUBE)),
