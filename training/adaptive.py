@@ -37,10 +37,10 @@ from torchbeam.extend.commands import (
     write_results,
 )
 
-from .evaluate import evaluate, make, outside
+from .evaluate import evaluate, make, seeds_beyond
 from .options import above_zero
 from .results import commit, holds, made
-from .tuned import HELD_OUT, NOMINAL, TASKS, TRAINING, Task
+from .tuned import HELD_OUT, NOMINAL, TASKS, TRAINING, Task, widened
 
 # of an env and the task's ranges
 CONTROLLERS: dict[str, Callable[[Any, Any], Controller]] = {
@@ -124,9 +124,10 @@ def episodes(run: Run, first: int) -> dict[str, Any]:
     if not run.outside:
         env = make(run.of, run.episodes)
         return evaluate(run.of, run.begun(env), run.episodes, HELD_OUT + first, env)
-    wide, _, seeds = outside(run.of, first + run.episodes)
+    wide = widened(run.of)
     env = make(wide, run.episodes)
-    return evaluate(wide, run.begun(env), run.episodes, seeds[first:], env)
+    seeds = seeds_beyond(run.of, env, first + run.episodes)[first:]
+    return evaluate(wide, run.begun(env), run.episodes, seeds, env)
 
 
 @torch.no_grad()

@@ -122,16 +122,23 @@ def outside(task: Task, episodes: int) -> tuple[Task, VectorEnv, list[int]] | No
     wide = widened(task)
     if wide is None:
         return None
-    env, seeds, start = make(wide, episodes), [], OUTSIDE
-    while len(seeds) < episodes:
+    env = make(wide, episodes)
+    return wide, env, seeds_beyond(task, env, episodes)
+
+
+def seeds_beyond(task: Task, env: VectorEnv, count: int) -> list[int]:
+    """The first seeds on that give an env of wider ranges a plant beyond those of the task."""
+    seeds: list[int] = []
+    start = OUTSIDE
+    while len(seeds) < count:
         env.reset(seed=start)
-        beyond = torch.zeros(episodes, dtype=torch.bool)
+        beyond = torch.zeros(env.num_envs, dtype=torch.bool)
         for name, (low, high) in task.arguments["randomize"].items():
             value = env.state.plant.params[name]
             beyond |= (value < low) | (value > high)
         seeds += [start + k for k in beyond.nonzero()[:, 0].tolist()]
-        start += episodes
-    return wide, env, seeds[:episodes]
+        start += env.num_envs
+    return seeds[:count]
 
 
 def scores(task: Task, controller: Controller, episodes: int = EPISODES) -> dict[str, Any]:

@@ -220,10 +220,8 @@ def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: i
     space = bearing.model.space
     speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
     value, shape, error, about = modes
-    shape, moves = (
-        shape.flatten(-3, -2)[..., : spinning.M.shape[-1]],
-        spinning.moves.to(shape.dtype),
-    )
+    shape = shape.flatten(-3, -2)[..., : spinning.M.shape[-1]]
+    moves = spinning.moves.to(shape.dtype)
     with no_derivatives():
         nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
         unit = bearing.model.unit[..., None, None, :]

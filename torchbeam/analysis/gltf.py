@@ -122,12 +122,10 @@ def write_gltf(states: Any, t: list[float], scene: Scene | None, path: Path) -> 
     shapes = MovingShapes(states[0], scene, SAMPLES)
     instants = [shapes.at(states[k], time) for k, time in enumerate(t)]
     document = Document()
-    times = None
+    times = document.array(np.array(t) - t[0]) if len(t) > 1 else None
     for name, (_, static, moving) in instants[-1].items():  # a sample that fails is red
         frames = [instant[name][2] for instant in instants]
         node = document.mesh(name, static, frames)
-        if len(t) > 1 and times is None:
-            times = document.array(np.array(t) - t[0])
         if "position" in moving:
             places = np.array([frame["position"] for frame in frames])
             turns = _continuous(np.array([frame["wxyz"] for frame in frames]))[:, [1, 2, 3, 0]]

@@ -10,7 +10,7 @@ from ..core.validation import refusal
 from .elements import plain
 from .mesh import MEETING
 from .sharp_corners import sharpen
-from .wall import Wall, first_number, left, turns
+from .wall import Wall, first_number, first_sample, left, turns
 
 End = tuple[Wall, int]  # a wall and its station 0 or -1
 
@@ -19,7 +19,7 @@ def meet(walls: list[Wall], by_depth: bool) -> None:
     """Rows of places of all walls' stations. by_depth: plies keep their depth from a wall to the
     next, and are divided for it; else each goes over into the one of its number.
     """
-    known = [plain(wall.points).reshape(-1, *wall.points.shape[-2:])[0] for wall in walls]
+    known = [first_sample(wall.points, 2) for wall in walls]
     near = MEETING * np.ptp(np.concatenate(known), axis=0).max()
     passing, ends = _places(walls, known, near)
     pairs = []

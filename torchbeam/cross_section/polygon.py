@@ -18,10 +18,7 @@ from .mesh import Mesh, in_one_piece, meeting, of_materials, points_of
 from .triangulation import Triangulation, crossing, within
 
 ELEMENTS = 250  # at least, at fineness 1
-THINNEST = (
-    5e-5  # area over the perimeter's square: thinner ones take more pieces than they are worth
-)
-
+THINNEST = 5e-5  # area over the perimeter's square: thinner ones take too many pieces
 
 Part = tuple[Tensor, Material | None]
 

@@ -11,8 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .elements import plain
-from .wall import Wall, left
+from .wall import Wall, first_number, first_sample, left
 
 ROOM = 0.4  # of the line's length from the corner, within: from where on rows stand upright
 
@@ -47,7 +46,7 @@ class Side:
         deepest = int(np.argmax(cuts))
         for last in range(max(cuts) + 1, len(self.stations) + 1):
             rest = self._rest(corner, deepest, cuts[deepest], last)
-            room = _first(_lengths(rest)[..., -1]) / _first(self.lengths[..., last])
+            room = first_number(_lengths(rest)[..., -1]) / first_number(self.lengths[..., last])
             if room > ROOM:
                 break
         else:
@@ -67,7 +66,7 @@ class Side:
 def sharpen(one: tuple[Wall, int, int], other: tuple[Wall, int, int]) -> None:
     """Rows about a corner of two sides, each a wall, its station there, and the step away."""
     sides = Side(*one, coming=True), Side(*other, coming=False)
-    a, b = (_sample(side.surfaces, 3) for side in sides)
+    a, b = (first_sample(side.surfaces, 3) for side in sides)
     cuts = [_crossing(a[:, k], b[:, k]) for k in range(a.shape[1])]
     if not any(map(any, cuts)):
         return
@@ -117,16 +116,6 @@ def _at(line: Tensor, share: Tensor) -> Tensor:
     """(..., 2) m, at a share (...) of the length of a line (..., n, 2)."""
     lengths = _lengths(line)
     along = share * lengths[..., -1]
-    k = int((_sample(lengths, 1)[1:-1] <= _first(along)).sum())
+    k = int((first_sample(lengths, 1)[1:-1] <= first_number(along)).sum())
     part = (along - lengths[..., k]) / (lengths[..., k + 1] - lengths[..., k])
     return torch.lerp(line[..., k, :], line[..., k + 1, :], part[..., None])
-
-
-def _sample(x: Tensor, axes: int) -> np.ndarray:
-    """The first sample of a tensor with so many axes of its own."""
-    known = plain(x)
-    return known.reshape(-1, *known.shape[known.ndim - axes :])[0]
-
-
-def _first(x: Tensor) -> float:
-    return float(_sample(x, 0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -96,9 +97,14 @@ def turns(come: Tensor, go: Tensor) -> bool:
     return bool((plain((come * go).sum(-1)) < SMOOTH).any())
 
 
+def first_sample(x: Tensor, axes: int) -> np.ndarray:
+    """The first sample of a tensor with so many axes of its own."""
+    known = plain(x)
+    return known.reshape(-1, *known.shape[known.ndim - axes :])[0]
+
+
 def first_number(x: Tensor) -> float:
-    """The first sample's."""
-    return float(plain(x).reshape(-1)[0])
+    return float(first_sample(x, 0))
 
 
 def left(direction: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.block_matrices import of_blocks
+from ..math.block_matrices import of_blocks, with_identity
 from ..math.dense import inverse_unchecked
 from ..math.shapes import broadcast_shapes, stacked
 from ..nodal.coordinates.spatial import Spatial
@@ -117,11 +117,7 @@ def _of_each(blocks: Tensor) -> Tensor:
 
 def _triangular(A: Tensor, below: Tensor, states: int) -> Tensor:
     """[[A, 0, 0], [below, A, 0], [0, 0, I]], with so many rows of I."""
-    X = of_blocks(A, torch.zeros_like(A), below, A)
-    if not states:
-        return X
-    eye = torch.eye(states, dtype=A.dtype, device=A.device)
-    return pad(X, (0, states, 0, states)) + pad(eye, (X.shape[-1], 0, X.shape[-2], 0))
+    return with_identity(of_blocks(A, torch.zeros_like(A), below, A), states)
 
 
 def _rate_of_turn(space: Spatial, q: Tensor, spin: Tensor) -> Tensor:

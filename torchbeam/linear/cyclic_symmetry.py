@@ -76,8 +76,7 @@ def _permutation(
         if len(others) != len(at[kind, row]):
             return None
         images.append(others[at[kind, row].index(k)])
-    states = _onto(images, turn)
-    return block_diagonal(P, states.expand(*P.shape[:-2], *states.shape))
+    return block_diagonal(P, _onto(images, turn))
 
 
 def _rows(rows: slice) -> list[int]:
@@ -118,11 +117,3 @@ def generator(P: Tensor | None, Z: Tensor, size: Tensor, order: int) -> Tensor |
         angles = ((k, 2 * math.pi * j * k / order) for k in range(1, (order + 1) // 2))
         S = S + sum(2 * k * math.sin(angle) for k, angle in angles) / order * power
     return S
-
-
-def beside_states(A: Tensor, states: int) -> Tensor:
-    """diag(A, I), with I of so many internal states."""
-    if not states:
-        return A
-    eye = torch.eye(states, dtype=A.dtype, device=A.device)
-    return block_diagonal(A, eye.expand(*A.shape[:-2], states, states))

@@ -36,12 +36,12 @@ from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import Tree, leaf, map_leaves
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
-from ..math.block_matrices import block_diagonal
+from ..math.block_matrices import block_diagonal, with_identity
 from ..math.shapes import broadcast_shapes
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from .bearing import Bearing
-from .cyclic_symmetry import beside_states, generator, symmetry
+from .cyclic_symmetry import generator, symmetry
 from .system_matrices import of_nodes, rigid_constraints, with_states
 
 RANK = 1e-9  # of the largest singular value
@@ -165,18 +165,17 @@ def spinning_model(
         Z_s, Y = pad(Z_s, (0, 1)), torch.cat((Y, turn), -1)
     X = block_diagonal(space.skew(unit), space.spin_skew(unit)).expand(*lead, w, w)
     order, P, bladed = symmetry(bearing, X)
-    Z_b, size = beside_states(Z_b, states), pad(size, (0, states), value=1.0)
+    Z_b, size = with_identity(Z_b, states), pad(size, (0, states), value=1.0)
     S_b = generator(P, Z_b, size, order)
     if S_b is None:
         order, S_b = 0, Z_b.new_zeros(*lead, Z_b.shape[-1], Z_b.shape[-1])
     Z_y, Z_s = (pad(A, (0, 0, 0, states)) for A in (Z_y, Z_s))
     Z, moves = torch.cat((Z_y, Z_b), -1), torch.cat((Z_s + Z_y @ Y, Z_b), -1)
-    eye = torch.eye(Z_b.shape[-1], dtype=M.dtype, device=M.device)
-    B = block_diagonal(Y, eye.expand(*lead, *eye.shape))
+    B = with_identity(Y, Z_b.shape[-1])
     free_moves = torch.eye(B.shape[-1], dtype=B.dtype, device=B.device)
     if bearing.others:
         of_moves = moves[..., : len(node), : moves.shape[-1] - states]
-        free_moves = beside_states(_null_space(G_other @ of_moves), states)
+        free_moves = with_identity(_null_space(G_other @ of_moves), states)
         B, moves = B @ free_moves, moves @ free_moves
     M_g, D_g, K_g = (moves.mT @ A @ moves for A in (M, D, K))
     if bearing.damping is not None:

@@ -119,10 +119,8 @@ def _maps(matrices: Matrices, speed: Tensor, steps: int, states: int) -> Tensor:
     without the rates of Z internal states, which follow.
     """
     angle, maps = 2 * math.pi / steps, []
-    dt, nodes = (
-        (angle / speed.abs())[..., None, None],
-        torch.tensor(NODES, dtype=speed.dtype, device=speed.device),
-    )
+    dt = (angle / speed.abs())[..., None, None]
+    nodes = torch.tensor(NODES, dtype=speed.dtype, device=speed.device)
     for step in range(steps):
         at = matrices(angle * (step + nodes))
         if not step:

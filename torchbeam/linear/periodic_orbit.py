@@ -23,7 +23,7 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import with_values
 from ..core.validation import concrete
 from ..dynamics.stepper import Stepper
-from ..math.block_matrices import block_diagonal
+from ..math.block_matrices import block_diagonal, with_identity
 from ..nodal.moves import move_between, moved, remembered_count
 from ..scene.effects import Inputs
 from ..state.state import State, rest
@@ -89,9 +89,7 @@ class Shooting:
         return self._of_moves(torch.linalg.pinv(self.spinning.mechanical.moves))
 
     def _of_moves(self, X: Tensor) -> Tensor:
-        eye = torch.eye(self.states, dtype=X.dtype, device=X.device)
-        eye = eye.expand(*X.shape[:-2], *eye.shape)
-        return block_diagonal(block_diagonal(X, X), eye)
+        return with_identity(block_diagonal(X, X), self.states)
 
     @property
     def sizes(self) -> Tensor:
@@ -151,10 +149,10 @@ class Shooting:
         spinning = self.spinning
         psi = torch.arange(self.steps).to(self.speed) * (2 * math.pi / self.steps)
         nodal, e = spinning.mechanical.moves_at(psi), 1e-4
-        turned = (spinning.mechanical.moves_at(psi + x) for x in (e, -e))
+        ahead, behind = (spinning.mechanical.moves_at(psi + x) for x in (e, -e))
         w, moves, back = nodal.shape[-2], turn.moves, torch.linalg.pinv(nodal)
         g = back @ moves[..., :w, :]
-        turned = (next(turned) - next(turned)) * self.speed / (2 * e)  # with the coordinates' axes
+        turned = (ahead - behind) * self.speed / (2 * e)  # with the coordinates' axes
         rates = back @ (moves[..., w : 2 * w, :] - turned @ g)
         g = torch.cat((g, moves[..., 2 * w :, :]), -2)
         of = turn.by_start, g, rates, spinning.M, spinning.speed

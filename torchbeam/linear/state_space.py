@@ -28,6 +28,7 @@ from ..core.arguments import instant, listed
 from ..core.leaves import wants_gradient
 from ..core.validation import unmapped
 from ..core.warning import warn
+from ..math.block_matrices import with_identity
 from ..math.dense import solve
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
@@ -142,11 +143,7 @@ def _linear(
     if G is not None:
         near, massless, moves, forces = _minimal(near, massless, moves, G)
     free, states = near.axes.shape[-1], model.lag_count
-    T = (
-        near.axes
-        if not states
-        else _both(near.axes, torch.eye(states, dtype=K.dtype, device=K.device))
-    )
+    T = with_identity(near.axes, states)
     nodal = M, D, K
     M, K = unmapped("linearize", T.mT @ M @ T), unmapped("linearize", T.mT @ K @ T)
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
@@ -222,7 +219,7 @@ def _by_moves(
     if states:
         internal = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)[-states:]
         writes = torch.cat((writes, internal.expand(*writes.shape[:-2], -1, -1)), -2)
-        reads = _both(reads, torch.eye(states, dtype=A.dtype, device=A.device))
+        reads = with_identity(reads, states)
     return reads, writes
 
 
@@ -295,9 +292,3 @@ def _out_of_balance(
     if damping is not None:
         by_z, by_u = by_z - damping @ rate, by_u - damping @ (T @ C @ B)
     return by_z, by_u
-
-
-def _both(X: Tensor, Y: Tensor) -> Tensor:
-    """Block diagonal matrix diag(X, Y) of matrices (..., m, n) and (k, l)."""
-    X, Y = pad(X, (0, Y.shape[-1])), pad(Y, (X.shape[-1], 0))
-    return torch.cat((X, Y.expand(*X.shape[:-2], *Y.shape[-2:])), -2)

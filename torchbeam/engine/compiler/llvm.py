@@ -85,8 +85,10 @@ class Table(NamedTuple):
 
 def table(graph: Graph, node: int) -> Table | None:
     """That of a pick; None where its numbers do not lie so."""
+    if graph.ops[node] != "pick":
+        return None
     xs = graph.args[node][1:]
-    if graph.ops[node] != "pick" or any(graph.ops[x] != "input" for x in xs):
+    if any(graph.ops[x] != "input" for x in xs):
         return None
     places = [graph.values[x] for x in xs]
     (field, first), (_, second) = places[:2]
