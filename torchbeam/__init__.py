@@ -45,6 +45,7 @@ from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
 from .analysis.saved import load, save
 from .core.entry_point import entry_points
+from .core.results import versions
 from .core.warning import SlowPathWarning
 from .dynamics.explicit import ExplicitStepper
 from .dynamics.forms import mixed_forms
@@ -188,9 +189,11 @@ entry_points(globals(), __all__)
 
 
 def __getattr__(name: str) -> Any:
-    """Public names that are imported where they are asked for: of sections from geometry, and of
-    the derivation's element, see `dynamics.forms`.
+    """Public names that are imported where they are asked for: of sections from geometry, of the
+    derivation's element, see `dynamics.forms`, and the version.
     """
+    if name == "__version__":
+        return versions("torchbeam")["torchbeam"]
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name in ("CrossSection", "Material"):
