@@ -14,6 +14,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.extend import (
     ACCELERATION,
     POSITION,
@@ -451,23 +452,19 @@ def test_copies_and_files(tmp_path):
     assert "Bracing of nodes 4, 2, 1" in repr(scene)
 
 
-@pytest.mark.parametrize(
-    "make, said",
-    [
-        (lambda: Tie((-1,), 1.0), "between 1 nodes was given; two to 6 are wanted"),
-        (lambda: Tie(range(7), 1.0), "between 7 nodes"),
-        (lambda: braced(-1.0), "positive"),
-        (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 4), 1.0)), "one node twice"),
-        (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 9), 1.0)), "9"),
-        (
-            lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION, order=2), Tie((-1, 1), 1.0)),
-            "inside of an element",
-        ),
-    ],
+@refusals(
+    (lambda: Tie((-1,), 1.0), "between 1 nodes was given; two to 6 are wanted"),
+    (lambda: Tie(range(7), 1.0), "between 7 nodes"),
+    (lambda: braced(-1.0), "positive"),
+    (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 4), 1.0)), "one node twice"),
+    (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 9), 1.0)), "9"),
+    (
+        lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION, order=2), Tie((-1, 1), 1.0)),
+        "inside of an element",
+    ),
 )
-def test_what_does_not_fit_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
+def test_what_does_not_fit_is_refused(make):
+    make()
 
 
 def test_an_acceleration_is_refused():

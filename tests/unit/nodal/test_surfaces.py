@@ -11,6 +11,7 @@ from torch.func import jacfwd
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam import extend
 from torchbeam.core.leaves import bound
 from torchbeam.equations.midpoint import MidpointProblem
@@ -348,8 +349,6 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_surface_is_refused(case):
-    call, said = REFUSED[case]
-    with pytest.raises(ValueError, match=said):
-        call()
+@refusals(REFUSED)
+def test_what_is_no_surface_is_refused(call):
+    call()

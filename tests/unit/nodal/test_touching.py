@@ -9,6 +9,7 @@ from torch.func import jacfwd
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.between_nodes import NodeMotion
@@ -410,8 +411,6 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_contact_is_refused(case):
-    call, said = REFUSED[case]
-    with pytest.raises(ValueError, match=said):
-        call()
+@refusals(REFUSED)
+def test_what_is_no_contact_is_refused(call):
+    call()
