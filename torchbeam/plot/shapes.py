@@ -90,14 +90,11 @@ def shape(
         if frames:
             _triads(ax, position, turn, seen)
         return ax
-    from matplotlib import colormaps
-
     rows = rows_of(state)
     curves = numbers(axis_curves(rows, position, turn[..., 0])[..., seen])
     dots = numbers(position[..., seen])
     for i, (curve, points) in enumerate(zip(curves, dots, strict=True)):
-        shade = "C0" if len(curves) == 1 else colormaps["viridis"](0.9 * i / (len(curves) - 1))
-        shade = shade if color is None else color
+        shade = color if color is not None else "C0" if len(curves) == 1 else _shade(i, len(curves))
         style = line_style(line, color=shade, label=label if i == 0 else None, lw=1.8)
         (drawn,) = ax.plot(*curve.T, **style)
         if nodes:
@@ -141,3 +138,10 @@ def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:
             ax.plot(*zip(start, end, strict=True), color=color, lw=1)
         if turn[0, -1, seen, i].norm() > EDGE_ON:
             ax.text(*ends[0, -1].tolist(), "xyz"[i], color=color, fontsize=8)
+
+
+def _shade(i: int, count: int) -> Any:
+    """Colour of the i-th of `count` shapes."""
+    from matplotlib import colormaps
+
+    return colormaps["viridis"](0.9 * i / (count - 1))
