@@ -2,7 +2,6 @@
 pictures and links exist.
 """
 
-import importlib.util
 import re
 import warnings
 from pathlib import Path
@@ -10,13 +9,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from tests.cases.modules import ROOT, module_of
 from torchbeam import SlowPathWarning
 from torchbeam.engine import engine_use
 
-ROOT = Path(__file__).parents[2]
-spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")
-tables = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(tables)
+tables = module_of(ROOT / "docs" / "tables.py")
 
 README = ROOT / "README.md"
 PAGES = tables.pages()

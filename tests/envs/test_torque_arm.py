@@ -13,6 +13,7 @@ from torchbeam_envs import ReachBehindVectorEnv, ReachPoseVectorEnv, TrackTarget
 from torchbeam_envs.torque_arm import Viscous, moving, spline
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam import extend
 
 MADE = dict(autoreset_mode="Disabled", output="torch")
@@ -155,14 +156,12 @@ def test_sizes_are_as_published():
         assert env.single_action_space.shape == (actions,)
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [(dict(rate=0.0), "rate = 0"), (dict(points=(0.5,)), "points"), (dict(planar=True), "planar"),
-     (dict(viscous=-1.0), "viscous"), (dict(points=(0.9, 0.4)), "grow")],
+@refusals(
+    (dict(rate=0.0), "rate = 0"), (dict(points=(0.5,)), "points"), (dict(planar=True), "planar"),
+    (dict(viscous=-1.0), "viscous"), (dict(points=(0.9, 0.4)), "grow"),
 )  # fmt: skip
-def test_bad_arguments_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        TrackTargetVectorEnv(1, **arguments)
+def test_bad_arguments_are_refused(arguments):
+    TrackTargetVectorEnv(1, **arguments)
 
 
 def test_the_tip_moves_as_in_the_program_that_the_tasks_were_published_with():

@@ -12,15 +12,13 @@ import pytest
 import torch
 from torchbeam_envs.baselines import JointLQG, JointLQR
 
+from tests.cases.tiny_task import SHORT as TINY
 from training import baselines, cards, common, evaluate, report, results, table, tuned
 from training.policies import load
 from training.tuned import TASKS, Task
 
 torch.set_num_threads(1)
 SMALL = dict(num_envs=4, horizon=4, hidden=(8,))
-TINY = Task(
-    "tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=6)
-)
 
 
 def test_one_command(tmp_path, monkeypatch, capsys):

@@ -30,7 +30,7 @@ from ..state.state_check import with_optional_fields
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
-from .steady_motion import AtRest, steady_motion
+from .steady_motion import AtRest, SteadyRotation
 from .step_element import ElementAtRest, ElementBalance
 
 
@@ -91,8 +91,6 @@ class SteadyProblem(BalanceProblem):
     itself and the motion of its supports. With a relief all but the last act in full, less
     (1 - load_factor) of what they lack in balance where they begin.
 
-    The inertia is that of `steady_motion`.
-
     internal  (..., z) of the loads, where they are held; None = where they come to rest
     near      (..., z) where the laws of these are linearised to find that, None = at zero; see
               `internal_states`
@@ -142,7 +140,8 @@ class SteadyProblem(BalanceProblem):
     @cached
     def motion(self) -> AtRest:
         """Of the nodes, with frame a."""
-        return steady_motion(self.model.inertia, self.frame)
+        motion = SteadyRotation if self.frame.turns else AtRest
+        return motion(self.model.inertia, self.frame)
 
     @cached
     def eigenstrain(self) -> Tensor | float:

@@ -63,6 +63,14 @@ class StepProblem(BalanceProblem):
         """The nodes over the step."""
         raise NotImplementedError
 
+    @property
+    def of_elements(self) -> tuple[Any, ...]:
+        """The fields of a `StepElement`."""
+        model, start = self.model, self.start
+        poses = model.assembly.poses(start.position, start.rotation)
+        at_rest = model.space, model.law, model.length, model.reference, self.eigenstrain
+        return *at_rest, self.h, poses, start.inelastic
+
     def predictor(self) -> Any:
         """Unknowns to start from."""
         raise NotImplementedError

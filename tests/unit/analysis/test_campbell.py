@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 SPEED = torch.tensor([0.0, 100.0, 300.0], dtype=torch.float64)
 STEADY = dict(method="multiblade")  # wants a steady state
@@ -202,23 +203,19 @@ def test_files_and_pictures(tmp_path):
     assert "multiblade" in repr(diagram)
 
 
-@pytest.mark.parametrize(
-    "scene, more, sentence",
-    [
-        (lambda: tb.Scene({"disc": tb.Body(1.0, 1.0)}), {}, "a scene without a Hinge was given"),
-        (lambda: overhung(effects=[tb.Gravity((0, 0, -9.81))]), STEADY, "change with its azimuth"),
-        (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), STEADY, "azimuth"),
-        (overhung, {"bearing": 3}, "bearing"),
-        (overhung, {"method": "hill"}, "method"),
-        (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
-        (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
-        (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),
-        (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more"),
-    ],
+@refusals(
+    (lambda: tb.Scene({"disc": tb.Body(1.0, 1.0)}), {}, "a scene without a Hinge was given"),
+    (lambda: overhung(effects=[tb.Gravity((0, 0, -9.81))]), STEADY, "change with its azimuth"),
+    (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), STEADY, "azimuth"),
+    (overhung, {"bearing": 3}, "bearing"),
+    (overhung, {"method": "hill"}, "method"),
+    (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
+    (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
+    (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),
+    (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more"),
 )  # fmt: skip
-def test_refusals(scene, more, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        tb.campbell(scene(), **{"speeds": [100.0], **more})
+def test_refusals(scene, more):
+    tb.campbell(scene(), **{"speeds": [100.0], **more})
 
 
 def test_a_rotor_out_of_balance_on_a_support_that_yields_is_refused():

@@ -15,6 +15,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam import extend
 
 pytest.importorskip("matplotlib")
@@ -465,11 +466,9 @@ CASES = {
 # fmt: on
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_refused(name, solution):
-    call, sentence = CASES[name]
-    with pytest.raises(ValueError, match=sentence):
-        call(solution)
+@refusals(CASES)
+def test_refused(call, solution):
+    call(solution)
 
 
 def writers(solution):

@@ -14,6 +14,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.core.repetition import repetitions
 
 NORMAL = torch.distributions.Normal(
@@ -278,8 +279,6 @@ CASES = {
 # fmt: on
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_refused(name):
-    changed, sentence = CASES[name]
-    with pytest.raises(ValueError, match=sentence):
-        tb.monte_carlo(**{**dict(function=product, laws=LAWS, n=8), **changed})
+@refusals(CASES)
+def test_refused(changed):
+    tb.monte_carlo(**{**dict(function=product, laws=LAWS, n=8), **changed})

@@ -25,10 +25,8 @@ from torch import Tensor
 from ...equations.energy_projection import kinetic_rise, projected, strain_rise
 from ...equations.generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
 from ...equations.midpoint import MidpointProblem
-from ...nodal.conditions import Conditions
 from ...nodal.rows import Rows
 from ...state.state import State
-from .chain_constants import Common
 from .local_functions import LocalFunctions
 from .local_problem import NODE as STATE
 from .local_problem import Fields
@@ -129,30 +127,15 @@ class AlphaFunctions(LocalFunctions):
         before = self._with_between(problem.model, before, common.before, kind)
         return replace(problem, before=before), x
 
-    def _stepping(
-        self,
-        rows: Rows,
-        start: State,
-        common: Common,
-        values: Fields,
-        now: Conditions,
-        C: Tensor | None,
+    def _over(
+        self, rows: Rows, start: State, values: Fields, *step: Any, **known: Any
     ) -> GeneralizedAlphaProblem:
         stations = rows.topology.element_count * self.order
         straining = values.get(
             STRAINING, start.position.new_zeros(stations, 2 * rows.space.dims.strain)
         )
         start = AlphaState(**vars(start), acceleration=values["acceleration"], straining=straining)
-        return GeneralizedAlphaProblem(
-            rows,
-            start,
-            common.dt,
-            common.t,
-            common.inputs,
-            rho_inf=self.rho_inf,
-            known=now,
-            stiffness=C,
-        )
+        return GeneralizedAlphaProblem(rows, start, *step, rho_inf=self.rho_inf, **known)
 
     def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
         """The element's state at the end of the step."""
