@@ -25,9 +25,11 @@ from ...state.state import State
 from .filtered import Filtered, Predicted
 from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
+from .limits import Limits
 from .modal_start import modal_root
 from .products import Products
 from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
+from .weighting import Weighting
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
@@ -61,12 +63,16 @@ class KalmanFilter:
         model: linear model with the coordinates z. A reduced model has amplitudes of modes; the
             rest follows. None = `linearize` about equilibrium, by mean parameters, without inputs
         method: as in `Stepper`, except methods with a memory beyond z
+        gate: probability, e.g. 0.999999. A reading is left out if its error is beyond the interval
+            that holds it with this probability, by what was expected. None = none is
+        loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
         second_order: whether the predicted mean and covariance include products of the deviations
             of z and of the parameters. The derivatives are taken at `model`'s own state
 
     Derivatives of the motion and of the readings are exact: an interval is stepped with as many
     samples as z and the readings have numbers. Readings may depend on the force in their interval.
-    A missing reading is NaN. Raises ValueError for arguments that do not fit, and for joints with a
+    A reading that is not finite is missing. Parameters stay within their `bounds`, and within ten
+    first deviations. Raises ValueError for arguments that do not fit, and for joints with a
     hysteresis.
 
     Examples:
@@ -102,6 +108,8 @@ class KalmanFilter:
         model: Linear | None = None,
         method: str = "midpoint",
         second_order: bool = True,
+        gate: float | None = None,
+        loss: str | None = None,
     ) -> None:
         self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
         steps, known = count("steps", steps), with_priors(parameters)
@@ -111,6 +119,7 @@ class KalmanFilter:
         self.unknowns = Unknowns.of(
             known, walk, bias, instruments.labels, process, mean.inputs, self.dt, like
         )
+        self.weighting = Weighting.of(loss, gate)
         stepper = Stepper(mean, self.dt / steps, method)
         if type(stepper.method).begin is not Method.begin:
             raise ValueError(
@@ -131,6 +140,7 @@ class KalmanFilter:
         self.read, self.moves = instruments.count, model.reads.shape[-2]
         self._standing: Standing | None = None  # the last; no result depends on it
         n = self.moves
+        self.limits = Limits.of(self.unknowns, n)
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
         # of motion and parameters, where these are of the scene
@@ -192,8 +202,8 @@ class KalmanFilter:
             y, by = self.interval.slope_of(lambda now: rest(scene, now), state)
             x[..., n + k :] = torch.cat([y] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
-        zero = z.new_zeros(shape)
-        return Filtered(self, state, x, factor, zero, zero, zero, z.new_zeros(*shape, 3))
+        zero, none = z.new_zeros(shape), z.new_zeros(*shape, self.read)
+        return Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
 
     def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
         """What is known an interval later.
@@ -229,20 +239,11 @@ class KalmanFilter:
         if after is None:
             raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
         error = self._readings(y, expected) - expected
-        by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
-        read = (~torch.isnan(error)).sum(-1).to(error)
-        now = replace(
-            before,
-            state=after.state,
-            x=x,
-            factor=learnt.root[..., : self.size, :],
-            nis=(learnt.unit**2).sum(-1),
-            readings=read,
-            log_likelihood=before.log_likelihood + learnt.log_density(read),
-            learnt=(by_x, learnt),
-            about=about,
-        )
-        return self._changed(now.judged(), learnt.change, more, after.places[1])
+        now = self._learned(before, columns, error, rows=rows)
+        now = replace(now, state=after.state, x=x, about=about)
+        change = now.learnt[1].change
+        change = change + self.limits.change(x + change, now.factor)
+        return self._changed(now, change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """Estimates after each of the readings (K, ..., m). Commands u are (K, ..., inputs), or by
@@ -325,30 +326,59 @@ class KalmanFilter:
     def _readings(self, y: Any, like: Tensor) -> Tensor:
         """y (..., m), NaN where one is missing; None = all."""
         y = (torch.nan,) * self.read if y is None else y
-        return axis_last("y", as_tensor(y, like.dtype, like.device), self.read)
+        y = axis_last("y", as_tensor(y, like.dtype, like.device), self.read)
+        return y.where(torch.isfinite(y), torch.nan)
 
-    def _conditioned(
-        self,
-        factor: Tensor,
-        columns: Tensor,
-        error: Tensor,
-        weight: Tensor | float = 1.0,
-        rows: Tensor | None = None,
-    ) -> tuple[Tensor, Conditioned]:
-        """Readings and x' by x, and what readings with errors (..., m) from those expected (NaN =
-        missing) and weights say of x', where x has this factor; rows (..., s, m + size): further
-        sources of both, None = none.
+    def _sources(
+        self, factor: Tensor, columns: Tensor, rows: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Readings and x' by x, and by independent sources of unit variance, where x has this
+        factor; rows (..., s, m + size): further sources of both, None = none.
         """
-        seen = ~torch.isnan(error)
-        kept = pad(seen, (0, self.size), value=True)[..., None, :]
-        columns = torch.where(kept, columns, 0.0)
-        more = () if rows is None else (torch.where(kept, rows, 0.0),)
         by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
         roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
+        return by_x, stacked(roots @ by_x, by_fresh, *(() if rows is None else (rows,)))
+
+    def _conditioned(
+        self, by_x: Tensor, sources: Tensor, error: Tensor, weight: Tensor
+    ) -> tuple[Tensor, Conditioned]:
+        """Readings and x' by x, without readings of no weight (..., m), and what the others, with
+        errors (..., m) from those expected, say of x'.
+        """
+        seen = weight > 0
+        kept = pad(seen, (0, self.size), value=True)[..., None, :]
         noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
         read = pad(torch.diag_embed(noise), (0, self.size))
-        whole = stacked(roots @ by_x, by_fresh, *more, read)
-        return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
+        whole = stacked(torch.where(kept, sources, 0.0), read)
+        return torch.where(kept, by_x, 0.0), conditioned(whole, torch.where(seen, error, 0.0))
+
+    def _learned(
+        self,
+        before: Filtered,
+        columns: Tensor,
+        error: Tensor,
+        weight: Tensor | None = None,
+        rows: Tensor | None = None,
+    ) -> Filtered:
+        """With what readings of errors (..., m) say; weight (..., m): None = as the errors say."""
+        noise = self.interval.instruments.noise
+        by_x, sources = self._sources(before.factor, columns, rows)
+        known = sources[..., : self.read]
+        if weight is None:
+            weight = self.weighting(known, noise, error)
+        by_x, learnt = self._conditioned(by_x, sources, error, weight)
+        read = (weight > 0).sum(-1).to(error)
+        beyond = self.weighting.beyond(known, noise, error, weight)
+        now = replace(
+            before,
+            factor=learnt.root[..., : self.size, :],
+            nis=(learnt.unit**2).sum(-1),
+            readings=read,
+            weight=weight,
+            log_likelihood=before.log_likelihood + learnt.log_density(read) + beyond.log_density,
+            learnt=(by_x, learnt),
+        )
+        return now.judged(beyond.count)
 
     def _second_order(self, factor: Tensor) -> tuple[Tensor, Tensor]:
         """What `products` add to readings and x', where x has this factor: mean (..., m + size),

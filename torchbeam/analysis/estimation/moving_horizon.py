@@ -17,17 +17,12 @@ from ...math.shapes import broadcast_shapes
 from ...math.square_root import triangle
 from ...scene.scene import Scene
 from ...state.state import State
-from ..identification.losses import HUBER, STUDENT
 from .filtered import Filtered, Predicted
 from .kalman_filter import KalmanFilter
+from .limits import within
 from .unknowns import by_name
+from .weighting import ROUNDS, SETTLED
 
-LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by readings' deviations
-    "huber": lambda u: HUBER / u.abs().clamp(min=HUBER),
-    "student": lambda u: (STUDENT + 1) / (STUDENT + u.square()),
-}
-ROUNDS = 20  # in which weights, or what stands at a bound, are found
-SETTLED = 1e-4  # change of weights that is none
 MOVED = 1.0  # deviation of a parameter, after which all intervals are linear anew
 
 
@@ -110,7 +105,6 @@ class MovingHorizon(KalmanFilter):
         scene, sensors: and `filter`: arguments of `KalmanFilter`, except `second_order`
         window: number of intervals
         iterations: number of Gauss-Newton steps for each reading
-        loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
         bounds: name of an offset, or of a force of math.inf s -> (least, largest). Those of a
             parameter are its own, `tb.Parameter(bounds=)`. They hold for the estimate; its
             deviation ignores them
@@ -143,14 +137,12 @@ class MovingHorizon(KalmanFilter):
         *,
         window: int = 20,
         iterations: int = 1,
-        loss: str | None = None,
         bounds: Mapping[str, Any] | None = None,
         **filter: Any,
     ) -> None:
         filter.setdefault("second_order", False)  # intervals are linear about what all say
         super().__init__(scene, sensors, **filter)
         self.window, self.iterations = count("window", window), count("iterations", iterations)
-        self.loss = None if loss is None else LOSSES[choice("loss", loss, tuple(LOSSES))]
         own = self.unknowns
         least, largest = (self.like.new_full((len(own.names),), e) for e in (-torch.inf, torch.inf))
         if own.parameters is not None:
@@ -191,6 +183,10 @@ class MovingHorizon(KalmanFilter):
         about = self._about(before)
         window, last = self._with(before, begin, about)
         newest = window.intervals[-1]
+        counts = self._within_gate(before, newest)
+        gated = begin._replace(y=torch.where(counts, y, torch.nan))
+        intervals = (*window.intervals[:-1], newest._replace(begin=gated))
+        window = replace(window, intervals=intervals)
         for k in range(self.iterations):
             if k:
                 intervals, last = self._linear(self._begins(window), about)
@@ -198,23 +194,16 @@ class MovingHorizon(KalmanFilter):
             if len(window.intervals) > self.window:
                 window = self._without_first(window)
             window = self._solved(window, last)
-        error = y - newest.expected
-        by_x, learnt = self._conditioned(before.factor, newest.columns, error, window.weight[-1])
-        read = (~torch.isnan(error)).sum(-1).to(x)
-        now = replace(
-            before,
+        now = self._learned(before, newest.columns, y - newest.expected, window.weight[-1] * counts)
+        return replace(
+            now,
             filter=self,
             state=window.end.state,
             x=window.end.x,
             factor=window.end.factor(-1),
-            nis=(learnt.unit**2).sum(-1),
-            readings=read,
-            log_likelihood=before.log_likelihood + learnt.log_density(read),
-            learnt=(by_x, learnt),
             window=window,
             about=about,
         )
-        return now.judged()
 
     def smooth(self, start: Filtered, found: Sequence[Filtered]) -> list[Filtered]:
         """Estimates of the start, then of each instant of a `run` from it, by the readings up to a
@@ -284,13 +273,21 @@ class MovingHorizon(KalmanFilter):
         )
         return replace(window, intervals=intervals, places=places, weight=weight), last
 
+    def _within_gate(self, before: Filtered, newest: Linearised) -> Tensor:
+        """(..., m) bool: the newest readings that are neither missing nor left out."""
+        _, sources = self._sources(before.factor, newest.columns)
+        error, noise = newest.begin.y - newest.expected, self.interval.instruments.noise
+        return self.weighting.within_gate(sources[..., : self.read], noise, error)
+
     def _without_first(self, window: Window) -> Window:
         """With what the first interval says in what is known of the second's begin."""
         first = window.intervals[0]
         by_x = first.columns[..., : self.size, :]
         off = ((window.mean - first.begin.x)[..., None, :] @ by_x)[..., 0, :]
         error = first.begin.y - first.expected - off[..., : self.read]
-        learnt = self._conditioned(window.factor, first.columns, error, window.weight[0])[1]
+        by_x, sources = self._sources(window.factor, first.columns)
+        weight = torch.where(torch.isnan(error), 0.0, window.weight[0])
+        learnt = self._conditioned(by_x, sources, error, weight)[1]
         mean = first.ends + off[..., self.read :] + learnt.change
         factor = learnt.root[..., : self.size, :]
         return Window(mean, factor, window.intervals[1:], window.weight[1:], window.places[1:])
@@ -326,15 +323,15 @@ class MovingHorizon(KalmanFilter):
         r = torch.nan_to_num(y - expected - rows[1:, ..., N, :m], nan=0.0) * share
         G, weight = G.flip(-2) * share[..., None, :], window.weight
         unit = torch.eye(N, N + 1).to(G).expand(*lead, N, N + 1)
-        for _ in range(1 if self.loss is None else ROUNDS):
+        for _ in range(1 if self.weighting.loss is None else ROUNDS):
             both = torch.cat((G, r[..., None, :]), -2) * weight.sqrt()[..., None, :]
             both = both.movedim(0, -1).flatten(-2)  # (..., N + 1, m W)
             whole = triangle(torch.cat((unit, both.mT), -2))
             R, c = whole[..., :N, :N], whole[..., :N, N:]
             v = torch.linalg.solve_triangular(R, self._bounded(R, c, window), upper=True)
-            if self.loss is None:
+            if self.weighting.loss is None:
                 break
-            before, weight = weight, self.loss((r - (G.mT @ v)[..., 0]) * seen)
+            before, weight = weight, self.weighting.loss((r - (G.mT @ v)[..., 0]) * seen)
             if (weight - before).abs().max() < SETTLED:
                 break
         places = torch.cat((x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
@@ -375,22 +372,3 @@ def together(parts: Sequence[Tensor]) -> Tensor:
     """(W, ...) of tensors that broadcast."""
     same = len({part.shape for part in parts}) == 1
     return torch.stack(list(parts) if same else torch.broadcast_tensors(*parts))
-
-
-def within(H: Tensor, best: Tensor, least: Tensor, largest: Tensor) -> Tensor:
-    """x (..., p) within bounds (p,) at which (x - best)^T H (x - best) is least, by the primal-dual
-    active set method (Hintermueller, Ito and Kunisch 2003).
-    """
-    x, held = best, torch.zeros_like(best, dtype=torch.bool)
-    size = H.diagonal(dim1=-2, dim2=-1)
-    for _ in range(ROUNDS):
-        pulled = x - (H @ (x - best)[..., None])[..., 0] / size
-        before, held = held, (pulled < least) | (pulled > largest)
-        if torch.equal(before, held):
-            break
-        at = torch.where(held, torch.maximum(torch.minimum(pulled, largest), least) - best, 0.0)
-        free = ~held[..., :, None] & ~held[..., None, :]
-        A = torch.where(free, H, torch.diag_embed(size))
-        b = torch.where(held, size * at, -(H @ at[..., None])[..., 0])
-        x = best + torch.linalg.solve(A, b[..., None])[..., 0]
-    return torch.maximum(torch.minimum(x, largest), least)
