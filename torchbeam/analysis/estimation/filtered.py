@@ -19,6 +19,7 @@ from ...state.state import State
 from .interval import Moved
 
 MEMORY = 50  # intervals over which the readings' errors are judged
+LEFT_OUT = 3.0  # expected deviations: as what an error beyond the gate is judged
 DOUBT = 5.0  # deviations of their sum of squares, from which on the model is doubted
 
 
@@ -135,12 +136,9 @@ class Filtered:
         return None
 
     def judged(self, beyond: Tensor) -> Filtered:
-        """With the last readings' errors among those of lately; so many (...) were beyond the
-        gate, and count as at it.
-        """
+        """With the last readings' errors among those of lately; so many (...) were left out."""
         keep, read = 1 - 1 / MEMORY, self.readings + beyond
-        at = self.filter.weighting.reach**2 if beyond.any() else 0.0
-        now = torch.stack((self.nis + at * beyond, read, 2 * read), -1)
+        now = torch.stack((self.nis + LEFT_OUT**2 * beyond, read, 2 * read), -1)
         return replace(
             self, lately=self.lately * self.lately.new_tensor([keep, keep, keep**2]) + now
         )

@@ -19,7 +19,7 @@ from ...linear.chart import Place
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
 from ...math.shapes import broadcast_shapes, stacked
-from ...math.square_root import Conditioned, Later, conditioned, root_of
+from ...math.square_root import Later, root_of
 from ...scene.scene import Scene
 from ...state.state import State
 from .filtered import Filtered, Predicted
@@ -27,7 +27,7 @@ from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .limits import Limits
 from .modal_start import modal_root
-from .products import Products
+from .products import Products, placed
 from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
 from .weighting import Weighting
 
@@ -66,14 +66,16 @@ class KalmanFilter:
         gate: probability, e.g. 0.999999. A reading is left out if its error is beyond the interval
             that holds it with this probability, by what was expected. None = none is
         loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
+        bounds: name of an offset or a force -> (least, largest). Those of a parameter are its own,
+            `tb.Parameter(bounds=)`, and ten first deviations. They hold for the estimate; its
+            deviation ignores them
         second_order: whether the predicted mean and covariance include products of the deviations
             of z and of the parameters. The derivatives are taken at `model`'s own state
 
     Derivatives of the motion and of the readings are exact: an interval is stepped with as many
     samples as z and the readings have numbers. Readings may depend on the force in their interval.
-    A reading that is not finite is missing. Parameters stay within their `bounds`, and within ten
-    first deviations. Raises ValueError for arguments that do not fit, and for joints with a
-    hysteresis.
+    A reading that is not finite is missing. Raises ValueError for arguments that do not fit, and
+    for joints with a hysteresis.
 
     Examples:
         >>> wind = tb.LineLoad(force=tb.Input("wind", 3))
@@ -110,6 +112,7 @@ class KalmanFilter:
         second_order: bool = True,
         gate: float | None = None,
         loss: str | None = None,
+        bounds: Mapping[str, Any] | None = None,
     ) -> None:
         self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
         steps, known = count("steps", steps), with_priors(parameters)
@@ -119,7 +122,7 @@ class KalmanFilter:
         self.unknowns = Unknowns.of(
             known, walk, bias, instruments.labels, process, mean.inputs, self.dt, like
         )
-        self.weighting = Weighting.of(loss, gate)
+        self.weighting = Weighting.of(loss, gate, instruments.noise)
         stepper = Stepper(mean, self.dt / steps, method)
         if type(stepper.method).begin is not Method.begin:
             raise ValueError(
@@ -140,7 +143,7 @@ class KalmanFilter:
         self.read, self.moves = instruments.count, model.reads.shape[-2]
         self._standing: Standing | None = None  # the last; no result depends on it
         n = self.moves
-        self.limits = Limits.of(self.unknowns, n)
+        self.limits = Limits.of(self.unknowns, n, bounds)
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
         # of motion and parameters, where these are of the scene
@@ -339,19 +342,6 @@ class KalmanFilter:
         roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
         return by_x, stacked(roots @ by_x, by_fresh, *(() if rows is None else (rows,)))
 
-    def _conditioned(
-        self, by_x: Tensor, sources: Tensor, error: Tensor, weight: Tensor
-    ) -> tuple[Tensor, Conditioned]:
-        """Readings and x' by x, without readings of no weight (..., m), and what the others, with
-        errors (..., m) from those expected, say of x'.
-        """
-        seen = weight > 0
-        kept = pad(seen, (0, self.size), value=True)[..., None, :]
-        noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
-        read = pad(torch.diag_embed(noise), (0, self.size))
-        whole = stacked(torch.where(kept, sources, 0.0), read)
-        return torch.where(kept, by_x, 0.0), conditioned(whole, torch.where(seen, error, 0.0))
-
     def _learned(
         self,
         before: Filtered,
@@ -361,14 +351,14 @@ class KalmanFilter:
         rows: Tensor | None = None,
     ) -> Filtered:
         """With what readings of errors (..., m) say; weight (..., m): None = as the errors say."""
-        noise = self.interval.instruments.noise
         by_x, sources = self._sources(before.factor, columns, rows)
         known = sources[..., : self.read]
+        error = self.weighting.clipped(known, error)
         if weight is None:
-            weight = self.weighting(known, noise, error)
-        by_x, learnt = self._conditioned(by_x, sources, error, weight)
+            weight = self.weighting(known, error)
+        by_x, learnt = self.weighting.conditioned(by_x, sources, error, weight)
         read = (weight > 0).sum(-1).to(error)
-        beyond = self.weighting.beyond(known, noise, error, weight)
+        beyond = self.weighting.beyond(known, error, weight)
         now = replace(
             before,
             factor=learnt.root[..., : self.size, :],
@@ -384,16 +374,9 @@ class KalmanFilter:
         """What `products` add to readings and x', where x has this factor: mean (..., m + size),
         rows (..., s, m + size).
         """
-        n, m, p, late = self.moves, self.read, self.unknowns.of_model, self.delay * self.read
-
-        def placed(x: Tensor) -> Tensor:
-            z, read = x.split((n, m), -1)
-            if not late:
-                return torch.cat((read, pad(z, (0, self.size - n))), -1)
-            return torch.cat((pad(z, (m, self.size - n - late)), pad(read, (0, late - m))), -1)
-
-        mean, rows = self.products(factor[..., :n], factor[..., n : n + p])
-        return placed(mean), placed(rows)
+        n, p = self.moves, self.unknowns.of_model
+        parts = self.products(factor[..., :n], factor[..., n : n + p])
+        return tuple(placed(part, n, self.read, self.size, self.delay) for part in parts)
 
     def _columns(self, after: Moved) -> Tensor:
         """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.arguments import choice, count, instance
-from ...core.validation import as_tensor, refusal, shown
+from ...core.arguments import count, instance
 from ...linear.chart import Place
 from ...math.shapes import broadcast_shapes
 from ...math.square_root import triangle
@@ -20,7 +19,6 @@ from ...state.state import State
 from .filtered import Filtered, Predicted
 from .kalman_filter import KalmanFilter
 from .limits import within
-from .unknowns import by_name
 from .weighting import ROUNDS, SETTLED
 
 MOVED = 1.0  # deviation of a parameter, after which all intervals are linear anew
@@ -49,6 +47,19 @@ class Linearised(NamedTuple):
     expected: Tensor
     ends: Tensor
     columns: Tensor
+
+    def where(self, which: Tensor, other: Linearised) -> Linearised:
+        """This in the samples of a mask (...), the other in the others."""
+        if which.all():
+            return self
+
+        def chosen(a: Tensor, b: Tensor) -> Tensor:
+            return torch.where(which[(...,) + (None,) * (a.ndim - which.ndim)], a, b)
+
+        state = self.begin.state.where(which, other.begin.state)
+        begin = Begin(state, *map(chosen, self.begin[1:], other.begin[1:]))
+        place = Place(*map(chosen, self.place, other.place))
+        return Linearised(begin, place, *map(chosen, self[2:], other[2:]))
 
 
 class Motion(NamedTuple):
@@ -105,15 +116,12 @@ class MovingHorizon(KalmanFilter):
         scene, sensors: and `filter`: arguments of `KalmanFilter`, except `second_order`
         window: number of intervals
         iterations: number of Gauss-Newton steps for each reading
-        bounds: name of an offset, or of a force of math.inf s -> (least, largest). Those of a
-            parameter are its own, `tb.Parameter(bounds=)`. They hold for the estimate; its
-            deviation ignores them
 
     All intervals of a window are simulated side by side (multiple shooting), in about the time of
     one interval of a small batch.
 
     Raises:
-        ValueError: as `KalmanFilter`, and for bounds of an unknown that is not constant.
+        ValueError: as `KalmanFilter`, and for bounds of an unknown that changes.
 
     Examples:
         >>> f = tb.MovingHorizon(
@@ -137,33 +145,17 @@ class MovingHorizon(KalmanFilter):
         *,
         window: int = 20,
         iterations: int = 1,
-        bounds: Mapping[str, Any] | None = None,
         **filter: Any,
     ) -> None:
         filter.setdefault("second_order", False)  # intervals are linear about what all say
         super().__init__(scene, sensors, **filter)
         self.window, self.iterations = count("window", window), count("iterations", iterations)
-        own = self.unknowns
-        least, largest = (self.like.new_full((len(own.names),), e) for e in (-torch.inf, torch.inf))
-        if own.parameters is not None:
-            p, ends = own.of_model, own.parameters.bounds(own.parameters.x[0])
-            least[:p], largest[:p] = (end.to(least) for end in ends)
-        for name, pair in by_name("bounds", bounds).items():
-            i = own.names.index(choice("a name of bounds", name, own.names))
-            ends = as_tensor(pair, least.dtype, least.device)
-            if i < own.of_model or ends.shape != (2,) or not ends[0] < ends[1]:
-                wanted = "(least, largest) of an offset or a force, or tb.Parameter(bounds=),"
-                raise refusal(f"bounds[{name!r}] = {shown(pair)}", wanted)
-            least[i], largest[i] = ends
-        held = torch.isfinite(least) | torch.isfinite(largest)
-        for i in (held & ((own.added > 0) | (own.stays < 1))).nonzero()[:, 0].tolist():
-            raise refusal(f"bounds of {own.names[i]!r}, which changes,", "what is constant")
-        self.least, self.largest = least[held], largest[held]
-        self.bounded = self.moves + held.nonzero()[:, 0]  # of x
+        own, self.limits = self.unknowns, self.limits.of_constants(self.unknowns)
+        self.bounded = self.limits.places
         rest = [i for i in range(self.size) if i not in self.bounded.tolist()]
         self.order = torch.cat((self.bounded, self.bounded.new_tensor(rest)))
         # of what comes on top of x in an interval, those that are not zero
-        white = torch.ones(int((own.white > 0).sum()), dtype=torch.bool, device=held.device)
+        white = torch.ones(int((own.white > 0).sum()), dtype=torch.bool, device=own.white.device)
         self.fresh = torch.cat((own.added > 0, white)).nonzero()[:, 0]
 
     def predict(self, before: Filtered, u: Any = None) -> Predicted:
@@ -252,7 +244,8 @@ class MovingHorizon(KalmanFilter):
 
     def _with(self, before: Filtered, begin: Begin, about: Tensor) -> tuple[Window, Motion]:
         """The window with the interval that begins so, and how that ends; intervals that
-        stood on what is doubtful now are linear about the estimate: the one that leaves, or all.
+        stood on what is doubtful now are linear about the estimate: the one that leaves, or all of
+        a sample.
         """
         window, x, weight = before.window, begin.x[None], torch.ones_like(begin.y)[None]
         if window is None:
@@ -260,13 +253,14 @@ class MovingHorizon(KalmanFilter):
             return Window(begin.x, before.factor, intervals, weight, x), last
         old, places = window.intervals, window.places
         stood = together([interval.begin.x for interval in old])
-        moved = (places - stood).abs() > MOVED * before.factor.norm(dim=-2)
-        again = int(len(old) == self.window)
-        if moved[..., self.moves : self.moves + self.unknowns.of_model].any():
-            again = len(old)
+        far = (places - stood).abs() > MOVED * before.factor.norm(dim=-2)
+        far = far[..., self.moves : self.moves + self.unknowns.of_model].any(-1).any(0)
+        leaves = int(len(old) == self.window)
+        again = len(old) if far.any() else leaves
         begins = self._begins(window, again) if again else []
         new, last = self._linear([*begins, begin], about)
-        intervals = (*new[:again], *old[again:], new[again])
+        stay = [k.where(far, o) for k, o in zip(new[leaves:again], old[leaves:again], strict=True)]
+        intervals = (*new[:leaves], *stay, *old[again:], new[again])
         places, weight = (
             torch.cat((past.expand(len(past), *part.shape[1:]), part))
             for past, part in ((places, x), (window.weight, weight))
@@ -276,8 +270,8 @@ class MovingHorizon(KalmanFilter):
     def _within_gate(self, before: Filtered, newest: Linearised) -> Tensor:
         """(..., m) bool: the newest readings that are neither missing nor left out."""
         _, sources = self._sources(before.factor, newest.columns)
-        error, noise = newest.begin.y - newest.expected, self.interval.instruments.noise
-        return self.weighting.within_gate(sources[..., : self.read], noise, error)
+        error = newest.begin.y - newest.expected
+        return self.weighting.within_gate(sources[..., : self.read], error)
 
     def _without_first(self, window: Window) -> Window:
         """With what the first interval says in what is known of the second's begin."""
@@ -287,7 +281,7 @@ class MovingHorizon(KalmanFilter):
         error = first.begin.y - first.expected - off[..., : self.read]
         by_x, sources = self._sources(window.factor, first.columns)
         weight = torch.where(torch.isnan(error), 0.0, window.weight[0])
-        learnt = self._conditioned(by_x, sources, error, weight)[1]
+        learnt = self.weighting.conditioned(by_x, sources, error, weight)[1]
         mean = first.ends + off[..., self.read :] + learnt.change
         factor = learnt.root[..., : self.size, :]
         return Window(mean, factor, window.intervals[1:], window.weight[1:], window.places[1:])
@@ -332,7 +326,7 @@ class MovingHorizon(KalmanFilter):
             if self.weighting.loss is None:
                 break
             before, weight = weight, self.weighting.loss((r - (G.mT @ v)[..., 0]) * seen)
-            if (weight - before).abs().max() < SETTLED:
+            if ((weight - before).abs() < SETTLED * weight).all():
                 break
         places = torch.cat((x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
         change = (places[-1] - ends[-1])[..., : self.moves] + last.more
@@ -364,7 +358,7 @@ class MovingHorizon(KalmanFilter):
         by_v = self._ordered(window.factor)[..., :p, :][..., own].mT.flip(-1)
         M = torch.linalg.solve(by_v.mT, R[..., -p:, -p:].mT).mT  # R v by what is bounded
         best = mean + torch.linalg.solve(M, c[..., -p:, :])[..., 0]
-        inside = within(M.mT @ M, best, self.least, self.largest)
+        inside = within(M.mT @ M, best, *self.limits.ends)
         return torch.cat((c[..., :-p, :], M @ (inside - mean)[..., None]), -2)
 
 
