@@ -93,16 +93,16 @@ class Estimated(Controller):
     def act(self, observation: Tensor) -> Tensor:
         env, now = self.env, self.env.state
         if self.z is None:
-            self._begin()
+            self._begin(observation)
         else:
-            y = torch.where(self.heard, sensed(env, observation) * self.scale, math.nan)
+            y = self._readings(observation)
             self.prepare()
             predicted, self.predicted = self.predicted, None
             self.z = self.filter.update(predicted, y)
             begun = now.steps == 0
             over = now.done if self.z.window is None else torch.zeros_like(begun)
             if (fresh := begun | over).any():  # what is over goes on nowhere
-                self._begin(fresh)
+                self._begin(observation, fresh)
             if predicted.after is not None and not begun.any():
                 z = self.z.x[self._likely()][:, : self.filter.moves]
                 self.controller.arrive(z - predicted.after.z[self.foreseen])
@@ -199,16 +199,21 @@ class Estimated(Controller):
         row, usual = env.simulation.members[:1], env.simulation.usual
         return env.task.scene(usual | params, row, env.simulation.varying).to(env.dtype)
 
-    def _begin(self, fresh: Tensor | None = None) -> None:
-        """The filter, and what is known at the start of the episodes in the mask (n,), None = all;
-        the others go on.
+    def _readings(self, observation: Tensor) -> Tensor:
+        """(n, m), NaN where a reading is left out."""
+        return torch.where(self.heard, sensed(self.env, observation) * self.scale, math.nan)
+
+    def _begin(self, observation: Tensor, fresh: Tensor | None = None) -> None:
+        """The filter, and what is known at the start of the episodes in the mask (n,), None = all,
+        of which this (n, o) is observed; the others go on.
         """
         env, now = self.env, self.env.state
         if fresh is None or (self.known and (now.steps == 0).any()):
             self._make(env)
         start = self.whole.state_at(self.whole.departure(now.start))  # held as the model's is
         shape = len(self.latencies), env.num_envs
-        first = self.filter.start(shape, state=start, covariance=self.covariance)
+        y = self._readings(observation)
+        first = self.filter.start(shape, state=start, covariance=self.covariance, y=y)
         if "latency" in (names := self.filter.unknowns.names):
             first.x[..., self.filter.moves + names.index("latency")] = self.latencies[:, None]
         if fresh is None or fresh.all():

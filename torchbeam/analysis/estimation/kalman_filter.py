@@ -171,8 +171,9 @@ class KalmanFilter:
         amplitude: float = 0.0,
         modes: int = 4,
         covariance: Any = None,
+        y: Any = None,
     ) -> Filtered:
-        """Estimate before the first reading.
+        """Estimate before the first interval.
 
         Args:
             batch: samples
@@ -180,8 +181,11 @@ class KalmanFilter:
             amplitude: m, deviation of the slowest mode, at the node that it moves most. Up to
                 `modes` modes have the same mean energy
             covariance: (..., n, n) of z, in place of `amplitude`
+            y: (..., m) the readings at the start, by mean parameters and without inputs; None =
+                none. Rates are not read yet
 
-        Raises ValueError for an invalid covariance, and for both `amplitude` and `covariance`.
+        Raises ValueError for an invalid covariance, for both `amplitude` and `covariance`, and for
+        readings at the start that come late.
         """
         state = self.interval.model.state if state is None else instance("state", state, State)
         batch = (batch,) if isinstance(batch, int) else batch
@@ -206,7 +210,27 @@ class KalmanFilter:
             x[..., n + k :] = torch.cat([y] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
         zero, none = z.new_zeros(shape), z.new_zeros(*shape, self.read)
-        return Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
+        start = Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
+        return start if y is None else self._read_at_start(start, y)
+
+    def _read_at_start(self, start: Filtered, y: Any) -> Filtered:
+        """With what readings (..., m) say of it."""
+        if self.delay:
+            raise refusal(f"readings at the start beside delay = {self.delay}", "none", are=True)
+        n, instruments = self.moves, self.interval.instruments
+        read, by = self.interval.slope_of(
+            lambda now: instruments.now(self.interval.scene, now, still(self.interval.scene)),
+            start.state,
+        )
+        y = torch.where(instruments.rates, torch.nan, self._readings(y, start.x))
+        columns = torch.eye(self.size, self.read + self.size).roll(self.read, -1).to(y)
+        columns = columns.expand(*by.shape[:-2], -1, -1).clone()
+        columns[..., :n, : self.read] = by.mT
+        self._offsets(columns)
+        error = y - self.unknowns.with_offsets(read, start.x[..., n:])
+        now = self._learned(start, columns, start.factor @ columns, error)
+        change = now.learnt[1].change[..., : self.size]
+        return self._changed(replace(now, learnt=None), change)
 
     def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
         """What is known an interval later.
@@ -242,7 +266,7 @@ class KalmanFilter:
         if after is None:
             raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
         error = self._readings(y, expected) - expected
-        now = self._learned(before, columns, error, rows=rows)
+        now = self._learned(before, *self._sources(before.factor, columns, rows), error)
         now = replace(now, state=after.state, x=x, about=about)
         change = now.learnt[1].change
         change = change + self.limits.change(x + change, now.factor)
@@ -345,13 +369,14 @@ class KalmanFilter:
     def _learned(
         self,
         before: Filtered,
-        columns: Tensor,
+        by_x: Tensor,
+        sources: Tensor,
         error: Tensor,
         weight: Tensor | None = None,
-        rows: Tensor | None = None,
     ) -> Filtered:
-        """With what readings of errors (..., m) say; weight (..., m): None = as the errors say."""
-        by_x, sources = self._sources(before.factor, columns, rows)
+        """With what readings of errors (..., m) say of `_sources`; weight (..., m): None = as the
+        errors say.
+        """
         known = sources[..., : self.read]
         error = self.weighting.clipped(known, error)
         if weight is None:
@@ -401,5 +426,10 @@ class KalmanFilter:
         else:
             parts = [reading, motion, stay.expand(*lead, -1, -1)]
         whole = torch.cat(parts, -1)
-        whole[..., n + own.of_model + torch.arange(len(own.biased)), own.biased] = 1.0
+        self._offsets(whole)
         return whole
+
+    def _offsets(self, columns: Tensor) -> None:
+        """Into columns (..., s, m + size): what is read by the offsets."""
+        first, biased = self.moves + self.unknowns.of_model, self.unknowns.biased
+        columns[..., first + torch.arange(len(biased)), biased] = 1.0

@@ -175,7 +175,9 @@ class MovingHorizon(KalmanFilter):
         about = self._about(before)
         window, last = self._with(before, begin, about)
         newest = window.intervals[-1]
-        counts = self._within_gate(before, newest)
+        sources = self._sources(before.factor, newest.columns)
+        error = y - newest.expected
+        counts = self.weighting.within_gate(sources[1][..., : self.read], error)
         gated = begin._replace(y=torch.where(counts, y, torch.nan))
         intervals = (*window.intervals[:-1], newest._replace(begin=gated))
         window = replace(window, intervals=intervals)
@@ -186,7 +188,7 @@ class MovingHorizon(KalmanFilter):
             if len(window.intervals) > self.window:
                 window = self._without_first(window)
             window = self._solved(window, last)
-        now = self._learned(before, newest.columns, y - newest.expected, window.weight[-1] * counts)
+        now = self._learned(before, *sources, error, window.weight[-1] * counts)
         return replace(
             now,
             filter=self,
@@ -266,12 +268,6 @@ class MovingHorizon(KalmanFilter):
             for past, part in ((places, x), (window.weight, weight))
         )
         return replace(window, intervals=intervals, places=places, weight=weight), last
-
-    def _within_gate(self, before: Filtered, newest: Linearised) -> Tensor:
-        """(..., m) bool: the newest readings that are neither missing nor left out."""
-        _, sources = self._sources(before.factor, newest.columns)
-        error = newest.begin.y - newest.expected
-        return self.weighting.within_gate(sources[..., : self.read], error)
 
     def _without_first(self, window: Window) -> Window:
         """With what the first interval says in what is known of the second's begin."""
