@@ -22,13 +22,14 @@ from ...math.shapes import broadcast_shapes, stacked
 from ...math.square_root import Later, root_of
 from ...scene.scene import Scene
 from ...state.state import State
+from .columns import Columns
 from .filtered import Filtered, Predicted
 from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
 from .limits import Limits
 from .modal_start import modal_root
-from .products import Products, placed
-from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
+from .products import Products
+from .unknowns import Unknowns, mean_scene, rows_of, with_priors
 from .weighting import Weighting
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
@@ -141,6 +142,7 @@ class KalmanFilter:
             drive = function("drive", drive, "parameters", "u")
         self.interval = Interval(mean, scene, instruments, stepper, model, steps, method, drive)
         self.read, self.moves = instruments.count, model.reads.shape[-2]
+        self.columns = Columns(self.unknowns, self.moves, self.read, self.delay)
         self._standing: Standing | None = None  # the last; no result depends on it
         n = self.moves
         self.limits = Limits.of(self.unknowns, n, bounds)
@@ -161,7 +163,7 @@ class KalmanFilter:
     @property
     def size(self) -> int:
         """Of x: z, the unknowns, and readings on their way."""
-        return self.moves + len(self.unknowns.names) + self.delay * self.read
+        return self.columns.size
 
     def start(
         self,
@@ -206,8 +208,8 @@ class KalmanFilter:
         x = torch.cat((z, self.unknowns.start.expand(*shape, -1), z.new_zeros(*shape, late)), -1)
         if late:  # readings before the first are those of the start
             rest, scene = self.interval.instruments.at_rest, self.interval.scene
-            y, by = self.interval.slope_of(lambda now: rest(scene, now), state)
-            x[..., n + k :] = torch.cat([y] * self.delay, -1)
+            before, by = self.interval.slope_of(lambda now: rest(scene, now), state)
+            x[..., n + k :] = torch.cat([before] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
         zero, none = z.new_zeros(shape), z.new_zeros(*shape, self.read)
         start = Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
@@ -216,17 +218,14 @@ class KalmanFilter:
     def _read_at_start(self, start: Filtered, y: Any) -> Filtered:
         """With what readings (..., m) say of it."""
         if self.delay:
-            raise refusal(f"readings at the start beside delay = {self.delay}", "none", are=True)
+            raise refusal(f"readings at the start beside delay = {self.delay}", "none, or no delay,", are=True)
         n, instruments = self.moves, self.interval.instruments
         read, by = self.interval.slope_of(
             lambda now: instruments.now(self.interval.scene, now, still(self.interval.scene)),
             start.state,
         )
         y = torch.where(instruments.rates, torch.nan, self._readings(y, start.x))
-        columns = torch.eye(self.size, self.read + self.size).roll(self.read, -1).to(y)
-        columns = columns.expand(*by.shape[:-2], -1, -1).clone()
-        columns[..., :n, : self.read] = by.mT
-        self._offsets(columns)
+        columns = self.columns.at_once(by)
         error = y - self.unknowns.with_offsets(read, start.x[..., n:])
         now = self._learned(start, columns, start.factor @ columns, error)
         change = now.learnt[1].change[..., : self.size]
@@ -252,7 +251,9 @@ class KalmanFilter:
         after, expected, x, columns = self._moved(before.state, before.x, inputs, about)
         more, rows = after.more[..., : self.moves], None
         if self.products is not None:
-            mean, rows = self._second_order(before.factor)
+            n, p = self.moves, self.unknowns.of_model
+            parts = self.products(before.factor[..., :n], before.factor[..., n : n + p])
+            mean, rows = map(self.columns.placed, parts)
             expected, x = expected + mean[..., : self.read], x + mean[..., self.read :]
             more = more + mean[..., self.read : self.read + self.moves]
         return Predicted(before, inputs, about, after, expected, x, columns, more, rows)
@@ -331,7 +332,7 @@ class KalmanFilter:
     ) -> tuple[Moved, Tensor, Tensor, Tensor]:
         """An interval later, of what is as x (..., size) and under inputs u (..., inputs) says: the
         motion of a structure of parameters of coordinates `about`; by those of x what is read of it
-        (..., m), x, and `_columns` of both.
+        (..., m), x, and `Columns` of both.
         """
         own, n, k = self.unknowns, self.moves, self.moves + len(self.unknowns.names)
         beside, underway = x[..., n:k], x[..., k:]
@@ -348,7 +349,7 @@ class KalmanFilter:
             underway = torch.cat((arriving, underway[..., : -self.read]), -1)
         parts = [part.expand(*lead, -1) for part in (z, beside * own.stays, underway)]
         read = own.with_offsets(read, beside).expand(*lead, -1)
-        return after, read, torch.cat(parts, -1), self._columns(after)
+        return after, read, torch.cat(parts, -1), self.columns.after(after)
 
     def _readings(self, y: Any, like: Tensor) -> Tensor:
         """y (..., m), NaN where one is missing; None = all."""
@@ -394,42 +395,3 @@ class KalmanFilter:
             learnt=(by_x, learnt),
         )
         return now.judged(beyond.count)
-
-    def _second_order(self, factor: Tensor) -> tuple[Tensor, Tensor]:
-        """What `products` add to readings and x', where x has this factor: mean (..., m + size),
-        rows (..., s, m + size).
-        """
-        n, p = self.moves, self.unknowns.of_model
-        parts = self.products(factor[..., :n], factor[..., n : n + p])
-        return tuple(placed(part, n, self.read, self.size, self.delay) for part in parts)
-
-    def _columns(self, after: Moved) -> Tensor:
-        """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their
-        way], by x, and by a deviation of what comes on top of the unknowns and of the forces.
-        """
-        own, n, m = self.unknowns, self.moves, self.read
-        k, late = len(own.names), self.delay * m
-        fresh = k + int((own.white > 0).sum())
-
-        def column(slopes: Slopes) -> Tensor:
-            by = own.by(slopes).mT  # z, unknowns and forces: nothing depends on readings underway
-            none = by.new_zeros(*by.shape[:-2], late + k, by.shape[-1])
-            return torch.cat((by[..., : n + k, :], none, by[..., n + k :, :]), -2)
-
-        stay = pad(torch.diag(own.stays), (0, 0, n, late))
-        stay = torch.cat((stay, pad(torch.diag(own.added), (0, 0, 0, fresh - k))))
-        reading, motion = column(after.readings_by), column(after.motion_by)
-        lead = motion.shape[:-2]
-        if late:
-            on = torch.eye(self.size + fresh).to(motion)[:, n + k : self.size].expand(*lead, -1, -1)
-            parts = [on[..., -m:], motion, stay.expand(*lead, -1, -1), reading, on[..., :-m]]
-        else:
-            parts = [reading, motion, stay.expand(*lead, -1, -1)]
-        whole = torch.cat(parts, -1)
-        self._offsets(whole)
-        return whole
-
-    def _offsets(self, columns: Tensor) -> None:
-        """Into columns (..., s, m + size): what is read by the offsets."""
-        first, biased = self.moves + self.unknowns.of_model, self.unknowns.biased
-        columns[..., first + torch.arange(len(biased)), biased] = 1.0

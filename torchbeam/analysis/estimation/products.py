@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from ...math.square_root import triangle
 from .instruments import still
@@ -55,14 +54,3 @@ class Products:
         upper = torch.ones(p, p).to(both).triu(1) + torch.eye(p).to(both) / 2**0.5
         rows = torch.cat((both * upper[..., None], pairs[..., p:, :]), -2)
         return square.diagonal(dim1=-3, dim2=-2).sum(-1), rows.flatten(-3, -2)
-
-
-def placed(x: Tensor, moves: int, read: int, size: int, delay: int) -> Tensor:
-    """(..., read + size) as a filter has them, of x (..., moves + read): what is read, and x', in
-    which readings come so many intervals later.
-    """
-    z, now = x.split((moves, read), -1)
-    if not delay:
-        return torch.cat((now, pad(z, (0, size - moves))), -1)
-    late = delay * read
-    return torch.cat((pad(z, (read, size - moves - late)), pad(now, (0, late - read))), -1)
