@@ -42,7 +42,7 @@ class Estimated(Controller):
     sensors in the observation, and the actions. It estimates the parameters that the env draws, the
     sensors' bias and a disturbance of the actions. Candidates of the latency run side by side, and
     the most likely counts. The ranges of all these, and the targets, are known. All episodes begin
-    at the known start.
+    at the known start, of which the first observation is a reading, too.
 
     Args:
         controller: of the whole state (`LQR`), or of the whole plant (`MPC(informed=True)`)
@@ -52,7 +52,9 @@ class Estimated(Controller):
         disturbance: deviation of the disturbance of the actions: what the plant, with the
             parameters that are estimated, does not explain
         estimator: `tb.KalmanFilter`, or `tb.MovingHorizon` where all episodes start together
-        ranges: name -> (low, high) of the parameters; None = the ranges from which the env draws
+        ranges: name -> (low, high) of the parameters; None = the ranges from which the env draws.
+            An estimate goes beyond by the range's width at most, of latency not at all
+        gate: as in `torchbeam.KalmanFilter`: a reading so far off is left out
 
     `prepare` computes most of a decision before its observation arrives.
 
@@ -139,7 +141,7 @@ class Estimated(Controller):
 
     def _likely(self) -> tuple[Tensor, Tensor]:
         """Where the most likely latencies stand among the estimates of the episodes (n,)."""
-        likely = self.z.log_likelihood.argmax(0)
+        likely = self.z.log_likelihood.nan_to_num(nan=-math.inf).argmax(0)
         return likely, torch.arange(len(likely), device=likely.device)
 
     def believed(self) -> Episodes:
@@ -354,7 +356,7 @@ class AdaptiveMPC(Estimated):
 
     Args:
         horizon: intervals
-        known, modes, disturbance, estimator, ranges: as in `Estimated`
+        known, modes, disturbance, estimator, ranges, gate: as in `Estimated`
         terminal, iterations, damping: as in `MPC`
 
     Examples:

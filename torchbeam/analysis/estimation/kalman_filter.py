@@ -218,7 +218,7 @@ class KalmanFilter:
     def _read_at_start(self, start: Filtered, y: Any) -> Filtered:
         """With what readings (..., m) say of it."""
         if self.delay:
-            raise refusal(f"readings at the start beside delay = {self.delay}", "none, or no delay,", are=True)
+            raise refusal(f"readings at the start beside delay = {self.delay}", "none", were=True, are=True)
         n, instruments = self.moves, self.interval.instruments
         read, by = self.interval.slope_of(
             lambda now: instruments.now(self.interval.scene, now, still(self.interval.scene)),
