@@ -64,8 +64,8 @@ class KalmanFilter:
         model: linear model with the coordinates z. A reduced model has amplitudes of modes; the
             rest follows. None = `linearize` about equilibrium, by mean parameters, without inputs
         method: as in `Stepper`, except methods with a memory beyond z
-        gate: probability, e.g. 0.999999. A reading is left out if its error is beyond the interval
-            that holds it with this probability, by what was expected. None = none is
+        gate: probability, e.g. 0.999999. A reading is left out if it is beyond the interval in
+            which it is expected with this probability. None = none is left out
         loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
         bounds: name of an offset or a force -> (least, largest). Those of a parameter are its own,
             `tb.Parameter(bounds=)`, and ten first deviations. They hold for the estimate; its
