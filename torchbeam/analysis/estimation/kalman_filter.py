@@ -218,11 +218,11 @@ class KalmanFilter:
     def _read_at_start(self, start: Filtered, y: Any) -> Filtered:
         """With what readings (..., m) say of it."""
         if self.delay:
-            raise refusal(f"readings at the start beside delay = {self.delay}", "none", were=True, are=True)
-        n, instruments = self.moves, self.interval.instruments
+            given = f"readings at the start beside delay = {self.delay}"
+            raise refusal(given, "none", were=True, are=True)
+        n, instruments, scene = self.moves, self.interval.instruments, self.interval.scene
         read, by = self.interval.slope_of(
-            lambda now: instruments.now(self.interval.scene, now, still(self.interval.scene)),
-            start.state,
+            lambda now: instruments.now(scene, now, still(scene)), start.state
         )
         y = torch.where(instruments.rates, torch.nan, self._readings(y, start.x))
         columns = self.columns.at_once(by)

@@ -414,9 +414,8 @@ def test_readings_at_the_start():
     of one sample that is read and one that is not. A rate is not read yet.
     """
     speed = tb.sensors.NodeVelocity(1)["z"]
-    f = tb.KalmanFilter(
-        strip(small=True, plane=None), [TIP, speed], rate=[False, True], dt=DT, noise=1e-3, bias=2e-3,
-    )  # fmt: skip
+    given = dict(rate=[False, True], dt=DT, noise=1e-3, bias=2e-3)
+    f = tb.KalmanFilter(strip(small=True, plane=None), [TIP, speed], **given)
     start = f.start(2, amplitude=0.01)
     found = f.start(2, amplitude=0.01, y=[[0.02, 5.0], [NAN, NAN]])
     C = f.interval.slope_of(TIP.flat, f.interval.model.state)[1]
