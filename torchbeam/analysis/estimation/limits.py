@@ -77,7 +77,7 @@ class Limits:
 
     def change(self, x: Tensor, factor: Tensor) -> Tensor:
         """(..., size) by which x (..., size) of this factor (..., s, size) comes within the bounds:
-        the most likely one there (Simon 2010, IET Control Theory 4, 1303, section 2.4).
+        the most likely one there (Simon 2010, IET Control Theory and Applications 4, 1303).
         """
         change, own, (least, largest) = torch.zeros_like(x), x[..., self.places], self.ends
         out = ((own < least) | (own > largest)).any(-1)
