@@ -42,7 +42,7 @@ class Estimated(Controller):
     sensors in the observation, and the actions. It estimates the parameters that the env draws, the
     sensors' bias and a disturbance of the actions. Candidates of the latency run side by side, and
     the most likely counts. The ranges of all these, and the targets, are known. All episodes begin
-    at the known start, of which the first observation is a reading, too.
+    at the known start.
 
     Args:
         controller: of the whole state (`LQR`), or of the whole plant (`MPC(informed=True)`)
@@ -95,16 +95,16 @@ class Estimated(Controller):
     def act(self, observation: Tensor) -> Tensor:
         env, now = self.env, self.env.state
         if self.z is None:
-            self._begin(observation)
+            self._begin()
         else:
-            y = self._readings(observation)
+            y = torch.where(self.heard, sensed(env, observation) * self.scale, math.nan)
             self.prepare()
             predicted, self.predicted = self.predicted, None
             self.z = self.filter.update(predicted, y)
             begun = now.steps == 0
             over = now.done if self.z.window is None else torch.zeros_like(begun)
             if (fresh := begun | over).any():  # what is over goes on nowhere
-                self._begin(observation, fresh)
+                self._begin(fresh)
             if predicted.after is not None and not begun.any():
                 z = self.z.x[self._likely()][:, : self.filter.moves]
                 self.controller.arrive(z - predicted.after.z[self.foreseen])
@@ -201,21 +201,16 @@ class Estimated(Controller):
         row, usual = env.simulation.members[:1], env.simulation.usual
         return env.task.scene(usual | params, row, env.simulation.varying).to(env.dtype)
 
-    def _readings(self, observation: Tensor) -> Tensor:
-        """(n, m), NaN where a reading is left out."""
-        return torch.where(self.heard, sensed(self.env, observation) * self.scale, math.nan)
-
-    def _begin(self, observation: Tensor, fresh: Tensor | None = None) -> None:
-        """The filter, and what is known at the start of the episodes in the mask (n,), None = all,
-        of which this (n, o) is observed; the others go on.
+    def _begin(self, fresh: Tensor | None = None) -> None:
+        """The filter, and what is known at the start of the episodes in the mask (n,), None = all;
+        the others go on.
         """
         env, now = self.env, self.env.state
         if fresh is None or (self.known and (now.steps == 0).any()):
             self._make(env)
         start = self.whole.state_at(self.whole.departure(now.start))  # held as the model's is
         shape = len(self.latencies), env.num_envs
-        y = self._readings(observation)
-        first = self.filter.start(shape, state=start, covariance=self.covariance, y=y)
+        first = self.filter.start(shape, state=start, covariance=self.covariance)
         if "latency" in (names := self.filter.unknowns.names):
             first.x[..., self.filter.moves + names.index("latency")] = self.latencies[:, None]
         if fresh is None or fresh.all():

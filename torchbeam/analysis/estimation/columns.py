@@ -49,13 +49,9 @@ class Columns:
             parts = [on[..., -m:], motion, stay.expand(*lead, -1, -1), reading, on[..., :-m]]
         else:
             parts = [reading, motion, stay.expand(*lead, -1, -1)]
-        return self._with_offsets(torch.cat(parts, -1))
-
-    def at_once(self, by_z: Tensor) -> Tensor:
-        """Of readings at an instant, by z (..., m, n) there; nothing is new."""
-        stays = torch.eye(self.size).to(by_z).expand(*by_z.shape[:-2], -1, -1)
-        read = pad(by_z.mT, (0, 0, 0, self.size - self.moves))
-        return self._with_offsets(torch.cat((read, stays), -1))
+        whole = torch.cat(parts, -1)
+        whole[..., n + own.of_model + torch.arange(len(own.biased)), own.biased] = 1.0
+        return whole
 
     def placed(self, rows: Tensor) -> Tensor:
         """Rows (..., m + size), of rows (..., moves + m) of z and the readings at an interval's
@@ -66,8 +62,3 @@ class Columns:
         if not late:
             return torch.cat((read, pad(z, (0, self.size - n))), -1)
         return torch.cat((pad(z, (m, self.size - n - late)), pad(read, (0, late - m))), -1)
-
-    def _with_offsets(self, columns: Tensor) -> Tensor:
-        first, biased = self.moves + self.unknowns.of_model, self.unknowns.biased
-        columns[..., first + torch.arange(len(biased)), biased] = 1.0
-        return columns

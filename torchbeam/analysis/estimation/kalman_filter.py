@@ -173,9 +173,8 @@ class KalmanFilter:
         amplitude: float = 0.0,
         modes: int = 4,
         covariance: Any = None,
-        y: Any = None,
     ) -> Filtered:
-        """Estimate before the first interval.
+        """Estimate before the first reading.
 
         Args:
             batch: samples
@@ -183,11 +182,8 @@ class KalmanFilter:
             amplitude: m, deviation of the slowest mode, at the node that it moves most. Up to
                 `modes` modes have the same mean energy
             covariance: (..., n, n) of z, in place of `amplitude`
-            y: (..., m) the readings at the start, by mean parameters and without inputs; None =
-                none. Rates are not read yet
 
-        Raises ValueError for an invalid covariance, for both `amplitude` and `covariance`, and for
-        readings at the start that come late.
+        Raises ValueError for an invalid covariance, and for both `amplitude` and `covariance`.
         """
         state = self.interval.model.state if state is None else instance("state", state, State)
         batch = (batch,) if isinstance(batch, int) else batch
@@ -208,28 +204,11 @@ class KalmanFilter:
         x = torch.cat((z, self.unknowns.start.expand(*shape, -1), z.new_zeros(*shape, late)), -1)
         if late:  # readings before the first are those of the start
             rest, scene = self.interval.instruments.at_rest, self.interval.scene
-            before, by = self.interval.slope_of(lambda now: rest(scene, now), state)
-            x[..., n + k :] = torch.cat([before] * self.delay, -1)
+            y, by = self.interval.slope_of(lambda now: rest(scene, now), state)
+            x[..., n + k :] = torch.cat([y] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
         zero, none = z.new_zeros(shape), z.new_zeros(*shape, self.read)
-        start = Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
-        return start if y is None else self._read_at_start(start, y)
-
-    def _read_at_start(self, start: Filtered, y: Any) -> Filtered:
-        """With what readings (..., m) say of it."""
-        if self.delay:
-            given = f"readings at the start beside delay = {self.delay}"
-            raise refusal(given, "none", were=True, are=True)
-        n, instruments, scene = self.moves, self.interval.instruments, self.interval.scene
-        read, by = self.interval.slope_of(
-            lambda now: instruments.now(scene, now, still(scene)), start.state
-        )
-        y = torch.where(instruments.rates, torch.nan, self._readings(y, start.x))
-        columns = self.columns.at_once(by)
-        error = y - self.unknowns.with_offsets(read, start.x[..., n:])
-        now = self._learned(start, columns, start.factor @ columns, error)
-        change = now.learnt[1].change[..., : self.size]
-        return self._changed(replace(now, learnt=None), change)
+        return Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
 
     def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
         """What is known an interval later.

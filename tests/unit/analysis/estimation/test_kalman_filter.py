@@ -406,28 +406,3 @@ def test_a_call_is_a_prediction_and_an_update(kind):
         a, b = f(z, y, up(0.2)), f.update(predicted, y)
         assert torch.equal(a.x, b.x) and torch.equal(a.factor, b.factor)
         assert torch.equal(a.state.position, b.state.position)
-
-
-@pytest.mark.steps
-def test_readings_at_the_start():
-    """Of a linear structure that may swing, with an offset: means and covariance of a normal law,
-    of one sample that is read and one that is not. A rate is not read yet.
-    """
-    speed = tb.sensors.NodeVelocity(1)["z"]
-    given = dict(rate=[False, True], dt=DT, noise=1e-3, bias=2e-3)
-    f = tb.KalmanFilter(strip(small=True, plane=None), [TIP, speed], **given)
-    start = f.start(2, amplitude=0.01)
-    found = f.start(2, amplitude=0.01, y=[[0.02, 5.0], [NAN, NAN]])
-    C = f.interval.slope_of(TIP.flat, f.interval.model.state)[1]
-    H = torch.cat((C, torch.tensor([[1.0, 0.0]])), 1)
-    P = start.covariance[0]
-    gain = P @ H.mT / (H @ P @ H.mT + 1e-6)
-    scale = start.factor[0].norm(dim=0).clamp(min=STILL)
-    assert ((found.x[0] - 0.02 * gain[:, 0]) / scale).abs().max() < 1e-9
-    error = found.covariance[0] - (P - gain @ H @ P)
-    assert (error / torch.outer(scale, scale)).abs().max() < 1e-9
-    assert ((found.x[1] - start.x[1]) / scale).abs().max() < 1e-12
-    assert found.readings.tolist() == [1, 0] and found.weight.tolist() == [[1, 0], [0, 0]]
-    late = tb.KalmanFilter(strip(), TIP, dt=DT, noise=1e-3, delay=1)
-    with pytest.raises(ValueError, match="beside delay = 1"):
-        late.start(y=[0.0])
