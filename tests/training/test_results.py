@@ -187,6 +187,20 @@ def test_a_run_says_of_which_commit_it_is():
     assert results.commit().removesuffix("+") == told
 
 
+def test_code_is_told_by_what_is_in_its_files(tmp_path, monkeypatch):
+    """Another byte of the environments is other code; another place is not."""
+    digests = []
+    for place, text in (("a", "x = 1"), ("b", "x = 1"), ("c", "x = 2")):
+        folder = tmp_path / place / "torchbeam_envs"
+        folder.mkdir(parents=True)
+        (folder / "__init__.py").write_text(text)
+        monkeypatch.setattr(results.torchbeam_envs, "__file__", str(folder / "__init__.py"))
+        results.code.cache_clear()
+        digests.append(results.code())
+    results.code.cache_clear()
+    assert digests[0] == digests[1] != digests[2]
+
+
 def test_runs_that_are_not_alike_are_told_of():
     """But for their seeds."""
     one = {"task": "track", "algorithm": "ppo", "budget": {"steps": 8}, "episodes": 4, "seed": 0}
