@@ -51,6 +51,8 @@ def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> Contac
                 _gravity(effects, name) * beam.mass[..., 0, 0].mean(-1) + BENT * _bending(beam)
                 for name, beam in beams.items()
             ]
+        if not contact.between_nodes and not bodies and contact.partner is None:  # in N
+            loads = [load * beam.length.sum(-1) for load, beam in zip(loads, beams.values())]
         values["force"] = TIMES * _largest(loads)
     for name, value in values.items():
         if concrete(~(value.detach() > 0)).any():
