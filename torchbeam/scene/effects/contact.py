@@ -153,11 +153,14 @@ class Contact(ContactTerms):
             vars(self).update(points=2)
 
     def _check_node(self) -> None:
-        check_node("node", self.node)
+        place = getattr(self.node, "given", self.node)  # a scene has a row in place of a name
+        check_node("node", place)
+        if place == self.on:  # of a body
+            return
         if self.on is not None:
-            raise refusal(f"Contact of {self.on!r} with the node {self.node!r}", "one of them")
-        if isinstance(self.node, str):
-            raise refusal(f"Contact with node = {self.node!r}", f"Contact({self.node!r}, obstacle)")
+            raise refusal(f"Contact of {self.on!r} with the node {place!r}", "one of them")
+        if isinstance(place, str):
+            raise refusal(f"Contact with node = {place!r}", f"Contact({place!r}, obstacle)")
         if isinstance(self.radius, Table):
             raise refusal("Contact of a node with a radius as a Table", "a number")
 
