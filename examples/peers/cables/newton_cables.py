@@ -45,7 +45,8 @@ def bend_and_twist():
             angles = example._measure_case_angles(case, axis_index=axis)
             wanted = example._analytic_angles(case["target"])
             off = np.degrees(np.abs(angles) - np.abs(wanted))
-            points, name = example._rod_points(case["bodies"]), f"{kind} by {math.degrees(case['target']):.0f} degrees"
+            points = example._rod_points(case["bodies"])
+            name = f"{kind} by {math.degrees(case['target']):.0f} degrees"
             yield row(name, "end, degrees", abs(off[-1]), 0.005 if axis else 0.02, cpu)
             yield row(name, "rotation, degrees RMS", np.sqrt(np.mean(off**2)), 0.02, cpu)
             if axis:
@@ -62,7 +63,6 @@ def link():
     of = example.link_metrics()
     name = f"{example.twist_turns:.0f} turns of an end"
     yield row(name, "link, turns", abs(of["link_error_turns"]), example.LINK_TOLERANCE_TURNS, cpu)
-    yield row(name, "writhe, turns", of["writhe_turns"], None, cpu)
     distance = of["min_nonlocal_distance_diameters"]
     yield row(name, "least distance, diameters", distance, example.MIN_SELF_DISTANCE_DIAMETERS, cpu)
 

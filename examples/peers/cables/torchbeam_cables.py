@@ -1,7 +1,8 @@
 """The cases of Newton's own checks of its cables by torchbeam: the same measures, rows as those of
 `newton_cables.py`, which this reads to set both side by side:
 
-    python newton_cables.py > newton.jsonl;  python torchbeam_cables.py newton.jsonl
+    python newton_cables.py > newton.jsonl
+    python torchbeam_cables.py newton.jsonl --out docs/results/cables
 """
 
 import argparse
@@ -17,7 +18,7 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.extend import quaternions as quat
-from torchbeam.extend.commands import table, versions
+from torchbeam.extend.commands import measured_on, sentence, table, versions, write_results
 
 TARGETS = (30.0, 60.0, 90.0)  # degrees
 # Of 14 links of 0.1 m the first and the last are held: a beam of 1.3 m between their middles
@@ -119,7 +120,6 @@ def link() -> Iterator[dict]:
     twist, writhe = twist_of(points, frames), writhe_of(points)
     name = f"{TURNS:.0f} turns of an end"
     yield row(name, "link, turns", abs(TURNS - twist - writhe), cpu)
-    yield row(name, "writhe, turns", writhe, cpu)
     yield row(name, "least distance, diameters", nearest(points) / (2 * RADIUS), cpu)
 
 
@@ -161,28 +161,50 @@ def nearest(points: Tensor, apart: int = 3) -> float:
     return each[far].min().item()
 
 
+HEAD = ("case", "measure", "its bound", "newton", "torchbeam", "CPU s: newton", "torchbeam")
+
+
+def lines(rows: list[dict], theirs: list[dict]) -> list[tuple[str, ...]]:
+    """The largest of each measure of each kind of case, and what they took."""
+    kinds: dict[tuple[str, str], tuple[list[dict], list[dict]]] = {}
+    for k, some in enumerate((rows, theirs)):
+        for r in some:
+            kind = (r["case"].split(" by ")[0], r["measure"])
+            kinds.setdefault(kind, ([], []))[k].append(r)
+
+    def worst(some: list[dict], name: str, least: bool) -> str:
+        values = [r[name] for r in some if r.get(name) is not None]
+        return f"{(min if least else max)(values):.2g}" if values else ""
+
+    cells = []
+    for (kind, measure), (own, other) in kinds.items():
+        least = measure.startswith("least")
+        numbers = [worst(other, "bound", least), worst(other, "value", least)]
+        numbers += [worst(own, "value", least), worst(other, "cpu_s", False)]
+        cells.append((kind, measure, *numbers, worst(own, "cpu_s", False)))
+    return cells
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("newton", type=Path, nargs="?", help="rows of newton_cables.py")
+    parser.add_argument("--out", type=Path, help="folder for the table")
     options = parser.parse_args()
     rows = [*held("bend"), *held("bend", exact=True), *held("twist"), *link()]
     if options.newton is None:
         for printed in rows:
             print(json.dumps(printed))
         return
-    lines = [line for line in options.newton.read_text().splitlines() if line.startswith("{")]
-    theirs = {(r["case"], r["measure"]): r for r in map(json.loads, lines)}
-    head = "case | measure | Newton's bound | newton | torchbeam | CPU s: newton | torchbeam"
-    cells = []
-    for own in rows:
-        other = theirs.get((own["case"], own["measure"]), {})
-        numbers = [other.get("bound"), other.get("value"), own["value"], other.get("cpu_s")]
-        cells.append((own["case"], own["measure"], *map(_number, (*numbers, own["cpu_s"]))))
-    print(table(head, cells, 2))
-
-
-def _number(x: float | None) -> str:
-    return "" if x is None else f"{x:.2g}"
+    printed = options.newton.read_text().splitlines()
+    theirs = [json.loads(line) for line in printed if line.startswith("{")]
+    cells = lines(rows, theirs)
+    heading = measured_on()
+    heading["versions"] |= {"newton": theirs[0]["peer"].split()[-1]}
+    text = f"{table(HEAD, cells, 2)}\n\n{sentence(heading)}"
+    print(text)
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        write_results(options.out, "cables", text, {**heading, "rows": rows + theirs}, HEAD, cells)
 
 
 if __name__ == "__main__":
