@@ -142,8 +142,9 @@ def on_its_tip(force, named=False):
 
 def test_a_round_end_stands_as_a_ball():
     """A rod put down on its tip, at rest: floor and hand bear its weight, and the gap below the
-    ball of its end is thickness (1 - sqrt(N/force)), by itself and as a part of a structure.
-    Gradient by the force against central differences, whose error is 1e-7.
+    ball of its end is thickness (1 - sqrt(N/force)), by itself and as a part of a structure. The
+    force by default is four times the weight, and 16 EI/L^2 with it. Gradient by the force against
+    central differences, whose error is 1e-7.
     """
     for named in (False, True):
         scene = on_its_tip(2.0, named)
@@ -154,6 +155,8 @@ def test_a_round_end_stands_as_a_ball():
         assert_close(gap, 1e-3 * (1 - (borne / 2.0).sqrt()), rtol=1e-6, atol=0)
         weight = borne + rod.root.force[2]
         assert_close(weight, torch.tensor(0.1 * 9.81 * 0.2), rtol=1e-8, atol=0)
+    weight = scene.beam.mass[..., 0, 0].mean() * 9.81 * 0.2 + 16 * 0.01 / 0.2**2
+    assert_close(on_its_tip(None, named=True).effects[1].force, 4 * weight, rtol=1e-12, atol=0)
     force = torch.tensor(2.0, requires_grad=True)
     tb.equilibrium(on_its_tip(force), t=1.0).tip.position[2].backward()
     ends = [tb.equilibrium(on_its_tip(2.0 + h), t=1.0).tip.position[2] for h in (1e-4, -1e-4)]
@@ -163,9 +166,9 @@ def test_a_round_end_stands_as_a_ball():
 def test_a_contact_of_a_node_refuses():
     """What has no meaning there: a part's name beside the node, a body's, radii along a beam."""
     floor, law = tb.Plane((0, 0, 0), (0, 0, 1.0)), dict(thickness=1e-3, force=1.0)
-    with pytest.raises(ValueError, match="'rod' with the node -1 .* one of them"):
+    with pytest.raises(ValueError, match=r"'rod' with the node -1 .* one of them"):
         tb.Contact("rod", floor, node=-1, **law)
     with pytest.raises(ValueError, match=r"node = 'ball' .* Contact\('ball', obstacle\)"):
         tb.Contact(floor, node="ball", **law)
-    with pytest.raises(ValueError, match="a radius as a Table .* a number"):
+    with pytest.raises(ValueError, match=r"a radius as a Table .* a number"):
         tb.Contact(floor, node=-1, radius=tb.Table((0.0, 1.0), (0.1, 0.2)), **law)

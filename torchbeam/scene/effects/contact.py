@@ -59,9 +59,9 @@ class Contact(ContactTerms):
     - `Contact(obstacle, node=-1, ...)`: one node of a beam, a ball of the radius. It is the round
       end of a rod that stands or pushes with its tip, where a force per length has no length.
 
-    A body without a `surface` is a ball of the radius about its centre; its forces are in N, not
-    N/m, as those of a node are. A body with a surface touches beams along them, balls, and planes in its corners. Each
-    corner has this law, in N.
+    A body without a `surface` is a ball of the radius about its centre. Its forces are in N, not
+    N/m, and so are those of a node. A body with a surface touches beams along them, balls, and
+    planes in its corners. Each corner has this law, in N.
 
     Args:
         thickness: (...) m; None = a tenth of the smallest radius. Without a radius, of the radius
