@@ -336,6 +336,8 @@ ROWS = {
         at_zero=dict(ways=ways, least=True, scale=1e-4))
        for name, ways in (("radius", DYNAMIC), ("friction", MOVING), ("damping", MOVING))},
     "Contact.force": Row(lambda v, N: _leaning(force=v), draw=2.0),
+    "Contact.force of a node": Row(
+        lambda v, N: _leaning(force=v, node=-1, radius=0.02, friction=0.3), draw=2.0),
     "Actuation.curvature": Row(
         lambda v, N: tb.Actuation(curvature=v), ((1.0, 2, 4), (0, 2, -1, 1, 2, 4)),
         forms="function input element", gradient=(0.4, True),

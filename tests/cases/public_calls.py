@@ -172,6 +172,8 @@ CALLS = {
         radius=0.1, friction=0.1, slip_speed=0.1, damping=0.1, points=2, push_out=False)),
     "Contact2": (tb.Contact, dict(obstacle="a", other="b", thickness=0.1, stiffness=1.0, radius=0.1,
         other_radius=0.1)),
+    "Contact of a node": (tb.Contact, dict(obstacle=tb.Plane(FORCE, FORCE), node=-1, thickness=0.1,
+        force=1.0, radius=0.1)),
     "Contact3": (tb.Contact, dict(obstacle="a", other="b", thickness=0.1, force=1.0,
         radius=tb.Table((0.0, 1.0), (0.1, 0.05)), other_radius=tb.Table((0.0, 1.0), (0.1, 0.05)))),
     "SelfContact": (tb.SelfContact, dict(on=None, apart=6.0, thickness=0.1, force=1.0, radius=0.1,

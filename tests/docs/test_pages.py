@@ -42,6 +42,8 @@ SAID = {
     "asked_elsewhere": (
         (lambda names: names["force"].grad / names["difference"], 1.0),
         (lambda names: names["sag"](1.0) / names["sag"](1e-4), 1.0),
+        (lambda names: names["fallen"].state.velocity[1].norm(dim=-1).amax(), 8.505e-3),
+        (lambda names: names["lifted"].tendons[0, 1], 0.012616),
     ),
     "coming_from": (
         (lambda names: (names["coarse"] - names["fine"]).norm(), 6e-4),
