@@ -172,3 +172,28 @@ def test_a_contact_of_a_node_refuses():
         tb.Contact(floor, node="ball", **law)
     with pytest.raises(ValueError, match=r"a radius as a Table .* a number"):
         tb.Contact(floor, node=-1, radius=tb.Table((0.0, 1.0), (0.1, 0.2)), **law)
+    with pytest.raises(ValueError, match=r"a node with points = 3 was given; None is wanted"):
+        tb.Contact(floor, node=-1, points=3, **law)
+    scene = on_its_tip(2.0)
+    with pytest.raises(ValueError, match="a body or a node was given to ContactForces"):
+        tb.sensors.ContactForces(scene)
+    deep = tb.Scene(scene.beam, [tb.Contact(floor, node=-1, radius=0.02, **law)])
+    with pytest.raises(ValueError, match=r"node -1 stands 0\.013 m deep in the Plane of a"):
+        tb.simulate(deep, (0.0, 0.01), step=0.01, engine="eager")
+
+
+def test_a_round_end_beside_its_rod_counts_twice():
+    """A stiff rod that lies on a floor along its length, and with a ball at each end, all of its
+    length's force: two ends and the rod bear a third of the weight each, to 1 % (it bends by 1e-6
+    m of 3e-4).
+    """
+    section = tb.Section.from_stiffness(EA=1e4, GA=1e4, GJ=10.0, EI=10.0, mass=0.1)
+    beam = tb.Beam.straight(0.2, 4, section, root=(0, 0, 0.0057))
+    floor, law = tb.Plane((0, 0, 0), (0, 0, 1.0)), dict(radius=5e-3, thickness=1e-3)
+    ends = [tb.Contact(floor, node=k, force=0.8, **law) for k in (0, -1)]
+    touch = [tb.Contact(floor, force=4.0, **law), *ends]
+    sliding = tb.Support(0, position="x", rotation="")
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), *touch], supports=[sliding], plane="xz")
+    state = tb.equilibrium(scene, relax=True, engine="eager")
+    borne = [tb.sensors.ContactForce(scene, k)(state)[2] for k in range(3)]
+    assert_close(torch.stack(borne), torch.full((3,), 0.1 * 9.81 * 0.2 / 3), rtol=1e-2, atol=0)

@@ -208,7 +208,7 @@ class ContactForces(OfContact):
     Friction is included.
 
     Raises:
-        ValueError: for a contact of two parts, or of a body.
+        ValueError: for a contact of two parts, of a body or of a node.
 
     Examples:
         >>> floor = tb.Contact(tb.Plane((0, 0, -0.1), (0, 0, 1)), thickness=0.01, force=100.0)
@@ -224,7 +224,7 @@ class ContactForces(OfContact):
         super().__post_init__()
         if not self._law.between_nodes:
             raise ValueError(
-                f"a {self._law.called} of two parts, or of a body, was given to ContactForces; "
+                f"a {self._law.called} of two parts, a body or a node was given to ContactForces; "
                 "one of a beam with an obstacle is wanted"
             )
 

@@ -69,7 +69,7 @@ class Contact(ContactTerms):
         force: (...) N/m, or N for bodies. None = four times the weight per length and 16 EI/L^3, of
             the heavier beam; for bodies four times the body's weight; for a node the beam's length
             times what the beam has. `describe` prints it
-        stiffness: (...) N/m^2, in place of `force`: 2 force/thickness
+        stiffness: (...) N/m^2, or N/m for bodies and nodes, in place of `force`: 2 force/thickness
         radius: (...) m of the beam's surface; None or the number 0: its axis. Of a tapered beam a
             `Table` of the arc length from the root. Its surface is then the surface of balls about
             the axis, a cone of the half angle asin(dr/ds)
@@ -83,7 +83,8 @@ class Contact(ContactTerms):
             through between two of them. None = two Gauss points against obstacles; between beams
             equal parts, enough for the patch of two beams that cross
         node: a node that touches the obstacle, in a structure (name of a beam, number). None: all
-            along the beam
+            along the beam. Beside a contact along the beam it counts once more where the beam
+            lies: with both default forces each end of a stiff rod bears a third of the weight
         push_out: whether a motion may start inside the obstacle. The obstacle then pushes the beam
             out, with the energy of the contact there
 
@@ -94,8 +95,8 @@ class Contact(ContactTerms):
     Raises:
         ValueError: for an object that is no obstacle, a thickness or slip speed not above 0,
             negative numbers, or both force and stiffness. For a node with a part or a body's name,
-            or with a Table of radii. For friction without a slip speed, or a
-            radius without room in a tube. In a scene for missing parts, and where nothing gives the
+            with a Table of radii or with `points`. For friction without a slip speed, or a radius
+            without room in a tube. In a scene for missing parts, and where nothing gives the
             thickness or the force.
 
     Examples:
@@ -149,13 +150,13 @@ class Contact(ContactTerms):
                     "Contact with a radius of the beam's that has no room in the cylinder",
                     "a smaller one",
                 )
-        if self.points is None and self.partner is None:
+        if self.points is None and self.between_nodes:
             vars(self).update(points=2)
 
     def _check_node(self) -> None:
         place = getattr(self.node, "given", self.node)  # a scene has a row in place of a name
         check_node("node", place)
-        if isinstance(place, str) and isinstance(self.on, str) and place == self.on:  # of a body
+        if place == self.on:  # of a body
             return
         if self.on is not None:
             raise refusal(f"Contact of {shown(self.on)} with the node {place!r}", "one of them")
@@ -163,6 +164,8 @@ class Contact(ContactTerms):
             raise refusal(f"Contact with node = {place!r}", f"Contact({place!r}, obstacle)")
         if isinstance(self.radius, Table):
             raise refusal("Contact of a node with a radius as a Table", "a number")
+        if self.points is not None:
+            raise refusal(f"Contact of a node with points = {shown(self.points)}", "None")
 
     @property
     def partner(self) -> str | None:
@@ -219,14 +222,14 @@ class Contact(ContactTerms):
         known = self.partner is None and torch.is_tensor(radius)  # as a copy of it has it
         known = known and concrete(radius).tolist() == concrete(solid.radius).tolist()
         if radius is not None and self.corners is None and not known:
-            raise refusal(f"Contact with a {which} of {name!r}, which has a surface,", "None")
+            raise refusal(f"Contact with the {which} of {name!r}, which has a surface,", "None")
         if self.partner is not None:
             return self
         return self._of_body(solid.radius, solid.corners)
 
     def _of_body(self, radius: Value | Table | None, corners: Tensor | None) -> Contact:
         """The contact of the body `on` as a scene has it."""
-        return with_values(self, radius=radius, corners=corners, node=self.on)
+        return with_values(self, radius=radius, corners=corners, node=self.on, points=None)
 
     @property
     def moves(self) -> bool:
