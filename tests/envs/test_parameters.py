@@ -256,13 +256,13 @@ def test_motion_in_a_plane_stays_there():
 
 @refusals(
     (dict(randomize={"colour": (0, 1)}), "the parameter 'colour'"),
-    (dict(randomize={"mass": (0, 1)}), "mass"),
+    (dict(randomize={"mass": (0, 1)}), r"mass = \[0.0, 1.0\] was given"),
     (dict(randomize={"mass": (1.2, 1.0)}), "low, high"),
-    (dict(randomize={"stiffness": (1, np.nan)}), "stiffness"),
+    (dict(randomize={"stiffness": (1, np.nan)}), r"stiffness = \[1.0, nan\] was given"),
     (dict(noise=-1.0), "noise = -1.0"),
-    (dict(sensors="eyes"), "sensors"),
+    (dict(sensors="eyes"), "sensors = 'eyes' was given"),
     (dict(render_mode="ansi"), "render_mode = 'ansi'"),
-    (dict(planar=True, force=()), "force"),
+    (dict(planar=True, force=()), r"force = \(\) was given"),
 )
 def test_bad_arguments_are_refused(arguments):
     TipReachVectorEnv(**arguments)

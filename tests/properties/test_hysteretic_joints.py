@@ -374,8 +374,14 @@ def test_a_drive_that_mixes_samples_is_refused():
     (lambda: tb.Drive(lambda angle: angle, values={"k": 1.0}), "the value 'k' was given"),
     (lambda: tb.Hinge(None, "hub", torque=lambda travel: travel), "angle, rate or t is wanted"),
     (lambda: tb.Slider(None, "hub", force=lambda angle: angle), "travel, rate or t is wanted"),
-    (lambda: tb.Hinge(None, "hub", torque=lambda rate, load: load), "'load'"),
-    (lambda: turned(wheel(torque=lambda rate: (rate, rate)), 0.1), "shape"),
+    (
+        lambda: tb.Hinge(None, "hub", torque=lambda rate, load: load),
+        "missing a required argument: 'load'",
+    ),
+    (
+        lambda: turned(wheel(torque=lambda rate: (rate, rate)), 0.1),
+        r"a Drive's function that returns the shape \(1, 2\) was given",
+    ),
 )
 def test_drives_that_do_not_fit_are_refused(make):
     make()

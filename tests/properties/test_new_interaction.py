@@ -449,9 +449,12 @@ def test_copies_and_files(tmp_path):
 @refusals(
     (lambda: Tie((-1,), 1.0), "between 1 nodes was given; two to 6 are wanted"),
     (lambda: Tie(range(7), 1.0), "between 7 nodes"),
-    (lambda: braced(-1.0), "positive"),
+    (lambda: braced(-1.0), "Bracing's stiffness = -1 was given"),
     (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 4), 1.0)), "one node twice"),
-    (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 9), 1.0)), "9"),
+    (
+        lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 9), 1.0)),
+        "a node of Tie = 9 was given",
+    ),
     (
         lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION, order=2), Tie((-1, 1), 1.0)),
         "inside of an element",

@@ -303,6 +303,6 @@ def increasing(name: str, value: Tensor) -> Tensor:
     for a, b in pairwise(numbers):
         if a >= b:
             raise ValueError(
-                f"{name} goes from {a:g} to {b:g}; strictly increasing instants are wanted"
+                f"{name} goes from {a:g} to {b:g}; strictly increasing numbers are wanted"
             )
     return value

@@ -206,9 +206,10 @@ def test_files_and_pictures(tmp_path):
 @refusals(
     (lambda: tb.Scene({"disc": tb.Body(1.0, 1.0)}), {}, "a scene without a Hinge was given"),
     (lambda: overhung(effects=[tb.Gravity((0, 0, -9.81))]), STEADY, "change with its azimuth"),
-    (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), STEADY, "azimuth"),
-    (overhung, {"bearing": 3}, "bearing"),
-    (overhung, {"method": "hill"}, "method"),
+    (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), STEADY,
+     "on the rotor that change with its azimuth"),
+    (overhung, {"bearing": 3}, "bearing = 3 was given"),
+    (overhung, {"method": "hill"}, "method = 'hill'"),
     (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
     (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
     (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),

@@ -340,13 +340,16 @@ def test_a_ball_in_a_plane_is_a_hinge():
 
 
 @refusals(
-    (lambda: tb.Ball(None, "a", stiffness=-1.0), "stiffness"),
+    (lambda: tb.Ball(None, "a", stiffness=-1.0), "a Ball's stiffness = -1 was given"),
     (lambda: tb.Ball(None, "a", stiffness=torch.ones(3, 3).triu()), "K = K.T"),
-    (lambda: tb.Ball(None, "a", stiffness=torch.diag(torch.tensor([1.0, -1, 1]))), "eigenvec"),
-    (lambda: tb.Ball(None, "a", friction=1.0), "slip_speed"),
-    (lambda: tb.Ball(None, "a", limit=0.2), "limit_stiffness"),
+    (
+        lambda: tb.Ball(None, "a", stiffness=torch.diag(torch.tensor([1.0, -1, 1]))),
+        "a Ball's stiffness along an eigenvector",
+    ),
+    (lambda: tb.Ball(None, "a", friction=1.0), "a Ball with friction alone was given"),
+    (lambda: tb.Ball(None, "a", limit=0.2), "a Ball with limit alone was given"),
     (lambda: tb.Ball(None, "a", limit=3.2, limit_stiffness=1.0), "half a turn"),
-    (lambda: tb.Ball(None, "a", torque=(1.0, 2.0)), "torque"),
+    (lambda: tb.Ball(None, "a", torque=(1.0, 2.0)), r"a Ball's torque of shape \(2,\) was given"),
     (lambda: tb.Ball(None, "a", torque=tb.Input("m", 1)), "size 3"),
     (lambda: tb.Universal(None, "a", stiffness=1.0), r"stiffness of shape \(\) was given"),
     (lambda: tb.Universal(None, "a", torque=1.0, angle=0.2), "with angle and torque"),

@@ -313,9 +313,11 @@ MOVES = tb.Sphere(lambda t: torch.stack((t, 0 * t, 0 * t), -1), 0.1)
 REFUSED = {
     "a plane": (lambda: tb.Body(1.0, surface=tb.Plane((0, 0, 0), (0, 0, 1))), "Plane.*Sphere, Cap"),
     "a number": (lambda: tb.Body(1.0, surface=0.1), "0.1 was given.*Sphere, Capsule"),
-    "a tube": (lambda: tb.Body(1.0, surface=tb.Cylinder((0, 0, 0), (1, 0, 0), 1, True)), "inside"),
+    "a tube": (lambda: tb.Body(1.0, surface=tb.Cylinder((0, 0, 0), (1, 0, 0), 1, True)),
+               "a Cylinder with inside=True was given"),
     "moves": (lambda: tb.Body(1.0, surface=MOVES), "function of t"),
-    "spins": (lambda: tb.Body(1.0, surface=tb.Sphere((0, 0, 0), 1, (1, 0, 0))), "spin"),
+    "spins": (lambda: tb.Body(1.0, surface=tb.Sphere((0, 0, 0), 1, (1, 0, 0))),
+              "a Sphere with a spin was given"),
     "two": (lambda: tb.Scene(PARTS, [tb.Contact("b", "c", **TERMS)]), "'b' and 'c', both"),
     "on a ball": (
         lambda: tb.Scene(PARTS, [tb.Contact("b", tb.Sphere((0, 0, 0), 1), **TERMS)]),
@@ -323,7 +325,8 @@ REFUSED = {
     ),
     "a radius": (lambda: tb.Scene(PARTS, [tb.Contact("b", "a", radius=1.0, **TERMS)]), "radius of"),
     "other_radius": (
-        lambda: tb.Scene(PARTS, [tb.Contact("a", "b", other_radius=1.0, **TERMS)]), "other_radius",
+        lambda: tb.Scene(PARTS, [tb.Contact("a", "b", other_radius=1.0, **TERMS)]),
+                         "other_radius of 'b'",
     ),
     "starts inside": (
         lambda: tb.simulate(

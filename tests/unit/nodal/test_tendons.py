@@ -345,12 +345,15 @@ REFUSED = {
     "both": (lambda: tb.Tendon(ENDS, tension=1.0, stiffness=1.0), "tension and stiffness"),
     "negative friction": (
         lambda: tb.Tendon(ENDS, tension=1.0, friction=-0.1, slip_speed=1.0),
-        "friction",
+        "a Tendon's friction = -0.1 was given",
     ),
-    "no slip speed": (lambda: tb.Tendon(ENDS, tension=1.0, friction=0.1), "slip_speed"),
+    "no slip speed": (
+        lambda: tb.Tendon(ENDS, tension=1.0, friction=0.1),
+        "a Tendon with friction alone was given",
+    ),
     "no such node": (
         lambda: tb.Scene(BEAM, [tb.Tendon([ENDS[0], (9, (0, 0, 0))], tension=1.0)]),
-        "9",
+        "an eyelet's node = 9 was given",
     ),
     "twice": (
         lambda: tb.Scene(BEAM, [tb.Tendon([*ENDS, (0, (0, 0, 0))], tension=1.0)]),
@@ -388,7 +391,7 @@ REFUSED = {
         lambda: tb.simulate(
             tb.Scene(BEAM, [tb.Tendon(ENDS, tension=1.0)]), (0, 1e-4), method="dopri5"
         ),
-        "explicit",
+        "to an explicit method",
     ),
 }
 

@@ -357,41 +357,47 @@ def test_a_step_through_another_beam_is_made_in_parts_and_a_start_in_it_is_refus
 PAIR = {"a": tb.Beam.straight(0.1, 2, SECTION), "b": tb.Body(0.1, 1e-5, position=(0, 0, 1.0))}
 TERMS = dict(radius=R, thickness=1e-3, force=1.0)
 REFUSED = {
-    "itself": (lambda: tb.Contact("a", "a", **TERMS), "SelfContact"),
-    "no such part": (lambda: tb.Scene(PAIR, [tb.Contact("a", "c", **TERMS)]), "'c'"),
+    "itself": (lambda: tb.Contact("a", "a", **TERMS), r"SelfContact\('a'\) is wanted"),
+    "no such part": (lambda: tb.Scene(PAIR, [tb.Contact("a", "c", **TERMS)]),
+                     "the part 'c' was asked for"),
     "no names": (lambda: tb.Scene(PAIR["a"], [tb.Contact("a", "b", **TERMS)]), "no names"),
     "a number": (lambda: tb.Contact("a", 3, **TERMS), "Plane, Sphere"),
     "other_radius of an obstacle": (
-        lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), other_radius=1.0, **TERMS), "other_radius",
+        lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), other_radius=1.0, **TERMS),
+                           "an other_radius was given",
     ),
     "negative friction": (
-        lambda: tb.SelfContact(**TERMS, friction=-0.1, slip_speed=1.0), "friction",
+        lambda: tb.SelfContact(**TERMS, friction=-0.1, slip_speed=1.0),
+                               "SelfContact's friction = -0.1 was given",
     ),
-    "no radius": (lambda: tb.SelfContact(thickness=1e-3, force=1.0), "radius"),
-    "apart": (lambda: tb.SelfContact(**TERMS, apart=0), "apart"),
-    "a body with itself": (lambda: tb.Scene(PAIR, [tb.SelfContact("b", **TERMS)]), "body"),
-    "small": (lambda: tb.Scene(PAIR, [tb.Contact("a", "b", **TERMS)], small=True), "small"),
+    "no radius": (lambda: tb.SelfContact(thickness=1e-3, force=1.0),
+                  "SelfContact without a radius was given"),
+    "apart": (lambda: tb.SelfContact(**TERMS, apart=0), "SelfContact's apart = 0 was given"),
+    "a body with itself": (lambda: tb.Scene(PAIR, [tb.SelfContact("b", **TERMS)]),
+                           "that is a body, and a beam is wanted"),
+    "small": (lambda: tb.Scene(PAIR, [tb.Contact("a", "b", **TERMS)], small=True),
+              "small=True with Contact of two parts was given"),
     "order": (
         lambda: tb.Scene(tb.Beam.straight(0.1, 2, SECTION, order=2), [tb.SelfContact(**TERMS)]),
-        "order",
+        "SelfContact of beams of order 2 with each other was given",
     ),
     "explicit": (
         lambda: tb.simulate(tb.Scene(PAIR["a"], [tb.SelfContact(**TERMS)]), [0.0, 1e-3],
                             method="rk4"),
-        "explicit",
+        "to an explicit method",
     ),
     "friction at rest": (
         lambda: tb.equilibrium(
             tb.Scene(PAIR["a"], [tb.SelfContact(**TERMS, friction=0.1, slip_speed=1.0)])
         ),
-        "equilibrium",
+        "with friction was given to an equilibrium",
     ),
     "friction, generalized_alpha": (
         lambda: tb.simulate(
             tb.Scene(PAIR["a"], [tb.SelfContact(**TERMS, friction=0.1, slip_speed=1.0)]),
             [0.0, 1e-3], step=1e-3, method="generalized_alpha", engine="eager",
         ),
-        "midpoint",
+        "was given to generalized_alpha",
     ),
 }  # fmt: skip
 

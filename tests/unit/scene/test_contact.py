@@ -380,28 +380,43 @@ def test_a_body_does_not_step_through_an_obstacle(engine):
 
 
 @refusals(
-    (lambda: tb.Contact("arm", None, thickness=1, force=1), "obstacle"),
+    (lambda: tb.Contact("arm", None, thickness=1, force=1), "None was given as an obstacle"),
     (lambda: tb.Contact(3.0, thickness=1, force=1), "Plane, Sphere"),
-    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=0, force=1), "thickness"),
-    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, stiffness=1), "force"),
-    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, radius=-1), "radius"),
+    (
+        lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=0, force=1),
+        "Contact's thickness = 0 was given",
+    ),
+    (
+        lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, stiffness=1),
+        "Contact with a force and a stiffness was given",
+    ),
+    (
+        lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, radius=-1),
+        "Contact's radius = -1 was given",
+    ),
     (
         lambda: tb.Contact(
             tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=-0.1, slip_speed=1
         ),
-        "friction",
+        "Contact's friction = -0.1 was given",
     ),
-    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=0.1), "slip_speed"),
+    (
+        lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=0.1),
+        "Contact with friction and no slip_speed was given",
+    ),
     (
         lambda: tb.Contact(
             tb.Cylinder((0, 0, 0), UP, 1, inside=True), thickness=1, force=1, radius=2
         ),
-        "room",
+        "Contact with a radius of the beam's that has no room in the cylinder",
     ),
-    (lambda: tb.Sphere((0, 0, 0), 0.0), "radius"),
-    (lambda: tb.Plane((0, 0, 0), (0, 0, 0)), "direction"),
-    (lambda: tb.Box((0, 0, 0), (1, 1, 1), 0.5), "rounding"),
-    (lambda: tb.Capsule((0, 0, 0), (0, 0, 0), 0.5), "Capsule"),
+    (lambda: tb.Sphere((0, 0, 0), 0.0), "Sphere's radius = 0 was given"),
+    (lambda: tb.Plane((0, 0, 0), (0, 0, 0)), "Plane's normal of length 0 was given"),
+    (
+        lambda: tb.Box((0, 0, 0), (1, 1, 1), 0.5),
+        "Box's rounding of half its smallest size or more was given",
+    ),
+    (lambda: tb.Capsule((0, 0, 0), (0, 0, 0), 0.5), "Capsule with a = b was given"),
 )
 def test_what_is_no_contact_is_refused(make):
     make()

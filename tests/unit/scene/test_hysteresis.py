@@ -190,14 +190,20 @@ def test_bouc_wen_against_the_differential_equation(shape):
 
 
 @refusals(
-    (lambda: tb.ElastoPlastic(0.0, 1.0), "positive"),
-    (lambda: tb.ElastoPlastic(1.0, 1.0, hardening=-1.0), "hardening"),
+    (lambda: tb.ElastoPlastic(0.0, 1.0), "ElastoPlastic's stiffness = 0 was given"),
+    (
+        lambda: tb.ElastoPlastic(1.0, 1.0, hardening=-1.0),
+        "ElastoPlastic's hardening = -1 was given",
+    ),
     (lambda: tb.ElastoPlastic(1.0, 1.0, kinematic=1.5), "a number from 0 to 1 is wanted"),
     (lambda: tb.BoucWen(1.0, 1.0, n=0.5), "n = 0.5 was given; n from 1 on"),
     (lambda: tb.BoucWen(1.0, 1.0, gamma=0.6), "which would give energy"),
     (lambda: tb.BoucWen(1.0, 1.0, ratio=2.0), "a number from 0 to 1 is wanted"),
     (lambda: tb.Hinge(None, "hub", hysteresis=2.0), "an ElastoPlastic or a BoucWen"),
-    (lambda: tb.Hinge(None, "hub", angle=0.1, hysteresis=tb.BoucWen(1.0, 1.0)), "prescribed"),
+    (
+        lambda: tb.Hinge(None, "hub", angle=0.1, hysteresis=tb.BoucWen(1.0, 1.0)),
+        "a Hinge with angle and hysteresis was given",
+    ),
 )
 def test_what_does_not_fit_is_refused(make):
     make()

@@ -114,5 +114,4 @@ def test_gradient_by_a_point():
     ),
 )
 def test_refusals(make):
-    scene = make()
-    tb.equilibrium(scene)
+    tb.equilibrium(make())

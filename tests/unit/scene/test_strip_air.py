@@ -328,7 +328,7 @@ def test_a_frame_that_flies():
     (dict(lags="theodorsen"), "lags = 'theodorsen' was given"),
     (dict(lags=[(0.7, 1.0), (0.6, 1.0)]), "shares of 1 in all"),
     (dict(wind=(0, 1.0)), r"of shape \(2,\) was given"),
-    (dict(polar=3.0), "polar"),
+    (dict(polar=3.0), "StripAir's polar = 3.0 was given"),
 )
 def test_refusals(given):
     tb.StripAir(**dict(chord=1.0) | given)

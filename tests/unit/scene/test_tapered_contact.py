@@ -222,7 +222,8 @@ PAIR = {"a": tb.Beam.straight(0.1, 2, SECTION), "b": tb.Body(0.1, 1e-5, position
 TAPER, TERMS = tb.Table((0.0, 1.0), (0.02, 0.01)), dict(thickness=1e-3, force=1.0)
 REFUSED = {
     "negative": (
-        lambda: tb.Contact(FLOOR, radius=tb.Table((0.0, 1.0), (0.02, -0.01)), **TERMS), "-0.01",
+        lambda: tb.Contact(FLOOR, radius=tb.Table((0.0, 1.0), (0.02, -0.01)), **TERMS),
+                           "Contact's radius = -0.01 was given",
     ),
     "several numbers": (
         lambda: tb.SelfContact(radius=tb.Table((0.0, 1.0), torch.ones(2, 2), width=2), **TERMS),

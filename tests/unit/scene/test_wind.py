@@ -299,15 +299,24 @@ def test_gradients_by_what_a_wind_is_made_of():
     (lambda: tb.Gust((0, 0, 1.0), 1.0, speed=1.0, direction=(0, 0, 0)), "length 0"),
     (lambda: tb.Turbulence((1.0, 0, 0), 0.0, 1.0), "sigma = 0"),
     (lambda: tb.Turbulence((0, 0, 1.0), 1.0, 1.0), "along up"),
-    (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, spectrum="white"), "white"),
-    (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, band=(2, 1)), "rising"),
+    (
+        lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, spectrum="white"),
+        "Turbulence's spectrum = 'white' was given",
+    ),
+    (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, band=(2, 1)), "two rising wave numbers"),
     (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, seed=()), "no numbers"),
     (
         lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, spectrum="kaimal", isotropic=True),
         "von Karman's",
     ),
-    (lambda: tb.WindTable((0.0, 1.0), torch.zeros(2, 1, 1, 3, 3), z=(0, 1.0)), "shape"),
-    (lambda: tb.WindTable((0.0, 0.0), torch.zeros(2, 1, 1, 1, 3)), "increasing"),
+    (
+        lambda: tb.WindTable((0.0, 1.0), torch.zeros(2, 1, 1, 3, 3), z=(0, 1.0)),
+        r"a WindTable's values of shape \(2, 1, 1, 3, 3\) were given",
+    ),
+    (
+        lambda: tb.WindTable((0.0, 0.0), torch.zeros(2, 1, 1, 1, 3)),
+        "a WindTable's t goes from 0 to 0",
+    ),
 )
 def test_bad_winds_are_refused(make):
     make()

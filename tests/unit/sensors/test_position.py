@@ -94,8 +94,8 @@ def test_on_a_part_of_a_structure():
 
 @refusals(
     (dict(station=1.2), "0 to that are wanted"),
-    (dict(station=0.5, point=(0, 0)), "point"),
-    (dict(station=float("nan")), "station"),
+    (dict(station=0.5, point=(0, 0)), r"point of shape \(2,\) was given"),
+    (dict(station=float("nan")), "station holds nan"),
 )
 def test_what_is_no_place_is_refused(given):
     tb.sensors.Position(**given, beam=BEAM)

@@ -56,6 +56,7 @@ OTHERS = {
 @refusals(OTHERS)
 def test_a_folder_of_another_run_is_refused(changed, tmp_path):
     run(tmp_path)
+    yield
     run(tmp_path, **changed)
 
 

@@ -126,7 +126,7 @@ REFUSED = {
     "replicates": (dict(n=100, replicates=16), "n = 100 was given for 16 replicates; a multiple"),
     "theta of another size": (dict(laws=("a", "b"), theta=torch.ones(4, 3)),
                               r"theta \(4, 3\) was given; \(n, 2\) is wanted"),
-    "theta of NaN": (dict(laws=("a",), theta=[[math.nan]]), "theta"),
+    "theta of NaN": (dict(laws=("a",), theta=[[math.nan]]), "theta holds nan"),
     "theta and replicates": (dict(laws=("a",), theta=torch.ones(4, 1), replicates=2, n=4),
                              "beside theta"),
     "theta and correlation": (dict(laws=("a",), theta=torch.ones(4, 1), correlation=torch.eye(1),

@@ -383,7 +383,7 @@ REFUSED = {
                                     r"gave \(8,\) of all samples and \(\d,\) of"),
     "failed that exceed": (lambda s: s.exceedance(0.5, failed_exceed=3),
                            "failed_exceed = 3 was given; True or False"),
-    "reference": (lambda s: s.convergence([1.0, 2.0]), r"with the batch axes|a reference \(2,\)"),
+    "reference": (lambda s: s.convergence([1.0, 2.0]), r"a reference \(2,\) was given"),
     "levels of a summary": (lambda s: s.summary(levels=0.5),
                             "levels = 0.5 were given; a sequence of numbers"),
     "thresholds of a summary": (lambda s: s.summary(thresholds="ab"),

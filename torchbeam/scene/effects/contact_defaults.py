@@ -34,9 +34,7 @@ def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> Contac
     missing = tuple(name for name in known if name in contact.follows or not known[name])
     if not missing:
         return contact
-    node = getattr(
-        contact.node, "given", contact.node
-    )  # (name, number), of which a scene has a row
+    node = getattr(contact.node, "given", contact.node)  # a scene has a row for (name, number)
     names = [name for name in (contact.on, contact.partner) if name is not None]
     names = [node[0]] if isinstance(node, tuple) else names
     parts = [part_of(beam.parts, name) for name in names] or beam.parts

@@ -66,7 +66,7 @@ def test_a_spline_takes_a_wandering_zero_away_from_a_decay():
 @refusals(
     (dict(first=1.0, last=1.0), "a later end is wanted"),
     (dict(first=0.0, last=1.0, spacing=0.0), "200 pieces at most"),
-    (dict(first=0.0, last=1.0, degree=0), "degree"),
+    (dict(first=0.0, last=1.0, degree=0), "degree = 0 was given"),
 )
 def test_slow_baselines_of_no_length_or_stiffness_are_refused(given):
     tb.SlowBaseline(**given)

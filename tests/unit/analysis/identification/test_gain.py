@@ -193,7 +193,7 @@ def test_a_design_pays_for_what_is_not_known_of_it():
 
 @refusals(
     (0.0, "a gain of 0"),
-    (torch.nan, "gain"),
+    (torch.nan, "gain holds nan"),
     ([1.0, 2.0], r"one for each channel \(3,\), is wanted"),
     (torch.ones(4, 3), r"one for each channel \(3,\), is wanted"),
 )

@@ -108,9 +108,9 @@ def test_an_instrument_reads_in_a_prediction_what_it_read_in_the_fit():
 
 
 @refusals(
-    (dict(place={"station": "s"}, sensor=tb.sensors.TipPosition()), "station"),
-    (dict(place={"node": "s"}, sensor=lambda state: state.t), "tb.sensors"),
-    (dict(frame=FRAME), "tb.sensors"),
+    (dict(place={"station": "s"}, sensor=tb.sensors.TipPosition()), "place of 'station' was given"),
+    (dict(place={"node": "s"}, sensor=lambda state: state.t), "one of tb.sensors is wanted"),
+    (dict(frame=FRAME), "one of tb.sensors is wanted"),
     (dict(sensor=tb.sensors.TipPosition(), delay=0.1), "times=... is wanted"),
 )
 def test_what_fits_no_sensor_is_refused(given):
