@@ -326,7 +326,7 @@ REFUSED = {
     "a radius": (lambda: tb.Scene(PARTS, [tb.Contact("b", "a", radius=1.0, **TERMS)]), "radius of"),
     "other_radius": (
         lambda: tb.Scene(PARTS, [tb.Contact("a", "b", other_radius=1.0, **TERMS)]),
-                         "other_radius of 'b'",
+        "other_radius of 'b'",
     ),
     "starts inside": (
         lambda: tb.simulate(

@@ -364,11 +364,11 @@ REFUSED = {
     "a number": (lambda: tb.Contact("a", 3, **TERMS), "Plane, Sphere"),
     "other_radius of an obstacle": (
         lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), other_radius=1.0, **TERMS),
-                           "an other_radius was given",
+        "an other_radius was given",
     ),
     "negative friction": (
         lambda: tb.SelfContact(**TERMS, friction=-0.1, slip_speed=1.0),
-                               "SelfContact's friction = -0.1 was given",
+        "SelfContact's friction = -0.1 was given",
     ),
     "no radius": (lambda: tb.SelfContact(thickness=1e-3, force=1.0),
                   "SelfContact without a radius was given"),
