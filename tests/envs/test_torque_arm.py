@@ -158,7 +158,8 @@ def test_sizes_are_as_published():
 
 @refusals(
     (dict(rate=0.0), "rate = 0"), (dict(points=(0.5,)), r"points = \(0.5,\) was given"),
-    (dict(planar=True), "planar = True was given"), (dict(viscous=-1.0), "viscous = -1.0 was given"),
+    (dict(planar=True), "planar = True was given"),
+    (dict(viscous=-1.0), "viscous = -1.0 was given"),
     (dict(points=(0.9, 0.4)), "two or more that grow from above 0"),
 )  # fmt: skip
 def test_bad_arguments_are_refused(arguments):
