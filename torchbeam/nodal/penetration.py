@@ -25,37 +25,26 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
     contact is thick, or in another part, and is not to be pushed out: which samples, and the
     deepest of them, by how much and where.
     """
-    touches = any(load.between_nodes or isinstance(load, Contact) for load in model.scene.loads)
-    if not touches and not model.touching.present:
+    loads = tuple(load for load in model.scene.loads if isinstance(load, Contact))
+    if not loads and not model.touching.present:
         return
     state = model.space.to_reduced(state)
     nodes = Nodes(state.position, state.rotation, state.velocity, state.spin)
-    loads = tuple(load for load in model.scene.loads if load.between_nodes and not load.push_out)
-    now = conditions(model, t, {}, loads=loads).between if loads else ()
-    for acting in (at_points(model, acting) for acting in now):
-        point = load_point(model, acting, nodes, conditions(model, t, {}, loads=()))
+    now = conditions(model, t, {}, loads=tuple(load for load in loads if not load.push_out))
+    between = (at_points(model, acting) for acting in now.between)
+    standing = [(acting, load_point(model, acting, nodes, now)) for acting in between]
+    for acting, point in (*standing, *load_points(model, nodes, now, now.loads)):
         load = acting.load
 
         def place(k: int, load: Any = load) -> str:
-            return f"element {k // load.points} stands"
+            where = f"element {k // load.points}" if load.node is None else f"node {load.node!r}"
+            return f"{where} stands"
 
-        _refuse(
-            -load.gap(point.position)[..., 0],
-            load.thickness[..., None],
-            state.status,
-            place,
-            f"in the {load.obstacle.called} of a {load.called}",
-        )
-    bodies = tuple(load for load in model.scene.loads if isinstance(load, Contact))
-    bodies = tuple(load for load in bodies if load.node is not None and not load.push_out)
-    now = conditions(model, t, {}, loads=bodies) if bodies else None
-    for acting, point in load_points(model, nodes, now, now.loads) if bodies else ():
-        load = acting.load
         _refuse(
             -load.gap(load.of_body(point).position)[..., 0],
             load.thickness[..., None],
             state.status,
-            lambda _, load=load: f"node {load.node!r} stands",
+            place,
             f"in the {load.obstacle.called} of a {load.called}",
         )
     motion = PairMotion(
