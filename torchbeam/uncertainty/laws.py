@@ -1,8 +1,8 @@
 """Laws of random parameters.
 
 A law is (least, largest), uniform between; one of the classes here; anything with `icdf`, as
-torch.distributions have; or a function of u (N,), uniform in (0, 1). `RandomField` is a law of many
-numbers.
+torch.distributions have, or with `ppf`, as SciPy's have; or a function of u (N,), uniform in (0,
+1). `RandomField` is a law of many numbers.
 """
 
 from __future__ import annotations
