@@ -65,7 +65,8 @@ def missing(
 
         plain = {other.lower().replace("_", ""): other for other in known}
         word = name.lower().replace("_", "")
-        same = next((new for old, new in (elsewhere or {}).items() if word in (old, f"{old}s")), None)
+        table = elsewhere or {}
+        same = table.get(word) or table.get(word.removesuffix("s"))
         near = [same] if same else [plain[x] for x in get_close_matches(word, plain, 3, 0.75)]
         text += f"; {', '.join(near)} {'are' if len(near) > 1 else 'is'} near" if near else ""
     return AttributeError(text, name=name)

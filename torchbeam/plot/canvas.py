@@ -79,9 +79,9 @@ def grid(
 
 
 def save(ax: Axes | Sequence[Axes], path: str | Path, dpi: int = 150) -> Path:
-    """Write the figure of `ax`, or of a list of axes, to a file, with `dpi` dots an inch. The ending
-    of the path chooses the format (.png, .pdf, .svg ...). A missing folder is created. Returns the
-    path.
+    """Write the figure of `ax`, or of a list of axes, to a file, with `dpi` dots an inch. The
+    ending of the path chooses the format (.png, .pdf, .svg ...). A missing folder is created.
+    Returns the path.
 
     Raises:
         ValueError: for a format that matplotlib lacks, and for a folder that cannot be created or

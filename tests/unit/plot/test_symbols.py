@@ -30,8 +30,13 @@ def test_arrows_of_an_even_load_are_evenly_apart(elements):
     beam = tb.Beam.straight(1.0, elements, SECTION)
     scene = tb.Scene(beam, [tb.LineLoad(force=(0, 0, -3e4))])
     ax = tb.plot.shape(tb.rest(scene), plane="xz", scene=scene, symbols=True)
-    heads = sorted({round(line.get_xdata()[1], 6) for line in ax.lines
-                    if len(line.get_xdata()) == 3 and line.get_color() == LOAD})
+    heads = sorted(
+        {
+            round(line.get_xdata()[1], 6)
+            for line in ax.lines
+            if len(line.get_xdata()) == 3 and line.get_color() == LOAD
+        }
+    )
     gaps = np.diff(heads)
     assert len(heads) <= ROW + 1 and gaps[-1] <= gaps[0] + 1e-9
     np.testing.assert_allclose(gaps[:-1], gaps[0], rtol=1e-5)
