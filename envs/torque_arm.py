@@ -23,7 +23,6 @@ from .sensors import Observed
 from .soft_arm import SoftArm, SoftArmConfig, clamped_over
 
 FAST = 100.0  # m/s, a bound of what is seen of the tip
-FAINT = 1e-9  # of the largest, beside the squares of least squares
 SEEN = 10  # parts between the nodes that are observed, of a mesh that has them
 
 
@@ -160,14 +159,16 @@ class TorqueArm(SoftArm):
         """Of an arm at rest."""
         return self.tip_moved(now, self._turns(now))
 
-    def standing(self, now: Episodes) -> Tensor:
-        """(n, a): the command whose couples would hold the arm as it stands, by least squares."""
+    def standing(self, now: Episodes, damping: float) -> Tensor:
+        """(n, a): the command whose couples would hold the arm as it stands, by least squares whose
+        squares are damped by a share of the largest.
+        """
         q = now.beam.rotation
         turns = quat.logarithm(quat.multiply(q[:, 1:], quat.conjugate(q[:, :-1])))
         by = self._turns(now).transpose(2, 3).flatten(1, 2)  # (n, 3 N, a)
         square = by.mT @ by
         most = square.diagonal(dim1=-2, dim2=-1).amax(-1)[:, None, None]
-        square = square + FAINT * most * torch.eye(self.actions).to(square)
+        square = square + damping * most * torch.eye(self.actions).to(square)
         held = torch.linalg.solve(square, by.mT @ turns.flatten(1)[..., None])[..., 0]
         return held.clamp(-1.0, 1.0)
 

@@ -39,7 +39,8 @@ class ResolvedRate(Controller):
         lead: s, by which the tip's own motion is anticipated
         ahead: s, by which the target's motion is anticipated
         turn: m, weight of a turn of the tip by 1 rad
-        standing: whether moves start from what would hold the arm, of arms driven by torques
+        standing: share by which the squares of what would hold the arm are damped, for moves that
+            start from there, of arms driven by torques; 0: they start from what acts
 
     Raises:
         ValueError: for a task of another beam, a damping that is not positive, and `standing`
@@ -62,7 +63,7 @@ class ResolvedRate(Controller):
         lead: float = 0.1,
         ahead: float = 0.0,
         turn: float = 0.0,
-        standing: bool = False,
+        standing: float = 0.0,
     ) -> None:
         task = vector_env(env).task
         if not isinstance(task, SoftArm):
@@ -72,7 +73,7 @@ class ResolvedRate(Controller):
             )
         if standing and not isinstance(task, TorqueArm):
             raise ValueError(
-                f"standing = True was given for {type(task).__name__}; an arm driven by torques "
+                f"standing = {standing} was given for {type(task).__name__}; an arm driven by torques "
                 "(TrackTarget, ReachPose) is wanted"
             )
         self.standing = standing
@@ -99,7 +100,7 @@ class ResolvedRate(Controller):
         task = self.env.task
         held, command = task.held(now), task.command(now) / task.change
         if self.standing:
-            held = command = task.standing(now)
+            held = command = task.standing(now, self.standing)
         room, fixed = task.limits / task.change, torch.zeros_like(held, dtype=torch.bool)
         low, high = (-1 - held).maximum(-room - command), (1 - held).minimum(room - command)
         move = torch.zeros_like(held)
