@@ -29,11 +29,11 @@ from .curves import picture
 from .evaluate import EPISODES
 from .options import above_zero
 from .statistics import FEWEST, estimate
-from .table import LABELS
+from .table import LABELS, label
 from .watch import Budget
 
 SEEDS = 10
-NAMES = {**LABELS, "student": "student of ResolvedRate"}
+NAMES = {**LABELS, "student": label("student", "ik")}
 QUICK: dict[str, Any] = {"tasks": ["obstacles", "ik"], "seeds": 2, "share": 0.1}
 
 
