@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-
 from torchbeam_envs.baselines.holding import vector_env
 
 from .common import environment_state, main, restore_environment, training_seed

@@ -232,7 +232,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("shac", "follow"): 600_000,
     ("shac", "follow-3d"): 600_000,
     ("student", "ik"): 400_000,
-    ("student", "track-target"): 7 * 256 * 204,
+    ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
