@@ -43,8 +43,8 @@ class ResolvedRate(Controller):
             start from there, of arms driven by torques; 0: they start from what acts
 
     Raises:
-        ValueError: for a task of another beam, a damping that is not positive, and `standing`
-            with an arm that is not driven by torques.
+        ValueError: for a task of another beam, a damping that is not positive, a `standing` below
+            0, and one with an arm that is not driven by torques.
 
     Examples:
         >>> env = envs.InverseKinematicsVectorEnv(2)
@@ -73,10 +73,10 @@ class ResolvedRate(Controller):
             )
         if standing and not isinstance(task, TorqueArm):
             raise ValueError(
-                f"standing = {standing} was given for {type(task).__name__}; an arm driven by torques "
-                "(TrackTarget, ReachPose) is wanted"
+                f"standing = {standing} was given for {type(task).__name__}; an arm driven by "
+                "torques (TrackTarget, ReachPose) is wanted"
             )
-        self.standing = standing
+        self.standing = amount("standing", standing, zero=True)
         self.gain, self.damping, self.lead = gain, amount("damping", damping), lead
         self.ahead, self.turn = ahead, turn if isinstance(task, Turned) else 0.0
 

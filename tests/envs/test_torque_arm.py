@@ -113,8 +113,10 @@ def test_moves_from_what_holds_the_arm_come_sooner():
             observation, *_, info = env.step(controller(observation))
         off.append(info["distance"].item())
     assert off[0] < 0.02 < off[1]
-    with pytest.raises(ValueError, match="standing = 1.0 was given for FollowTarget"):
+    with pytest.raises(ValueError, match=r"standing = 1\.0 was given for FollowTarget"):
         ResolvedRate(FollowTargetVectorEnv(1, elements=5), standing=1.0)
+    with pytest.raises(ValueError, match="standing = -1"):
+        ResolvedRate(env, standing=-1.0)
 
 
 def test_what_acts_follows_the_action_by_the_rate():
