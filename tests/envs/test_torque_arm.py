@@ -21,7 +21,7 @@ from torchbeam_envs.torque_arm import Viscous, moving, spline
 import torchbeam as tb
 from tests.cases.refusals import refusals
 from torchbeam import extend
-from training.tuned import RESOLVED
+from training.ways import RESOLVED
 
 MADE = dict(autoreset_mode="Disabled", output="torch")
 
