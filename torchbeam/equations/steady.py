@@ -117,8 +117,14 @@ class SteadyProblem(BalanceProblem):
         """Of the instant; their eigenstrain is that of the whole load."""
         if self.known is not None:
             return self.known
-        now, turned = conditions(self.model, self.t, self.inputs), self.model.orientation(self.t)
-        return replace(now, frame=self.own_frame or now.frame, orientation=turned)
+        now = conditions(self.model, self.t, self.inputs)
+        return replace(now, frame=self.frame, orientation=self.orientation)
+
+    @cached
+    def frame(self) -> FixedFrame:
+        if self.known is not None:
+            return self.known.frame
+        return self.own_frame or self.model.frame(self.t)
 
     @property
     def support_factor(self) -> Tensor:
@@ -134,10 +140,10 @@ class SteadyProblem(BalanceProblem):
     def C(self) -> Tensor:
         return self.model.tangent_stiffness() if self.known is None else self.stiffness
 
-    @property
+    @cached
     def orientation(self) -> Tensor | None:
         """Of frame a, see `Model.orientation`."""
-        return self.conditions.orientation
+        return self.model.orientation(self.t) if self.known is None else self.known.orientation
 
     @cached
     def motion(self) -> AtRest:
@@ -303,6 +309,11 @@ class SteadyProblem(BalanceProblem):
         model, space, shape = self.model, self.model.space, status.shape
         velocity, spin = self.velocity(x)
         zero, frame = torch.zeros_like(status, dtype=x.position.dtype), self.orientation
+        fields, internal = {"stress": x.stress}, None
+        if model.internal_states:
+            internal = external.internal(model, self.nodes(x), self.conditions, shape)
+        if model.interactions:
+            fields = model.finished(fields, self.node_motion(x))
         return space.to_public(
             State(
                 *x[:2],
@@ -314,14 +325,14 @@ class SteadyProblem(BalanceProblem):
                 t=self.t.expand(shape),
                 status=status,
                 frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
-                internal=external.internal(model, self.nodes(x), self.conditions, shape),
+                internal=internal,
                 inelastic=self._crept(x, shape),
                 supports=model.constraints.nodes,
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
                 coordinates=tuple(joint.coordinates for joint in model.scene.joints),
-                **model.finished({"stress": x.stress}, self.node_motion(x)),
+                **fields,
             )
         )
 
