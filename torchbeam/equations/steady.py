@@ -337,6 +337,8 @@ class SteadyProblem(BalanceProblem):
         )
 
     def _crept(self, x: Configuration, shape: torch.Size) -> Tensor | None:
+        if self.model.law.arms is None:
+            return None
         crept = self.model.crept_at_rest(*x[:2], self.eigenstrain)
         return None if crept is None else crept.expand(*shape, *crept.shape[-2:])
 

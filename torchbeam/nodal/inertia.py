@@ -171,18 +171,26 @@ def warn_of_uneven(beam: Beam) -> None:
         warn(UNEVEN)
 
 
+class NodeMass(NamedTuple):
+    """inertia, section_mass about each node per length (..., N+1, 6, 6), tributary_length that
+    belongs to each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass.
+    """
+
+    inertia: Inertia
+    section_mass: Tensor
+    tributary_length: Tensor
+
+
 def inertia_of(
+    bodies: tuple[PointMass, ...],
     beam: Beam,
     impossible: Tensor | None,
-    bodies: tuple[PointMass, ...],
     space: Spatial,
     assembly: Assembly,
     lumped: bool,
-) -> tuple[Inertia, Tensor, Tensor]:
-    """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to
-    each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass), of a
-    beam's mass and of what is fixed to it; impossible: see `impossible_strains`, a rigid element's
-    mass is consistent.
+) -> NodeMass:
+    """Of a beam's mass and of what is fixed to it; impossible: see `impossible_strains`, a rigid
+    element's mass is consistent.
 
     Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or
     that changes too much within an element of order 2 to be shared among its nodes.
@@ -225,7 +233,7 @@ def inertia_of(
         RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space),
         lever,
     )
-    return inertia, mass / tributary_length[..., None], tributary_length
+    return NodeMass(inertia, mass / tributary_length[..., None], tributary_length)
 
 
 def _of_beam(beam: Beam, rigid: Tensor | None, assembly: Assembly) -> tuple[Tensor, Tensor]:
