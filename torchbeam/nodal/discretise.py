@@ -14,7 +14,7 @@ from ..core.arguments import boolean, instance
 from ..core.leaves import own_leaves, sent
 from ..core.remembered import few, remembered
 from ..scene.beam import Beam
-from ..scene.effects import PerElement, PointMass
+from ..scene.effects import PerElement
 from ..scene.scene import Scene
 from ..scene.structure import unstressed
 from ..topology.protocols import Topology
@@ -24,14 +24,13 @@ from .constraints import Constraints
 from .coordinates.planar import PLANES
 from .coordinates.selection import check_space, coordinates, in_space, only_numbers
 from .coordinates.spatial import Spatial
-from .inertia import Inertia, impossible_strains, inertia_of, warn_of_uneven
+from .inertia import impossible_strains, inertia_of, warn_of_uneven
 from .interactions import couplings_of
 from .joint_constraints import joints_of
 from .model import Model
 from .model_check import check_plane, refuse_redundant
 from .tendons import tendons_of
 from .touching_parts import touching_of
-
 
 LAST = " model"  # of a scene, which its copies and pickles go without
 
@@ -80,13 +79,7 @@ def _discretised(scene: Scene, lumped: bool, topology: Topology | None) -> Model
     rows = remembered(_reference_rows, drawn, scene.plane, scene.small, topology)
     space = rows.space
     nodes = remembered(
-        inertia_of,
-        scene.bodies,
-        drawn,
-        impossible_strains(beam),
-        space,
-        rows.assembly,
-        lumped,
+        inertia_of, scene.bodies, drawn, impossible_strains(beam), space, rows.assembly, lumped
     )
     if space.plane is not None and beam.coupled:
         space.check_section("compliance", beam.compliance.detach())

@@ -41,7 +41,6 @@ from .chain_constants import (
 from .interaction_sorts import INTERACTIONS
 from .load_roles import LoadRoles, unchanging, valued, valued_at_rest
 
-
 OF_MODEL = " held"  # by a model, which its copies and pickles go without
 
 
@@ -77,7 +76,6 @@ class Constants:
         self.given, self.asked = (
             tuple([dead[k] for k in some]) for some in (roles.given, roles.asked)
         )
-        self.valued = self.loads if all(roles.plain) else valued_at_rest(model, self.acts)
         self.nodes, self.elements = model.nodes, model.elements
         self.asks, self.before = roles.asks, instant == 1 and roles.by_time
         self.sources = self._sources()
@@ -87,6 +85,9 @@ class Constants:
             for x in (() if around is None else around.inputs)
         )
         self._cache: dict[Any, Any] = {}
+        self.valued = self.loads
+        if not all(roles.plain):
+            self.valued = self._held("valued", lambda: valued_at_rest(model, self.acts))
 
     def _sources(self) -> list[Tensor]:
         model, scene = self.model, self.model.scene
@@ -315,8 +316,8 @@ class Constants:
         return external(model, still, now), advanced(model, still, now)
 
     def _held(self, name: str, value: Callable[[], Any]) -> Any:
-        """A value that is the same at all steps, and at rest: kept by the model, unless a derivative
-        by what it is made from is recorded.
+        """A value that is the same at all steps, and at rest: kept by the model, unless a
+        derivative by what it is made from is recorded.
         """
         if torch.is_grad_enabled() and any([x.requires_grad for x in self.sources]):
             return value()
