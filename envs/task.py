@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -209,16 +208,11 @@ class Task:
         effects += [tb.Damping(params["damping"], six=False)] if "damping" in params else []
         return effects + ([] if self.gravity is None else [tb.Gravity(self.gravity)])
 
-    @cached_property
-    def _softest(self) -> Tensor:
-        """() 1/(N m^2)"""
-        return softest(self.usual).detach().max()
-
     def _clamp(self, clamp: Tensor) -> tb.RootSpring:
         """An elastic one, that turns by `clamp` (...) under the moment that bends the whole beam by
         1 rad; it hardly gives way otherwise.
         """
-        turn = 1 / (clamp * self.length * self._softest)[..., None]
+        turn = 1 / (clamp * self.length * softest(self.usual).detach().max())[..., None]
         return tb.RootSpring((STIFF * turn / self.length**2, turn))
 
     def prepare(self, plant: Plant) -> None:

@@ -4,7 +4,6 @@ steadily.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -17,19 +16,18 @@ from ..nodal import loads as external
 from ..nodal.balance import Residual
 from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions, conditions
-from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.element_loads import Way
 from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
-from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.rest_shape import RestShape
-from ..state.state import State, rest
+from ..state.state import State
 from ..state.state_check import with_optional_fields
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
+from .least_forces import least_forces
 from .steady_motion import AtRest, steady_motion
 from .step_element import ElementAtRest, ElementBalance
 
@@ -363,43 +361,6 @@ class SteadyProblem(BalanceProblem):
             _, q = node_space.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
             rotation = set_node(rotation, at, node_space.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)
-
-
-def least_forces(
-    model: Model, C: Tensor, conditions: Callable[[], Conditions]
-) -> tuple[Tensor, ...]:
-    """Forces N and moments N m (..., n, *), of which p are forces, that a balance is measured
-    against where nothing else acts: the stress of rounding, efforts between nodes, which what
-    resists there may balance by itself, and the dead loads that what a body touches may.
-    """
-    terms = [rounding_stress(model, C)]
-    if not (model.interactions or model.bodies_touch):
-        return tuple(terms)
-    now = conditions()
-    efforts = [interaction.efforts(now) for interaction in model.interactions]
-    terms += [effort for effort in efforts if effort is not None]
-    if model.bodies_touch:
-        drawn = model.space.to_reduced(rest(model.scene))
-        nodes = Nodes(drawn.position, drawn.rotation, frame=drawn.frame)
-        dead = external.external(model, nodes, now, now.still)
-        terms += [] if isinstance(dead, float) else [dead]
-    return tuple(terms)
-
-
-def rounding_stress(model: Model, C: Tensor) -> Tensor:
-    """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of
-    places over an element; C of the tangent.
-    """
-    p, h = model.space.dims.position, model.length.detach()
-    eps = torch.finfo(h.dtype).eps
-    strain = torch.cat(
-        (
-            torch.full_like(h, eps).expand(*h.shape[:-1], p),
-            (eps / h).expand(*h.shape[:-1], C.shape[-2] - p),
-        ),
-        -1,
-    )
-    return times(C.abs(), strain[..., None])[..., 0]
 
 
 def placed(
