@@ -63,7 +63,7 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     model = last.model() if last is not None and last.lumped == lumped else None
     if model is None or not all(map(torch.equal, last.numbers, numbers)):
         model = _discretised(scene, lumped, topology)
-        copies = [x.detach().clone() for x in numbers]
+        copies = [x.clone() for x in numbers]
         vars(scene)[LAST] = Last(ref(model), lumped, copies)
     return model
 
