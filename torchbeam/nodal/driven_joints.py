@@ -31,9 +31,9 @@ from ..state.instant import READINGS
 from .balls import BallLaws, Balls, BallStep
 from .between_nodes import NodeMotion, Placed, Rates
 from .coordinate_laws import CoordinateLaws
+from .joint_inertia import InertialJoints
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
-from .joints import Joints
 from .multipliers import CLOSED
 from .rotation_vector import Turn
 
@@ -54,12 +54,11 @@ class Driven(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DrivenJoints(Joints):
-    """With `laws`; prescribed (J, w) 1 where a coordinate is, which `held` counts in; own_laws:
+class DrivenJoints(InertialJoints):
+    """Prescribed (J, w) 1 where a coordinate is, which `held` counts in; own_laws:
     of coordinates, that say by themselves what they resist by, None = there are none.
     """
 
-    laws: JointLaws
     prescribed: Tensor = leaf(2)
     own_laws: CoordinateLaws | None = None
 
@@ -111,7 +110,8 @@ class DrivenJoints(Joints):
             before = self.coordinate(motion.start, near)
             after = self.coordinate(motion.end, before)
             rate = None if self.laws.friction is None else self.rate(motion.start, *of.moving())
-            step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate)
+            gain = self.gain(motion, before, after)
+            step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate, gain)
         effort, by, memory = *self.laws.effort(step), None
         if self.own_laws is not None:
             resistance, slope, memory = self._resistance(step, of)
@@ -215,7 +215,8 @@ class DrivenJoints(Joints):
             return (turning - rate * driven.effort_by[..., None] * push).mT @ by_end
 
         added = None if self.acting_balls is None else self._ball_stiffness(placed, rate)
-        return self._blocks(motion, driven.acting, driven.closing, force, more, added)
+        force_by = self.inertial_forces_by(placed, driven.step.after)
+        return self._blocks(motion, driven.acting, driven.closing, force, more, added, force_by)
 
     def _ball_step(self, motion: Placed) -> BallStep:
         of, balls = motion.of, self.balls
@@ -248,8 +249,7 @@ class DrivenJoints(Joints):
         """Of dampers, and of friction as it is next to no motion."""
         if not self.dissipative:
             return None
-        placed, w = motion.placed(self.pose), self.space.unknowns
-        ends, blocks = torch.block_diag(self.moves, self.moves).mT, 0.0
+        placed, blocks = motion.placed(self.pose), 0.0
         step = self.driven(placed).step
         damper = self.laws.damper if self.laws.dissipative else None
         if self.own_laws is not None:
@@ -257,16 +257,12 @@ class DrivenJoints(Joints):
             more = None if more is None else self._coordinates * more[..., None]
             damper = more if damper is None else damper if more is None else damper + more
         if damper is not None:
-            by = self.coordinate_by(placed.end, step.after) @ ends
-            blocks = by.mT @ (damper[..., None] * by)  # (..., J, 2 w, 2 w)
+            blocks = self.between_ends(self.coordinate_by(placed.end, step.after), damper)
         if self.balls is not None and self.balls.laws.dissipative:
-            by = self.balls.spin_rows(placed.end) @ ends
-            damper = self.balls.own_laws.damper[..., None, None]
-            blocks = blocks + self.balls.to_joints(by.mT @ (damper * by), -3, self.count)
-        if isinstance(blocks, float):
-            return None
-        blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
-        return self.tied(matrix(), blocks)
+            damper = self.balls.own_laws.damper[..., None]
+            of_balls = self.between_ends(self.balls.spin_rows(placed.end), damper)
+            blocks = blocks + self.balls.to_joints(of_balls, -5, self.count)
+        return None if isinstance(blocks, float) else self.tied(matrix(), blocks)
 
     def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         driven = self.driven(motion)
@@ -345,6 +341,8 @@ class DrivenJoints(Joints):
         """
         step = self.driven(motion).step
         force, travelled = self.forces(stress), step.difference()[0]
+        if step.gain is not None:  # it is kinetic energy
+            force = force - self.laws.inertia * step.gain / step.dt
         if before is not None:
             force = (force + self.forces(before.stress)) / 2
             travelled = step.after - self.coordinate(motion.start, step.after)

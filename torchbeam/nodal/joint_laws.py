@@ -6,14 +6,17 @@ they resist.
     damping              -c D/dt
     friction             -mu r/sqrt(r^2 + s^2)         r = 2 (q_{n+1} - q_n)/dt - r_n, the rate at
                          the end of the step
+    inertia              -A (r_{n+1} - r_n)/dt         r the rates of which nodes' velocities are
 
 D is what the effort's work is counted by over a step (see `driven_joints`): 2
 sin((q_{n+1} - q_n)/2) of an angle, the difference of a travel. So springs and limits keep their
 energy, and damping takes some, to rounding. Friction is Coulomb's, regularised: the gradient of the
 dissipation potential mu sqrt(r^2 + s^2), with the slip speed s, at the end of the step, so that
-what sticks comes to rest within a step, and errors are of first order. x is how far q is beyond a
-limit, and e a hundredth of the range between the limits, over which their stiffness rises. At rest
-D is the differential, and there is neither damping nor friction.
+what sticks comes to rest within a step, and errors are of first order. The effort of an inertia is
+of second order: it is that of its kinetic energy A r^2/2, and its impulses add up to A times the
+gain of the rate, whatever the step. x is how far q is beyond a limit, and e a hundredth of the
+range between the limits, over which their stiffness rises. At rest D is the differential, and there
+is neither damping nor friction nor inertia.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ SMALL = 1e-2  # rad: angles whose ratios are series
 class CoordinateStep(NamedTuple):
     """Coordinates (..., J, w) before and after, which of them are angles (J, w) bool; dt
     (..., 1, 1) s, None = at rest: there before and after are the same; the rates before, if there
-    is friction.
+    is friction; what rates gain over the step, if there is inertia.
     """
 
     before: Tensor
@@ -41,6 +44,7 @@ class CoordinateStep(NamedTuple):
     angles: Tensor
     dt: Tensor | None
     rate: Tensor | None
+    gain: Tensor | None = None
 
     def difference(self) -> tuple[Tensor, Tensor]:
         """D, and its derivative by `after`."""
@@ -89,7 +93,7 @@ class Losses(Tree):
 class JointLaws(Losses):
     """Of all joints (..., J, w), zero where a coordinate has none; None where no joint has one.
     Stiffness N/m or N m/rad, damping N s/m or N m s/rad, friction N or N m with the slip speed m/s
-    or rad/s, limits m or rad and their stiffness.
+    or rad/s, limits m or rad and their stiffness, inertia kg or kg m^2.
     """
 
     stiffness: Tensor | None = leaf(2)
@@ -99,9 +103,12 @@ class JointLaws(Losses):
     lowest: Tensor | None = leaf(2)
     highest: Tensor | None = leaf(2)
     limit_stiffness: Tensor | None = leaf(2)
+    inertia: Tensor | None = leaf(2)
 
     def effort(self, step: CoordinateStep) -> tuple[Tensor, Tensor]:
-        """Effort (..., J, w) N or N m, and its derivative by coordinates after the step."""
+        """Effort (..., J, w) N or N m, and its derivative by coordinates after the step, at the
+        same gain of rates.
+        """
         total = by = torch.zeros_like(step.after)
         slope, slope_by = self._slope(step.after, step.before)
         if step.dt is None:
@@ -118,6 +125,8 @@ class JointLaws(Losses):
             size = torch.sqrt(rate**2 + slip**2)
             total = total - self.friction * rate / size
             by = by - self.friction * slip**2 / size**3 * 2 / step.dt
+        if step.gain is not None:
+            total = total - self.inertia * step.gain / step.dt
         return total, by
 
     def _slope(self, q: Tensor, p: Tensor) -> tuple[Tensor, Tensor]:

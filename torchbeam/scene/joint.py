@@ -38,6 +38,7 @@ class CoordinateLaw(NamedTuple):
     lowest: Tensor | None = None
     highest: Tensor | None = None
     limit_stiffness: Tensor | None = None
+    inertia: Tensor | None = None
     effort: Any = None
     prescribed: Any = None
 
