@@ -320,7 +320,9 @@ class MidpointTangent:
         motion = self.motion
 
         def by_spin() -> Tensor:
-            return motion.Z @ self.lever_end - self._rate(motion.frame.rate_by, self._lever_velocity)
+            return motion.Z @ self.lever_end - self._rate(
+                motion.frame.rate_by, self._lever_velocity
+            )
 
         return self.kinematics.lever.acceleration_by(motion.Z, by_spin)
 

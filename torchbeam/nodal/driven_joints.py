@@ -31,7 +31,7 @@ from ..state.instant import READINGS
 from .balls import BallLaws, Balls, BallStep
 from .between_nodes import NodeMotion, Placed, Rates
 from .coordinate_laws import CoordinateLaws
-from .joint_inertia import InertialJoints
+from .joint_inertia import Inertial, InertialJoints
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
 from .multipliers import CLOSED
@@ -41,7 +41,8 @@ from .rotation_vector import Turn
 class Driven(NamedTuple):
     """What acts at one motion: the coordinates over the step; w where forces act and where joints
     are closed, and c there; the effort (..., J, w) along the coordinates, and its derivative by
-    them; what joints remember after it (..., J, m), None = nothing.
+    them; what joints remember after it (..., J, m), None = nothing; what inertia does, None = there
+    is none.
     """
 
     step: CoordinateStep
@@ -51,6 +52,7 @@ class Driven(NamedTuple):
     effort: Tensor
     effort_by: Tensor
     memory: Tensor | None = None
+    inertial: Inertial | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class DrivenJoints(InertialJoints):
 
     def driven(self, motion: Placed) -> Driven:
         of = motion.of
-        values, near, goal = of.now.joints, self._near(of.state), None
+        values, near, goal, inertial = of.now.joints, self._near(of.state), None, None
         if values.coordinate is not None:
             goal = self.prescribed * of.raised(values.coordinate)
         near = goal if near is None else near
@@ -110,8 +112,8 @@ class DrivenJoints(InertialJoints):
             before = self.coordinate(motion.start, near)
             after = self.coordinate(motion.end, before)
             rate = None if self.laws.friction is None else self.rate(motion.start, *of.moving())
-            gain = self.gain(motion, before, after)
-            step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate, gain)
+            step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate)
+            inertial = self.inertial(motion, step)
         effort, by, memory = *self.laws.effort(step), None
         if self.own_laws is not None:
             resistance, slope, memory = self._resistance(step, of)
@@ -126,7 +128,7 @@ class DrivenJoints(InertialJoints):
             turn, more = self._beyond(self.prescribed * self.angles * (step.after - goal))
             closing = self.turned(goal * self.angles + turn)
             offset = self.c + goal * self.travels - more
-        return Driven(step, acting, closing, offset, effort, by, memory)
+        return Driven(step, acting, closing, offset, effort, by, memory, inertial)
 
     def _resistance(self, step: CoordinateStep, of: NodeMotion) -> tuple[Tensor, Tensor, Tensor]:
         """Of `own_laws` (..., J, w), which their work over the step is counted by; the derivative
@@ -173,6 +175,9 @@ class DrivenJoints(InertialJoints):
         driven = self.driven(placed)
         product = (self.v.at(placed.end).value * driven.closing.at(placed.end).value).sum(-1)
         nodes = self._load(placed.acting, driven.acting, self._forces(stress, driven), nodes)
+        if driven.inertial is not None:
+            both = driven.inertial.wrenches.unflatten(-1, (2, 6)) @ self.moves.mT
+            nodes = self.framework.from_joints(both, nodes)
         if self.acting_balls is not None:
             M = self._ball_moment(placed)
             first, second = (torch.cat((torch.zeros_like(M), x), -1) for x in (-M, M))
@@ -204,7 +209,7 @@ class DrivenJoints(InertialJoints):
     def blocks(self, motion: NodeMotion, force: Tensor) -> Tensor:
         rate, placed = motion.rate, motion.placed(self.pose)
         driven = self.driven(placed)
-        force = self.held * force - driven.effort
+        force, inertial = self.held * force - driven.effort, driven.inertial
         by_end = self.coordinate_by(placed.end, driven.step.after)  # (..., J, m, 12)
 
         def more(v: Vector, push: Tensor) -> Tensor:
@@ -215,8 +220,11 @@ class DrivenJoints(InertialJoints):
             return (turning - rate * driven.effort_by[..., None] * push).mT @ by_end
 
         added = None if self.acting_balls is None else self._ball_stiffness(placed, rate)
-        force_by = self.inertial_forces_by(placed, driven.step.after)
-        return self._blocks(motion, driven.acting, driven.closing, force, more, added, force_by)
+        along = None
+        if inertial is not None:
+            tilt, force_by = self.inertial_by(placed, driven.step.after, inertial.force)
+            added, along = tilt if added is None else added + tilt, (inertial.along, force_by)
+        return self._blocks(motion, driven.acting, driven.closing, force, more, added, along)
 
     def _ball_step(self, motion: Placed) -> BallStep:
         of, balls = motion.of, self.balls
@@ -275,8 +283,12 @@ class DrivenJoints(InertialJoints):
         parts = stress.narrow(-2, 0, last - self.count), force, stress.narrow(-2, last, self.behind)
         return stacked(*parts), driven.acting
 
-    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
-        wrench = super().wrench(motion, w, (1 - self.turning_rows) * force)
+    def wrench(
+        self, motion: Placed, w: Factor, force: Tensor, more: Tensor | None = None
+    ) -> Tensor:
+        inertial = self.driven(motion).inertial
+        more = None if inertial is None else inertial.wrenches
+        wrench = super().wrench(motion, w, (1 - self.turning_rows) * force, more)
         if self.acting_balls is None:
             return wrench
         M = self._ball_moment(motion)
@@ -341,8 +353,6 @@ class DrivenJoints(InertialJoints):
         """
         step = self.driven(motion).step
         force, travelled = self.forces(stress), step.difference()[0]
-        if step.gain is not None:  # it is kinetic energy
-            force = force - self.laws.inertia * step.gain / step.dt
         if before is not None:
             force = (force + self.forces(before.stress)) / 2
             travelled = step.after - self.coordinate(motion.start, step.after)

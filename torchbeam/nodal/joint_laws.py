@@ -6,17 +6,14 @@ they resist.
     damping              -c D/dt
     friction             -mu r/sqrt(r^2 + s^2)         r = 2 (q_{n+1} - q_n)/dt - r_n, the rate at
                          the end of the step
-    inertia              -A (r_{n+1} - r_n)/dt         r the rates of which nodes' velocities are
 
 D is what the effort's work is counted by over a step (see `driven_joints`): 2
 sin((q_{n+1} - q_n)/2) of an angle, the difference of a travel. So springs and limits keep their
 energy, and damping takes some, to rounding. Friction is Coulomb's, regularised: the gradient of the
 dissipation potential mu sqrt(r^2 + s^2), with the slip speed s, at the end of the step, so that
-what sticks comes to rest within a step, and errors are of first order. The effort of an inertia is
-of second order: it is that of its kinetic energy A r^2/2, and its impulses add up to A times the
-gain of the rate, whatever the step. x is how far q is beyond a limit, and e a hundredth of the
-range between the limits, over which their stiffness rises. At rest D is the differential, and there
-is neither damping nor friction nor inertia.
+what sticks comes to rest within a step, and errors are of first order. x is how far q is beyond a
+limit, and e a hundredth of the range between the limits, over which their stiffness rises. At rest
+D is the differential, and there is neither damping nor friction. Of inertia see `joint_inertia`.
 """
 
 from __future__ import annotations
@@ -36,7 +33,7 @@ SMALL = 1e-2  # rad: angles whose ratios are series
 class CoordinateStep(NamedTuple):
     """Coordinates (..., J, w) before and after, which of them are angles (J, w) bool; dt
     (..., 1, 1) s, None = at rest: there before and after are the same; the rates before, if there
-    is friction; what rates gain over the step, if there is inertia.
+    is friction.
     """
 
     before: Tensor
@@ -44,7 +41,6 @@ class CoordinateStep(NamedTuple):
     angles: Tensor
     dt: Tensor | None
     rate: Tensor | None
-    gain: Tensor | None = None
 
     def difference(self) -> tuple[Tensor, Tensor]:
         """D, and its derivative by `after`."""
@@ -106,9 +102,7 @@ class JointLaws(Losses):
     inertia: Tensor | None = leaf(2)
 
     def effort(self, step: CoordinateStep) -> tuple[Tensor, Tensor]:
-        """Effort (..., J, w) N or N m, and its derivative by coordinates after the step, at the
-        same gain of rates.
-        """
+        """Effort (..., J, w) N or N m, and its derivative by coordinates after the step."""
         total = by = torch.zeros_like(step.after)
         slope, slope_by = self._slope(step.after, step.before)
         if step.dt is None:
@@ -125,8 +119,6 @@ class JointLaws(Losses):
             size = torch.sqrt(rate**2 + slip**2)
             total = total - self.friction * rate / size
             by = by - self.friction * slip**2 / size**3 * 2 / step.dt
-        if step.gain is not None:
-            total = total - self.inertia * step.gain / step.dt
         return total, by
 
     def _slope(self, q: Tensor, p: Tensor) -> tuple[Tensor, Tensor]:

@@ -177,15 +177,18 @@ class Joints(BetweenNodes):
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
-    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
+    def wrench(
+        self, motion: Placed, w: Factor, force: Tensor, more: Tensor | None = None
+    ) -> Tensor:
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
-        a: on the ground, which has no gradient, the opposite of what the first part gets.
+        a: on the ground, which has no gradient, the opposite of what the first part gets. more:
+        wrenches (..., J, 12) that nodes' balances have beside these.
         """
         pose, apart = motion.acting, self.w.at(motion.acting)  # row 0: of the points
         by, arms = self._gradient(self.v.at(pose), w.at(pose)), apart.turning[..., 0, :]
-        push, moment = (
-            torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
-        )
+        both = torch.einsum("...jmk,...jm->...jk", by, -force)
+        both = both if more is None else both - more
+        push, moment = both.unflatten(-1, (2, 2, 3)).unbind(-2)
         moment = moment - cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor(
             [pair[1] is None for pair in self.framework.joints], device=force.device
@@ -310,11 +313,12 @@ class Joints(BetweenNodes):
         force: Tensor,
         more: Callable[[Vector, Tensor], Tensor] | None = None,
         added: Tensor | None = None,
-        force_by: Tensor | None = None,
+        more_along: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
-        `added` (..., J, 12, 12): what the forces' wrenches change by beside that; force_by
-        (..., J, 2, w, w): forces by moves, of both nodes one after the other. Moves are where
+        `added` (..., J, 12, 12): what the forces' wrenches change by beside that; more_along:
+        what further forces act along (..., J, w, 12), and their derivative by the moves of both
+        nodes (..., J, 2, w, w). Moves are where
         forces act, the mean of start and end: of which the end makes `rate` times the displacement,
         and turns by rate * `half_turns` times the spin.
         """
@@ -336,8 +340,9 @@ class Joints(BetweenNodes):
         held = self.held[..., None]
         constraint = columns(held * closed, E, spin)
         stiffness = columns(E @ stiffness, E, spin)
-        if force_by is not None:
-            stiffness = stiffness + (push @ E.mT).mT[..., None, :, :] @ force_by
+        if more_along is not None:
+            pushed, force_by = more_along
+            stiffness = stiffness + (pushed @ E.mT).mT[..., None, :, :] @ force_by
         stiffness = stiffness.unflatten(-2, (2, -1)).transpose(-4, -3)
         by_force = (push * held @ E.mT).mT.unflatten(-2, (2, -1))
         rows = stacked(stiffness, by_force[..., None, :, :], axis=-3)
