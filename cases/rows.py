@@ -408,11 +408,12 @@ JOINTS = {
     **{name: row for kind in (tb.Hinge, tb.Slider) for name, row in _rows(
         _law, (kind, "stiffness", 2.0, {}), (kind, "damping", 0.1, {}),
         (kind, "friction", 0.1, dict(slip_speed=0.1)),
-        (kind, "limit_stiffness", 5.0, dict(limits=ONE))).items()},
+        (kind, "limit_stiffness", 5.0, dict(limits=ONE)), (kind, "inertia", 0.1, {})).items()},
     **{name: row for kind in (tb.Cylindrical, tb.Universal) for name, row in _rows(
         _law, (kind, "stiffness", (2.0, 5.0), {}), (kind, "damping", (0.1, 0.2), {}),
         (kind, "friction", (0.1, 0.2), dict(slip_speed=BOTH)),
-        (kind, "limit_stiffness", (5.0, 4.0), dict(limits=TWICE))).items()},
+        (kind, "limit_stiffness", (5.0, 4.0), dict(limits=TWICE)),
+        (kind, "inertia", (0.1, 0.2), {})).items()},
     **_rows(
         _law, (tb.Ball, "stiffness", 2 * torch.eye(3, dtype=torch.float64), {}),
         (tb.Ball, "damping", 0.1, {}), (tb.Ball, "friction", 0.1, dict(slip_speed=0.1)),

@@ -95,7 +95,7 @@ class InertialJoints(Joints):
         by_end = self.coordinate_by(end, after)
         # of an angle what acts along the derivative at the end turns with it, of a travel at mid
         sides = ((motion.acting, self.w, self.travels), (end, self.turned(angle), self.angles))
-        tilt = (rate / 2 * force[..., None] * across).mT @ by_end
+        tilt = (force[..., None] * across).mT @ by_end
         for pose, factor, rows in sides:
             at = self.v.at(pose), factor.at(pose)
             ends = self.v.at(end), factor.at(end)
