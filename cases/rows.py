@@ -370,7 +370,8 @@ WITHOUT = {  # public effects that have no row, and who asks them
 def _law(kind: type, name: str, draw: Any, **beside: Any) -> Row:
     """Of a number of a law in a joint, which is looked at once."""
     make = lambda v, *ends: kind(*ends, **beside, **{name: v})  # noqa: E731
-    return Row(make, draw=draw, after=OLD, at_zero=dict(ways="eager", least=True, scale=1e-4))
+    scale = 1e-6 if name == "inertia" else 1e-4  # a small part of the body's
+    return Row(make, draw=draw, after=OLD, at_zero=dict(ways="eager", least=True, scale=scale))
 
 
 def _told(kind: type, name: str, draw: Any = 0.1, numbers: Any = None, **beside: Any) -> Row:
