@@ -142,10 +142,6 @@ class BetweenNodes(Tree):
         """A mass matrix with its own, at rest."""
         return matrix
 
-    def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Any:
-        """(...) J of nodes that move with velocity and spin (..., N+1, *), axes of sections."""
-        return 0.0
-
     def damping(self, matrix: Callable[[], Any], motion: NodeMotion) -> Any:
         """A damping matrix with its own, at rest; None = it has none."""
         return None

@@ -286,8 +286,7 @@ class DrivenJoints(InertialJoints):
     def wrench(
         self, motion: Placed, w: Factor, force: Tensor, more: Tensor | None = None
     ) -> Tensor:
-        inertial = self.driven(motion).inertial
-        more = None if inertial is None else inertial.wrenches
+        more = self.driven(motion).inertial.wrenches if self.has_inertia else None
         wrench = super().wrench(motion, w, (1 - self.turning_rows) * force, more)
         if self.acting_balls is None:
             return wrench

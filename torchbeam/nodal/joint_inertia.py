@@ -112,9 +112,8 @@ class InertialJoints(Joints):
         mass = (self.angles + self.travels) * self.laws.inertia / of.dt[..., None, None]
         return tilt, mass[..., None, :, None] * by
 
-    def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Tensor | float:
-        if not self.has_inertia:
-            return 0.0
+    def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Tensor:
+        """(...) J of nodes that move with velocity and spin (..., N+1, *), axes of sections."""
         pose, (velocity, spin) = self.pose(position, rotation), moving
         spin = self.space.to_frame(rotation, spin)
         rate = self._rates(self.coordinate_by(pose, self.coordinate(pose)), (velocity, spin))
