@@ -286,7 +286,8 @@ class DrivenJoints(InertialJoints):
     def wrench(
         self, motion: Placed, w: Factor, force: Tensor, more: Tensor | None = None
     ) -> Tensor:
-        more = self.driven(motion).inertial.wrenches if self.has_inertia else None
+        inertial = self.driven(motion).inertial if self.has_inertia else None
+        more = None if inertial is None else inertial.wrenches
         wrench = super().wrench(motion, w, (1 - self.turning_rows) * force, more)
         if self.acting_balls is None:
             return wrench

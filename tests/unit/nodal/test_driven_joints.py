@@ -177,7 +177,7 @@ def momenta(model, state):
 @pytest.mark.parametrize(
     "joint",
     [
-        dict(stiffness=0.1),
+        dict(stiffness=0.1, inertia=0.05),
         dict(limits=(-4.0, 4.0), limit_stiffness=30.0),
         dict(damping=0.01, friction=0.02, slip_speed=0.1),
     ],

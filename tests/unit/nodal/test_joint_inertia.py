@@ -61,8 +61,8 @@ def of_slides(q, u) -> list[float]:
     ("scene", "accelerations"), [(two_links, of_two_links), (slides, of_slides)]
 )
 def test_is_that_of_lagranges_equations(scene, accelerations):
-    """Midpoint steps are of second order, `midpoint4` of fourth: to 1e-7 rad and m of a motion of
-    1 rad with steps of 10 ms, beside SciPy's to 1e-12.
+    """Midpoint steps are of second order, `midpoint4` of fourth: to 3e-7 rad and m of a motion of
+    1 rad with steps of 12.5 ms, beside SciPy's to 1e-12.
     """
 
     def rates(t, y):
@@ -76,10 +76,10 @@ def test_is_that_of_lagranges_equations(scene, accelerations):
         q = np.array([joint.coordinate.numpy() for joint in joints])
         return np.abs(q - exact.y[:2]).max()
 
-    assert np.abs(exact.y[:2]).max() > 1
+    assert np.abs(exact.y[:2]).max() > 0.8
     for method, order in (("midpoint", 2), ("midpoint4", 4)):
-        assert abs(np.log2(error(method, 0.02) / error(method, 0.01)) - order) < 0.1
-    assert error("midpoint4", 0.01) < 1e-6
+        assert abs(np.log2(error(method, 0.025) / error(method, 0.0125)) - order) < 0.1
+    assert error("midpoint4", 0.0125) < 3e-7
 
 
 def test_hinges_keep_the_energy_over_ten_thousand_steps():
@@ -104,17 +104,17 @@ def test_an_inertia_to_the_ground_is_the_bodys_own(engine):
     """The same states as of the body with so much more inertia about the axis, and the same
     forces, to rounding.
     """
-    axis = torch.tensor((0.6, 0.0, 0.8))
-    J, at = torch.diag(torch.tensor((0.05, 0.06, 0.09))), torch.tensor((0.4, 0.1, 0.2))
+    axis = torch.tensor((0.6, 0.8, 0.0))
+    J, at = torch.diag(torch.tensor((0.15, 0.16, 0.12))), torch.tensor((0.4, 0.1, 0.2))
 
     def run(body: float, hinge: float) -> tb.Solution:
         part = tb.Body(0.7, J + body * torch.outer(axis, axis), position=at)
         joint = tb.Hinge(None, "a", axis=axis, at=(0, 0, 0), stiffness=2.0, inertia=hinge)
         scene = tb.Scene({"a": part}, [FALL], joints=[joint])
-        return tb.simulate(scene, T, step=0.05, engine=engine)
+        return tb.simulate(scene, T[:3] / 2, step=0.05, engine=engine)
 
     ours, theirs = run(0.0, 0.1), run(0.1, 0.0)
-    assert theirs.joint[0].coordinate.max() > 1
+    assert theirs.joint[0].coordinate.abs().max() > 0.1
     for name in ("position", "spin", "joints"):
         x, y = getattr(ours.state, name), getattr(theirs.state, name)
         y = y if name != "joints" else torch.cat((y[..., :9], x[..., 9:]), -1)
@@ -171,7 +171,7 @@ def test_closing_the_energy_takes_it_in():
         A = torch.tensor((0.3, 0.2), requires_grad=True)
         stepper = tb.Stepper(two_links(A.unbind()), 0.02, engine=engine, conserve=True)
         state = stepper.rest()
-        for _ in range(10):
+        for _ in range(2):
             state = stepper(state)
         assert state.defect.abs() < 1e-9
         x = torch.stack([part for joint in state.joint for part in (joint.coordinate, joint.rate)])
