@@ -283,9 +283,7 @@ class DrivenJoints(InertialJoints):
         parts = stress.narrow(-2, 0, last - self.count), force, stress.narrow(-2, last, self.behind)
         return stacked(*parts), driven.acting
 
-    def wrench(
-        self, motion: Placed, w: Factor, force: Tensor, more: Tensor | None = None
-    ) -> Tensor:
+    def wrench(self, motion: Placed, w: Factor, force: Tensor, more: Any = None) -> Tensor:
         inertial = self.driven(motion).inertial if self.has_inertia else None
         more = None if inertial is None else inertial.wrenches
         wrench = super().wrench(motion, w, (1 - self.turning_rows) * force, more)

@@ -177,9 +177,7 @@ class Joints(BetweenNodes):
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
-    def wrench(
-        self, motion: Placed, w: Factor, force: Tensor, more: Tensor | None = None
-    ) -> Tensor:
+    def wrench(self, motion: Placed, w: Factor, force: Tensor, more: Any = None) -> Tensor:
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
         a: on the ground, which has no gradient, the opposite of what the first part gets. more:
         wrenches (..., J, 12) that nodes' balances have beside these.
