@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from torchbeam_envs.baselines.holding import vector_env
 
 from .common import environment_state, main, restore_environment, training_seed
 from .imitation import Imitation
@@ -112,7 +111,7 @@ def _at_pace(task: Task, pace: int) -> Task:
     """The task with intervals as long as so many of its own, in episodes of the same time."""
     if pace == 1:
         return task
-    own = vector_env(task.make(1)).config
+    own = task.make(1).unwrapped.config
     most = own.max_episode_steps
     return task.varied(
         control_interval=pace * own.control_interval,

@@ -328,7 +328,7 @@ def test_lessons_at_another_pace_are_of_longer_intervals():
     """Three of the task's intervals in one, and a third of an episode's count of them, rounded up:
     what it is scored on stays as it is.
     """
-    own = make(TINY, 1)
+    own = TINY.make(1).unwrapped
     one = learner("student", pace=3)
     of_task, of_lessons = own.config, one.env.config
     assert of_lessons.control_interval == pytest.approx(3 * of_task.control_interval)
