@@ -4,6 +4,7 @@ The hinge's angle and one strain gauge are read, with noise and an offset of the
 is known up to 20 mNm. An extended Kalman filter (`tb.KalmanFilter`) estimates the motion and the
 mass. The check is the mass at the end. Run as a script, it also draws the mass with its 95 %
 interval, and the tip's deflection, which nothing reads.
+The film: the estimate (orange) covers the arm (blue), and the mass comes out of its bending.
 """
 
 import argparse
@@ -18,7 +19,9 @@ from torchbeam.extend import quaternions
 parser = argparse.ArgumentParser(
     description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
 )
-parser.add_argument("--picture", type=Path, default=Path("out/slewing_payload.png"))
+parser.add_argument(
+    "--picture", type=Path, default=Path("out/slewing_payload.png"), help="the film is beside it"
+)
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
 DT, READINGS = 0.01, 150  # s
@@ -38,7 +41,7 @@ def arm(p: dict[str, torch.Tensor]) -> tb.Scene:
 
 
 def torque(k: int) -> float:
-    """Nm, over the k-th interval: half a turn and back to rest."""
+    """Nm, over the k-th interval: the arm turns and comes back to rest."""
     return 0.12 * math.sin(2 * math.pi * k / READINGS)
 
 
@@ -65,7 +68,7 @@ f = tb.KalmanFilter(
 random = torch.Generator().manual_seed(1)
 step = tb.Stepper(arm({"mass": torch.tensor(MASS, dtype=torch.float64)}), DT)
 state, z = step.rest(), f.start()
-mean, low, high, tips = [], [], [], []
+mean, low, high, tips, shapes = [], [], [], [], []
 for k in range(READINGS):
     shaken = SHAKEN * torch.randn(1, generator=random, dtype=torch.float64)
     state = step(state, motor=torque(k) + shaken)
@@ -78,9 +81,11 @@ for k in range(READINGS):
     low.append(ends[0])
     high.append(ends[1])
     tips.append([deflection(state), deflection(z.state)])
+    shapes.append(tb.State.stack([state, z.state]))
 
 CHECK, EXPECTED, TOLERANCE = mean[-1], MASS, 0.01
 truth, seen = torch.tensor(tips).unbind(-1)
+CURVES = ("C1", "estimate"), ("C1:", "95 % interval"), ("C1:", None)
 
 
 def draw(path: Path) -> None:
@@ -100,9 +105,30 @@ def draw(path: Path) -> None:
     tb.plot.save(above, path, dpi=120)
 
 
+def film(path: Path) -> None:
+    """Every third reading, at 0.4 of the motion's speed."""
+    left, right = tb.plot.grid(1, 2, (8, 4))
+    left.set(xlim=(-0.05, 0.65), ylim=(-0.5, 0.1))
+    t = DT * torch.arange(1, READINGS + 1)
+    right.axhline(1e3 * MASS, color="k", linestyle="--", label="truth")
+    lines = [right.plot([], [], style, label=label)[0] for style, label in CURVES]
+    right.set(xlim=(0, DT * READINGS), ylim=(0, 350), xlabel="s", title="payload, g")
+    right.legend()
+    every = range(2, READINGS, 3)
+
+    def show(i: int) -> None:
+        for line, values in zip(lines, (mean, low, high), strict=True):
+            line.set_data(t[: every[i] + 1], [1e3 * m for m in values[: every[i] + 1]])
+
+    motion = tb.State.stack([shapes[k] for k in every])
+    gif = path.with_suffix(".gif")
+    tb.plot.animate(motion, gif, left, fps=13, dpi=70, trail=False, beside=show)
+
+
 if __name__ == "__main__":
     for k in (9, 49, READINGS - 1):
         print(f"after {DT * (k + 1):.1f} s: {1e3 * mean[k]:.0f} g ({1e3 * low[k]:.0f} to "
               f"{1e3 * high[k]:.0f}), truth {1e3 * MASS:.0f}")  # fmt: skip
     draw(options.picture)
-    print(f"picture: {options.picture}")
+    film(options.picture)
+    print(f"picture and film: {options.picture}, .gif")

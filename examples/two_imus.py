@@ -5,6 +5,7 @@ degree, and its turn rate, with noise. The rubber is softer than it is taken for
 nobody measures pushes the arm. An extended Kalman filter (`tb.KalmanFilter`) estimates the motion,
 the stiffness, the offsets and the push. The check is how far the estimated tip is off, as a share
 of its motion, in the second half. Run as a script, it also draws the tip and the stiffness.
+The film: the estimate (orange) covers the arm (blue), and the gust is seen that nobody measures.
 """
 
 import argparse
@@ -18,7 +19,9 @@ import torchbeam as tb
 parser = argparse.ArgumentParser(
     description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
 )
-parser.add_argument("--picture", type=Path, default=Path("out/two_imus.png"))
+parser.add_argument(
+    "--picture", type=Path, default=Path("out/two_imus.png"), help="the film is beside it"
+)
 options = parser.parse_args(None if __name__ == "__main__" else [])
 
 DT, READINGS, GUST = 0.02, 150, (70, 95)  # s; the gust blows in these intervals
@@ -77,7 +80,7 @@ f = tb.KalmanFilter(
 random = torch.Generator().manual_seed(0)
 step = tb.Stepper(arm({"E": torch.tensor(SOFTER, dtype=torch.float64)}), DT)
 state, z = tb.equilibrium(step.scene, inputs=still), f.start()
-mean, low, high, tips, pushes = [], [], [], [], []
+mean, low, high, tips, pushes, shapes = [], [], [], [], [], []
 for k in range(READINGS):
     gust = PUSHED if GUST[0] <= k < GUST[1] else 0.0
     pulled = {name: torch.tensor(pull, dtype=torch.float64) for name, pull in tensions(k).items()}
@@ -89,7 +92,8 @@ for k in range(READINGS):
     low.append(ends[0])
     high.append(ends[1])
     tips.append([state.tip.position[0].item(), z.state.tip.position[0].item()])
-    pushes.append([gust, z.unknown["push[0]"].item()])
+    pushes.append([1e3 * gust, 1e3 * z.unknown["push[0]"].item()])
+    shapes.append(tb.State.stack([state, z.state]))
 
 truth, seen = torch.tensor(tips, dtype=torch.float64).unbind(-1)
 late = slice(READINGS // 2, None)
@@ -111,10 +115,32 @@ def draw(path: Path) -> None:
     middle.set_ylabel("stiffness over nominal")
     middle.legend()
     for column, style in zip(zip(*pushes, strict=True), ("k--", "C0"), strict=True):
-        below.plot(t, [1e3 * push for push in column], style)
+        below.plot(t, column, style)
     below.set_ylabel("push at the tip, mN")
     below.set_xlabel("s")
     tb.plot.save(above, path, dpi=120)
+
+
+def film(path: Path) -> None:
+    """Every second reading, at half the motion's speed."""
+    left, right = tb.plot.grid(1, 2, (8, 4))
+    left.set(xlim=(-0.15, 0.15), ylim=(-0.27, 0.02))
+    t = DT * torch.arange(1, READINGS + 1)
+    columns = list(zip(*pushes, strict=True))
+    right.plot(t, columns[0], "k--", label="truth")
+    (line,) = right.plot([], [], "C1", label="estimate")
+    right.set(xlim=(0, DT * READINGS), ylim=(-15, 35), xlabel="s", title="push at the tip, mN")
+    right.legend(loc="upper left")
+    every = range(1, READINGS, 2)
+    tb.plot.animate(
+        tb.State.stack([shapes[k] for k in every]),
+        path.with_suffix(".gif"),
+        left,
+        fps=12.5,
+        dpi=70,
+        trail=False,
+        beside=lambda i: line.set_data(t[: every[i] + 1], columns[1][: every[i] + 1]),
+    )
 
 
 if __name__ == "__main__":
@@ -123,4 +149,5 @@ if __name__ == "__main__":
         f"stiffness {mean[-1]:.3f} of the nominal ({low[-1]:.3f} to {high[-1]:.3f}); it is {SOFTER}"
     )
     draw(options.picture)
-    print(f"picture: {options.picture}")
+    film(options.picture)
+    print(f"picture and film: {options.picture}, .gif")

@@ -205,7 +205,7 @@ def identified(
     )
     one = tb.identify(models, records[0], log, absolute_sigma=case.absolute_sigma).problem
     data = [[m.values for m in record.values()] for record in records]
-    together = one.with_targets(torch.cat([one.with_data(values).target for values in data]))
+    together = replace(one, target=torch.cat([one.with_data(values).target for values in data]))
     factor = 1.5 ** (
         2 * torch.rand(len(records), len(TRUE), generator=random, dtype=torch.float64) - 1
     )

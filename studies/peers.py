@@ -163,7 +163,8 @@ def beside(rows: list[dict[str, Any]]) -> str:
         best = max(rivals, key=lambda r: r["rate"], default=None)
         lines.append(
             (
-                f"{row['peer']}, {row['space']}", str(row["batch"]), str(row["elements"]),
+                f"{row['peer']}, {row['space']}", str(row["batch"]),
+                f"{row['elements']}, {row['element']}",
                 f"{row['step_ms']:.3g}", f"{100 * row['error']:.2g} %", _rate(row),
                 *(("", "", "") if best is None else (
                     f"{best['element']}, {best['elements']}, {best['step_ms']:.3g} ms",

@@ -10,7 +10,7 @@ them. Decision times are those of one training episode, alone: the time that the
 processor, from an observation to its action, and for what is prepared between.
 
 Each batch of episodes writes a file of its own in runs/ when it is complete. Called again, the
-command makes what is missing, or was made on another task, and the table of all.
+command makes what is missing, or was made on another task or by other code, and the table of all.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from torchbeam.extend.commands import (
 
 from .evaluate import evaluate, make, seeds_beyond
 from .options import above_zero
-from .results import commit, holds, made
+from .results import code, commit, holds, made
 from .tuned import HELD_OUT, NOMINAL, TASKS, TRAINING, Task, widened
 
 # of an env and the task's ranges
@@ -74,8 +74,8 @@ class Run(NamedTuple):
 
     @property
     def about(self) -> dict[str, Any]:
-        """What is made on what."""
-        return {**self._asdict(), "environment": vars(self.of)}
+        """What is made on what, by which code."""
+        return {**self._asdict(), "environment": vars(self.of), "code": code()}
 
     @property
     def of(self) -> Task:
@@ -114,9 +114,13 @@ HEAD = (
 def play(run: Run, folder: Path) -> None:
     """Makes a run, in its own file."""
     torch.set_num_threads(1)
+    about = {
+        **run.about,
+        "commit": commit(),
+    }  # of the code that runs, whatever is written meanwhile
     result = decisions(run) if run.first is None else episodes(run, run.first)
-    about = {"measured": measured_on(dtype=None, threads=1), "commit": commit()}
-    write(folder / f"{run.name}.json", json.dumps({**run.about, **result, **about}, indent=2))
+    about |= {**result, "measured": measured_on(dtype=None, threads=1)}
+    write(folder / f"{run.name}.json", json.dumps(about, indent=2))
 
 
 def episodes(run: Run, first: int) -> dict[str, Any]:

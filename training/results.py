@@ -20,6 +20,7 @@ that all tasks have had as many seeds wherever it is cut off.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import subprocess
@@ -32,7 +33,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
+import torchbeam_envs
 
+import torchbeam
 from torchbeam.extend.commands import measured_on, process_pool, results_folder, write
 
 from . import ppo, sac, shac, student, tuned
@@ -168,6 +171,20 @@ def commit() -> str | None:
         return git("rev-parse", "HEAD") + "+" * bool(changed)
     except (OSError, subprocess.CalledProcessError):
         return None
+
+
+@cache
+def code() -> str:
+    """Digest of the code that runs: library, environments and this folder, when it is first asked
+    for.
+    """
+    digest = hashlib.sha256()
+    for file in (torchbeam.__file__, torchbeam_envs.__file__, __file__):
+        folder = Path(file).parent
+        for path in sorted(folder.rglob("*.py")):
+            digest.update(f"{folder.name}/{path.relative_to(folder)}".encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def attempt(make: Callable[..., Any], run: Any, folder: Path, *arguments: Any) -> str:

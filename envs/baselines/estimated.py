@@ -32,6 +32,7 @@ SOFT = 12.0  # a parameter comes no nearer to zero than some of such a share of 
 SETTLING = 10  # intervals in which a plant is left to itself
 STARTS = 64  # draws of the task's, where its episodes start differently
 LATENCIES = 4  # candidates, evenly over their range, each of which is estimated from there
+GATE = 1 - 1e-9  # probability of an error that is no fault of a sensor
 LASTING = 8.0  # lags, for which an action is remembered
 
 
@@ -51,7 +52,9 @@ class Estimated(Controller):
         disturbance: deviation of the disturbance of the actions: what the plant, with the
             parameters that are estimated, does not explain
         estimator: `tb.KalmanFilter`, or `tb.MovingHorizon` where all episodes start together
-        ranges: name -> (low, high) of the parameters; None = the ranges from which the env draws
+        ranges: name -> (low, high) of the parameters; None = the ranges from which the env draws.
+            An estimate goes beyond by the range's width at most, of latency not at all
+        gate: as in `torchbeam.KalmanFilter`: a reading so far off is left out
 
     `prepare` computes most of a decision before its observation arrives.
 
@@ -73,7 +76,9 @@ class Estimated(Controller):
         disturbance: float = 0.002,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
         ranges: Mapping[str, tuple[float, float]] | None = None,
+        gate: float | None = GATE,
     ) -> None:
+        self.gate = gate
         self.controller, self.known, self.modes = controller, known, modes
         self.disturbance, self.estimator, self.ranges = disturbance, estimator, ranges
 
@@ -136,7 +141,7 @@ class Estimated(Controller):
 
     def _likely(self) -> tuple[Tensor, Tensor]:
         """Where the most likely latencies stand among the estimates of the episodes (n,)."""
-        likely = self.z.log_likelihood.argmax(0)
+        likely = self.z.log_likelihood.nan_to_num(nan=-math.inf).argmax(0)
         return likely, torch.arange(len(likely), device=likely.device)
 
     def believed(self) -> Episodes:
@@ -252,7 +257,8 @@ class Estimated(Controller):
             if "latency" in drawn:
                 ends = torch.linspace(*self.late, LATENCIES + 1, dtype=torch.float64).to(env.high)
                 self.latencies = (ends[1:] + ends[:-1]) / 2
-                parameters["latency"] = sum(self.late) / 2, float(ends[1] - ends[0]) / 2
+                law = Normal(ends.mean(), (ends[1] - ends[0]) / 2)
+                parameters["latency"] = tb.Parameter(ends.mean(), bounds=self.late, prior=law)
         slowest = max(drawn.get("lag", (0.0,))) if not self.known else float(self.told["lag"].max())
         lasting = math.ceil(LASTING * slowest / config.control_interval)
         self.memory = config.delay + simulation.spare + 2 + lasting
@@ -281,6 +287,7 @@ class Estimated(Controller):
             method=config.method,
             drive=self.drive,
             second_order=False,  # the returns on record are without
+            gate=self.gate,
         )
         self.heard = self._heard(own)
         self.covariance = None
@@ -320,16 +327,23 @@ def _by_logarithm(low: float, high: float) -> bool:
 
 
 def _prior(low: float, high: float) -> tb.Parameter:
-    """Of a number that is drawn evenly between these: mean and variance of what is estimated."""
+    """Of a number that is drawn evenly between these: mean and variance of what is estimated, which
+    comes no farther beyond than these are apart.
+    """
     wide = torch.tensor(max(high - low, 1e-3 * high), dtype=torch.float64)
     if not _by_logarithm(low, high):
-        return tb.Parameter(
-            (low + high) / 2 + 0 * wide, prior=Normal(low + wide / 2, wide / 12**0.5)
-        )
+        mean = (low + high) / 2 + 0 * wide
+        ends = (low - wide, low + 2 * wide)
+        return tb.Parameter(mean, bounds=ends, prior=Normal(low + wide / 2, wide / 12**0.5))
     log, ratio = math.log(low) + 0 * wide, ((low + wide) / low).log()
     mean = log + (low + wide) / wide * ratio - 1
     variance = 1 - low * (low + wide) * (ratio / wide) ** 2
-    return tb.Parameter(mean.exp(), transform="log", prior=LogNormal(mean, variance.sqrt()))
+    return tb.Parameter(
+        mean.exp(),
+        transform="log",
+        bounds=((log - ratio).exp(), (log + 2 * ratio).exp()),
+        prior=LogNormal(mean, variance.sqrt()),
+    )
 
 
 class AdaptiveMPC(Estimated):
@@ -337,7 +351,7 @@ class AdaptiveMPC(Estimated):
 
     Args:
         horizon: intervals
-        known, modes, disturbance, estimator, ranges: as in `Estimated`
+        known, modes, disturbance, estimator, ranges, gate: as in `Estimated`
         terminal, iterations, damping: as in `MPC`
 
     Examples:
@@ -362,6 +376,7 @@ class AdaptiveMPC(Estimated):
         disturbance: float = 0.002,
         estimator: type[tb.KalmanFilter] = tb.KalmanFilter,
         ranges: Mapping[str, tuple[float, float]] | None = None,
+        gate: float | None = GATE,
     ) -> None:
         inner = MPC(
             vector_env(env), horizon, iterations=iterations, terminal=terminal, damping=damping,
@@ -369,5 +384,5 @@ class AdaptiveMPC(Estimated):
         )  # fmt: skip
         super().__init__(
             inner, known=known, modes=modes, disturbance=disturbance, estimator=estimator,
-            ranges=ranges,
+            ranges=ranges, gate=gate,
         )  # fmt: skip

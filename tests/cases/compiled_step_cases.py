@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import torch
+from torch.testing import assert_close
 
 import torchbeam as tb
 from torchbeam.state.supported_nodes import set_node
@@ -64,3 +65,21 @@ def moving(scene, batch=(), size=1.0, seed=3):
 def inputs_of(scene, batch=()):
     torch.manual_seed(5)
     return {name: 0.3 * torch.randn(*batch, size) for name, size in scene.inputs.items()}
+
+
+def same_fields(fields, found, wanted, tolerance=1e-12):
+    """Each field to `tolerance` of its largest number."""
+    for name in fields:
+        x, y = getattr(found, name), getattr(wanted, name)
+        if y is None:
+            assert x is None, name
+            continue
+        assert_close(
+            x,
+            y,
+            rtol=0,
+            atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
+            equal_nan=True,
+            msg=lambda text, name=name: f"{name}: {text}",
+        )
+    assert_close(found.status, wanted.status)

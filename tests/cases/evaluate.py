@@ -86,3 +86,20 @@ def evaluate(function: Function, inputs: dict[str, Tensor]) -> dict[str, Tensor]
         rows = torch.stack([x.expand(lead) for x in rows], -1) if rows else like.new_zeros(*lead, 0)
         results[name] = rows.reshape((*lead, *out.shape))
     return results
+
+
+def fields(value, name=""):
+    """Tensors of what a function returns, by their names in a trace."""
+    if isinstance(value, torch.Tensor):
+        return {name or "out": value}
+    pairs = (
+        value.items()
+        if isinstance(value, dict)
+        else zip(getattr(value, "_fields", range(len(value))), value, strict=True)
+    )
+    return {
+        k: v
+        for key, part in pairs
+        if part is not None
+        for k, v in fields(part, f"{name}.{key}".strip(".")).items()
+    }

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import torch
+from torch.func import jacfwd
 from torch.testing import assert_close
 
 
@@ -29,3 +30,23 @@ def assert_newton_inverts(problem, x, nodes, strain):
     held = left[..., list(constraints.nodes), :]
     assert reaction.shape[-2] == len(constraints.nodes)
     assert_close(reaction, constraints.fixed * held, rtol=0, atol=nodes)
+
+
+def assert_touching_matrix(model, problem):
+    """The matrix of what touches is the derivative of its forces by moves, near a step's start."""
+    x, w = problem.apply_supports(problem.predictor()), model.space.unknowns
+    shift = torch.randn(*x.u.shape[:-1], w, generator=torch.Generator().manual_seed(3))
+    x = problem.update(x, 1e-4 * shift, torch.zeros_like(x.stress))
+    zero = torch.zeros(model.node_count, w)
+
+    def forces(move):
+        moved = problem.update(x, move, torch.zeros_like(x.stress))
+        kinematics = problem.motion.kinematics(moved.u, moved.m)
+        return model.touching.loaded(zero, problem.node_motion(kinematics))
+
+    kinematics = problem.motion.kinematics(x.u, x.m)
+    assert forces(zero).abs().max() > 1
+    wanted = jacfwd(forces)(zero).flatten(0, 1).flatten(-2)
+    none = model.topology.diagonal(torch.zeros(*zero.shape, w))
+    found = model.touching.matrix(none, x.stress, problem.node_motion(kinematics)).dense()
+    assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())

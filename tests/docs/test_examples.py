@@ -2,13 +2,13 @@
 (see examples/README.md).
 """
 
-import importlib.util
 import sys
 from pathlib import Path
 
 import pytest
 import torch
 
+from tests.cases.modules import module_of
 from torchbeam.engine import engine_use
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
@@ -32,9 +32,7 @@ def test_example(path, tmp_path, monkeypatch):
     # one eager step of what "auto" does not take is a warning, and an error
     monkeypatch.setattr(engine_use, "SOLVES", 1)
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # importing it would raise
-    spec = importlib.util.spec_from_file_location(f"example_{path.stem}", path)
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
+    example = module_of(path)
     assert abs(example.CHECK - example.EXPECTED) <= example.TOLERANCE
     assert not list(tmp_path.iterdir())
 

@@ -2,17 +2,14 @@
 they run in order; nothing in them points out of them.
 """
 
-import importlib.util
 import json
 import re
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
-notebooks = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(notebooks)
+from tests.cases.modules import ROOT, module_of
+
+notebooks = module_of(ROOT / "docs" / "notebooks.py")
 
 
 @pytest.mark.parametrize("name", notebooks.TUTORIALS)

@@ -1,6 +1,5 @@
 """Pages and public docstrings are in plain English: short sentences, in words that readers know."""
 
-import importlib.util
 import inspect
 import re
 from collections.abc import Iterator
@@ -8,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases.modules import ROOT, module_of
 from tests.docs.test_docstrings import PUBLIC
 
-ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 LONG, LONGEST = 25, 45  # words
 SHARE = 0.1  # of sentences that are longer than LONG
@@ -85,9 +84,7 @@ def running_text(docstring: str) -> str:
 
 def public_docstrings() -> Iterator[tuple[str, str]]:
     """Of every public name, and of the members that the reference shows."""
-    spec = importlib.util.spec_from_file_location("site_members", ROOT / "docs" / "site.py")
-    site = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(site)
+    site = module_of(ROOT / "docs" / "site.py")
     bare = {name for page in site.BARE for name in site.REFERENCE.get(page, ((), (), ()))[2]}
     for path, (value, _) in PUBLIC.items():
         texts = {path: value.__doc__}

@@ -1,25 +1,19 @@
 """The site (`make docs` builds it, and looks up links and names): nothing public is missing."""
 
-import importlib.util
 import re
-from pathlib import Path
 
 import gymnasium
 import pytest
 import torchbeam_envs  # noqa: F401
 
 import torchbeam as tb
+from tests.cases.modules import ROOT, module_of
 from torchbeam import extend
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def site():
-    spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "docs" / "site.py")
 
 
 def test_every_public_name_has_its_entry(site):

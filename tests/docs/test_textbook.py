@@ -1,15 +1,11 @@
 """Textbook problems: each answer beside its closed form, each with its picture."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 import torch
 
-PAGE = Path(__file__).parents[2] / "docs" / "textbook.py"
-spec = importlib.util.spec_from_file_location("textbook", PAGE)
-textbook = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(textbook)
+from tests.cases.modules import ROOT, module_of
+
+textbook = module_of(ROOT / "docs" / "textbook.py")
 CLOSE = {"Moving load": 1e-2, "Hanging cable": 2e-3, "Natural frequencies of a cantilever": 1e-3}
 
 

@@ -171,6 +171,27 @@ def test_an_episode_that_is_over_changes_nothing_for_others(known, monkeypatch):
     assert (both[0] - both[1]).abs().max() < 1e-12 and both[0].abs().max() > 0.1
 
 
+@pytest.mark.parametrize("estimator", [tb.KalmanFilter, tb.MovingHorizon])
+def test_an_absurd_reading_is_as_none(estimator):
+    """Of one sensor of the first episode, once: what is done is, to rounding, what is done where
+    that reading is missing, there and in the second episode.
+    """
+    env, every = make(2, params_in_info=False), []
+    for absurd in (math.nan, 10.0, math.inf):
+        observation, _ = env.reset(seed=1)
+        controller, actions = AdaptiveMPC(env, horizon=6, estimator=estimator), []
+        controller.begin(env)
+        for k in range(5):
+            if k == 3:
+                observation[0, 0] = absurd
+            actions.append(controller(observation))
+            observation, *_ = env.step(actions[-1])
+        assert (controller.z.state.status == 0).all()
+        every.append(torch.stack(actions))
+    assert all((actions - every[0]).abs().max() < 1e-9 for actions in every)
+    assert every[0].abs().max() > 0.1
+
+
 def test_what_was_expected_is_corrected_to_first_order():
     """The way of a tip about an expected beam and actions, corrected by what came, against the way
     of that: errors fall with the square of the change. A plan about what was expected is, where

@@ -6,6 +6,8 @@ import torch
 from torchbeam_envs import GripperVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import Grasp, Zero
 
+from tests.cases.refusals import refusals
+
 
 def test_balls_are_lifted_and_kept():
     """`Grasp` has sixteen balls, whatever their mass and friction, within 5 mm of their target
@@ -91,19 +93,15 @@ def test_one_action_has_one_reward():
     assert np.ptp(reward) < 1e-5
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (dict(length=0.05), "length = 0.05"),
-        (dict(pull=-1.0), "pull = -1.0"),
-        (dict(offset=0.01), "offset = 0.01"),
-        (dict(friction=-0.1), "friction = -0.1"),
-        (dict(force=(1.0, 1.0)), "force was given"),
-    ],
+@refusals(
+    (dict(length=0.05), "length = 0.05"),
+    (dict(pull=-1.0), "pull = -1.0"),
+    (dict(offset=0.01), "offset = 0.01"),
+    (dict(friction=-0.1), "friction = -0.1"),
+    (dict(force=(1.0, 1.0)), "force was given"),
 )
-def test_bad_arguments_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        GripperVectorEnv(1, **arguments)
+def test_bad_arguments_are_refused(arguments):
+    GripperVectorEnv(1, **arguments)
 
 
 def test_grasp_is_for_grippers():

@@ -13,6 +13,7 @@ from torchbeam_envs import TipReachEnv, TipReachVectorEnv, aluminium_strip
 from torchbeam_envs.noise import normal
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 SMALL = dict(elements=2, substeps=1)
 VARIED = dict(randomize=True, noise=0.01, **SMALL)
@@ -253,38 +254,30 @@ def test_motion_in_a_plane_stays_there():
     )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (dict(randomize={"colour": (0, 1)}), "the parameter 'colour'"),
-        (dict(randomize={"mass": (0, 1)}), "mass"),
-        (dict(randomize={"mass": (1.2, 1.0)}), "low, high"),
-        (dict(randomize={"stiffness": (1, np.nan)}), "stiffness"),
-        (dict(noise=-1.0), "noise = -1.0"),
-        (dict(sensors="eyes"), "sensors"),
-        (dict(render_mode="ansi"), "render_mode = 'ansi'"),
-        (dict(planar=True, force=()), "force"),
-    ],
+@refusals(
+    (dict(randomize={"colour": (0, 1)}), "the parameter 'colour'"),
+    (dict(randomize={"mass": (0, 1)}), "mass"),
+    (dict(randomize={"mass": (1.2, 1.0)}), "low, high"),
+    (dict(randomize={"stiffness": (1, np.nan)}), "stiffness"),
+    (dict(noise=-1.0), "noise = -1.0"),
+    (dict(sensors="eyes"), "sensors"),
+    (dict(render_mode="ansi"), "render_mode = 'ansi'"),
+    (dict(planar=True, force=()), "force"),
 )
-def test_bad_arguments_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        TipReachVectorEnv(**arguments)
+def test_bad_arguments_are_refused(arguments):
+    TipReachVectorEnv(**arguments)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"params": {"payload": 1}}, "the parameter 'payload'"),
-        ({"params": {"mass": -1}}, "mass = -1"),
-        ({"params": {"mass": [1, 1, 1]}}, r"mass of shape \(3,\)"),
-        ({"goal": [0, 0]}, "a goal of shape"),
-        ({"goal": [np.nan, 0, 0]}, "a goal of shape"),
-        ({"seeds": 1}, "the reset option 'seeds'"),
-    ],
+@refusals(
+    ({"params": {"payload": 1}}, "the parameter 'payload'"),
+    ({"params": {"mass": -1}}, "mass = -1"),
+    ({"params": {"mass": [1, 1, 1]}}, r"mass of shape \(3,\)"),
+    ({"goal": [0, 0]}, "a goal of shape"),
+    ({"goal": [np.nan, 0, 0]}, "a goal of shape"),
+    ({"seeds": 1}, "the reset option 'seeds'"),
 )
-def test_bad_options_are_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        TipReachVectorEnv(2, **SMALL).reset(options=options)
+def test_bad_options_are_refused(options):
+    TipReachVectorEnv(2, **SMALL).reset(options=options)
 
 
 def test_closed_env():

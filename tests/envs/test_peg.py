@@ -7,6 +7,8 @@ from torchbeam_envs import PegVectorEnv, TipReachVectorEnv
 from torchbeam_envs.baselines import Insert
 from torchbeam_envs.peg import PiercedPlate
 
+from tests.cases.refusals import refusals
+
 
 def test_the_plate_is_where_it_is():
     """Distances in closed form: above, under and in the hole, at the round of its edge, and inside;
@@ -62,18 +64,14 @@ def test_the_balancer_bears_rod_and_carriage():
     assert (env.state.beam.position - env.start.position)[..., 2].abs().max() < 1e-5
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (dict(hole=0.004), "hole = 0.004"),
-        (dict(motor=-1.0), "motor = -1.0"),
-        (dict(friction=-0.1), "friction = -0.1"),
-        (dict(direction=(0.0, 1, 0)), "direction was given"),
-    ],
+@refusals(
+    (dict(hole=0.004), "hole = 0.004"),
+    (dict(motor=-1.0), "motor = -1.0"),
+    (dict(friction=-0.1), "friction = -0.1"),
+    (dict(direction=(0.0, 1, 0)), "direction was given"),
 )
-def test_bad_arguments_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        PegVectorEnv(1, **arguments)
+def test_bad_arguments_are_refused(arguments):
+    PegVectorEnv(1, **arguments)
 
 
 def test_insert_is_for_pegs():

@@ -19,6 +19,7 @@ from torchbeam_envs.manipulator import Manipulator
 from torchbeam_envs.soft_arm import SoftArm, SoftArmConfig
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam import extend
 
 ROOT = Path(__file__).parents[2]
@@ -137,50 +138,46 @@ def test_a_configuration_is_behind_the_keywords(env):
         env(1, colour="red")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (dict(solver="fast"), "solver = 'fast'"),
-        (dict(solver={"speed": 2}), r"solver = .*the stepper of form = 'nodal'.* has .*halvings"),
-        (dict(solver=[("halvings", 1)]), "solver = "),
-        (dict(randomize="mass"), "randomize = 'mass'"),
-        (dict(randomize={"mass": "wide"}), "mass = 'wide'"),
-        (dict(randomize={"mass": 1.0}), "low, high"),
-        (dict(randomize={3: (1, 2)}), "the parameter 3"),
-        (dict(length="long"), "length = 'long'"),
-        (dict(damping="some"), "damping = 'some'"),
-        (dict(damping=-1.0), "damping = -1.0"),
-        (dict(gravity=9.81), "gravity = 9.81"),
-        (dict(gravity=(0, 0, np.nan)), "gravity = "),
-        (dict(force="big"), "force = 'big'"),
-        (dict(planar="yes"), "planar = 'yes'"),
-        (dict(noise="white"), "noise = 'white'"),
-        (dict(form="modal"), "form = 'modal'"),
-        (dict(method="magic"), "method = 'magic'"),
-        (dict(sensors=3), "sensors = 3"),
-        (dict(sensors=[["tip"]]), "sensors = "),
-        (dict(delay=1.5), "delay = 1.5"),
-        (dict(beam="strip"), "beam = str"),
-        (dict(direction=(0, 0, 0)), "direction = "),
-        (dict(up="up"), "up = 'up'"),
-        (dict(actuators="motor"), "actuators = 'motor'"),
-        (dict(autoreset_mode="Never"), "autoreset_mode = 'Never'"),
-        (dict(config={"elements": 3}), "config = dict"),
-        (dict(num_envs="many"), "num_envs = 'many'"),
-        (dict(failure_reward="bad"), "failure_reward = 'bad'"),
-        (
-            dict(beam=tb.Beam.straight(1.0, 2, tb.Section.circle(0.01, 1e6, 0.4, 1e3)), length=1.0),
-            "beam and length were given",
-        ),
-        (
-            dict(section=tb.Section(torch.eye(6).expand(3, 6, 6), torch.eye(6))),
-            r"batch axes \(3,\) was given for 2",
-        ),
-    ],
+@refusals(
+    (dict(solver="fast"), "solver = 'fast'"),
+    (dict(solver={"speed": 2}), r"solver = .*the stepper of form = 'nodal'.* has .*halvings"),
+    (dict(solver=[("halvings", 1)]), "solver = "),
+    (dict(randomize="mass"), "randomize = 'mass'"),
+    (dict(randomize={"mass": "wide"}), "mass = 'wide'"),
+    (dict(randomize={"mass": 1.0}), "low, high"),
+    (dict(randomize={3: (1, 2)}), "the parameter 3"),
+    (dict(length="long"), "length = 'long'"),
+    (dict(damping="some"), "damping = 'some'"),
+    (dict(damping=-1.0), "damping = -1.0"),
+    (dict(gravity=9.81), "gravity = 9.81"),
+    (dict(gravity=(0, 0, np.nan)), "gravity = "),
+    (dict(force="big"), "force = 'big'"),
+    (dict(planar="yes"), "planar = 'yes'"),
+    (dict(noise="white"), "noise = 'white'"),
+    (dict(form="modal"), "form = 'modal'"),
+    (dict(method="magic"), "method = 'magic'"),
+    (dict(sensors=3), "sensors = 3"),
+    (dict(sensors=[["tip"]]), "sensors = "),
+    (dict(delay=1.5), "delay = 1.5"),
+    (dict(beam="strip"), "beam = str"),
+    (dict(direction=(0, 0, 0)), "direction = "),
+    (dict(up="up"), "up = 'up'"),
+    (dict(actuators="motor"), "actuators = 'motor'"),
+    (dict(autoreset_mode="Never"), "autoreset_mode = 'Never'"),
+    (dict(config={"elements": 3}), "config = dict"),
+    (dict(num_envs="many"), "num_envs = 'many'"),
+    (dict(failure_reward="bad"), "failure_reward = 'bad'"),
+    (
+        dict(beam=tb.Beam.straight(1.0, 2, tb.Section.circle(0.01, 1e6, 0.4, 1e3)), length=1.0),
+        "beam and length were given",
+    ),
+    (
+        dict(section=tb.Section(torch.eye(6).expand(3, 6, 6), torch.eye(6))),
+        r"batch axes \(3,\) was given for 2",
+    ),
 )
-def test_a_keyword_of_the_wrong_kind_gets_a_sentence(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        TipReachVectorEnv(**{"num_envs": 2, **arguments})
+def test_a_keyword_of_the_wrong_kind_gets_a_sentence(arguments):
+    TipReachVectorEnv(**{"num_envs": 2, **arguments})
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import torchbeam_envs
 from gymnasium.utils.env_checker import check_env
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.extend import quaternions as quat
 
 SMALL = dict(elements=2, substeps=1)
@@ -405,27 +406,23 @@ def test_the_resting_arm_is_where_the_target_is(planar, default):
     torch.testing.assert_close(here.spin, quat.logarithm(turned) / 1e-3, rtol=0, atol=2e-2)
 
 
-@pytest.mark.parametrize(
-    ("task", "arguments", "message"),
-    [
-        ("TwoLink", dict(torque=(1.0, -1.0)), "torque = "),
-        ("TwoLink", dict(angle=2.0), "angle = 2.0"),
-        ("TwoLink", dict(direction=(0, 1, 0)), "direction was given"),
-        ("TwoLink", dict(gravity=(0, 0, -9.81)), "gravity"),
-        ("TipTrack", dict(path="square"), "path = 'square'"),
-        ("TipTrack", dict(reach=1.5), "reach = 1.5"),
-        ("TipTrack", dict(period=0.0), "period = 0.0"),
-        ("TipTrack", dict(preview=0), "preview = 0"),
-        ("Slew", dict(angle=4.0), "angle = 4.0"),
-        ("Slew", dict(gravity=(0, 0, -9.81)), "gravity"),
-        ("Payload", dict(payload=-0.1), "payload = -0.1"),
-        ("FlutterHold", dict(thrust=-1.0), "thrust = -1.0"),
-        ("FlutterHold", dict(kick=np.inf), "kick = inf"),
-    ],
+@refusals(
+    ("TwoLink", dict(torque=(1.0, -1.0)), "torque = "),
+    ("TwoLink", dict(angle=2.0), "angle = 2.0"),
+    ("TwoLink", dict(direction=(0, 1, 0)), "direction was given"),
+    ("TwoLink", dict(gravity=(0, 0, -9.81)), "gravity"),
+    ("TipTrack", dict(path="square"), "path = 'square'"),
+    ("TipTrack", dict(reach=1.5), "reach = 1.5"),
+    ("TipTrack", dict(period=0.0), "period = 0.0"),
+    ("TipTrack", dict(preview=0), "preview = 0"),
+    ("Slew", dict(angle=4.0), "angle = 4.0"),
+    ("Slew", dict(gravity=(0, 0, -9.81)), "gravity"),
+    ("Payload", dict(payload=-0.1), "payload = -0.1"),
+    ("FlutterHold", dict(thrust=-1.0), "thrust = -1.0"),
+    ("FlutterHold", dict(kick=np.inf), "kick = inf"),
 )
-def test_bad_arguments_are_refused(task, arguments, message):
-    with pytest.raises(ValueError, match=message):
-        getattr(torchbeam_envs, f"{task}VectorEnv")(**arguments)
+def test_bad_arguments_are_refused(task, arguments):
+    getattr(torchbeam_envs, f"{task}VectorEnv")(**arguments)
 
 
 @pytest.mark.parametrize("id", once_long(sorted(EPISODES)))

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 SECTION = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2, inertia=1e-3)
 G = tb.Gravity((0, 0, -9.81))
@@ -367,18 +368,14 @@ def test_a_drive_that_mixes_samples_is_refused():
         tb.simulate(wheel(torque=law), [0.0, 0.1], step=0.1, engine="compiled")
 
 
-@pytest.mark.parametrize(
-    "make, said",
-    [
-        (lambda: tb.Drive(lambda a: a), "function of a was given"),
-        (lambda: tb.Drive(3.0), "angle or travel, or rate, is wanted"),
-        (lambda: tb.Drive(lambda angle: angle, values={"k": 1.0}), "the value 'k' was given"),
-        (lambda: tb.Hinge(None, "hub", torque=lambda travel: travel), "angle, rate or t is wanted"),
-        (lambda: tb.Slider(None, "hub", force=lambda angle: angle), "travel, rate or t is wanted"),
-        (lambda: tb.Hinge(None, "hub", torque=lambda rate, load: load), "'load'"),
-        (lambda: turned(wheel(torque=lambda rate: (rate, rate)), 0.1), "shape"),
-    ],
+@refusals(
+    (lambda: tb.Drive(lambda a: a), "function of a was given"),
+    (lambda: tb.Drive(3.0), "angle or travel, or rate, is wanted"),
+    (lambda: tb.Drive(lambda angle: angle, values={"k": 1.0}), "the value 'k' was given"),
+    (lambda: tb.Hinge(None, "hub", torque=lambda travel: travel), "angle, rate or t is wanted"),
+    (lambda: tb.Slider(None, "hub", force=lambda angle: angle), "travel, rate or t is wanted"),
+    (lambda: tb.Hinge(None, "hub", torque=lambda rate, load: load), "'load'"),
+    (lambda: turned(wheel(torque=lambda rate: (rate, rate)), 0.1), "shape"),
 )
-def test_drives_that_do_not_fit_are_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
+def test_drives_that_do_not_fit_are_refused(make):
+    make()

@@ -14,6 +14,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.extend import (
     ACCELERATION,
     POSITION,
@@ -159,11 +160,11 @@ class Mainspring(Interaction):
         return torch.stack((angle, way + (angle - last).abs()), -1)
 
 
-def hinged(*effects, joints=(), **more):
-    """Two arms that are hinged to the ground, crosswise."""
+def hinged(*effects, joints=(), root=(0.3, 0.4, 0), **more):
+    """Two arms that are hinged to the ground, crosswise where the second begins at this root."""
     arms = {
         "left": tb.Beam.straight(0.5, 3, SECTION),
-        "right": tb.Beam.straight(0.4, 2, SECTION, root=(0.3, 0.4, 0)),
+        "right": tb.Beam.straight(0.4, 2, SECTION, root=root),
     }
     hinges = [tb.Hinge(None, (name, 0), axis=(0, 0, 1)) for name in arms]
     return tb.Scene(arms, [tb.Gravity(G), *effects], joints=[*hinges, *joints], **more)
@@ -208,14 +209,8 @@ def wound(stiffness, **more):
 
 def linkage(stiffness, ratio=0.5, **more):
     """Two arms, hinged to the ground, whose hubs are geared."""
-    arms = {
-        "left": tb.Beam.straight(0.5, 3, SECTION),
-        "right": tb.Beam.straight(0.4, 2, SECTION, root=(1.0, 0, 0)),
-    }
-    joints = [tb.Hinge(None, (name, 0), axis=(0, 0, 1)) for name in arms]
     gear = Gear((("left", 0), ("right", 0)), stiffness, ratio)
-    effects = [tb.Gravity(G), tb.MassDamping(0.2), gear]
-    return tb.Scene(arms, effects, joints=joints, **more)
+    return hinged(tb.MassDamping(0.2), gear, root=(1.0, 0, 0), **more)
 
 
 def braced(stiffness, damping=0.05, plane=None, small=False, **more):
@@ -451,23 +446,19 @@ def test_copies_and_files(tmp_path):
     assert "Bracing of nodes 4, 2, 1" in repr(scene)
 
 
-@pytest.mark.parametrize(
-    "make, said",
-    [
-        (lambda: Tie((-1,), 1.0), "between 1 nodes was given; two to 6 are wanted"),
-        (lambda: Tie(range(7), 1.0), "between 7 nodes"),
-        (lambda: braced(-1.0), "positive"),
-        (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 4), 1.0)), "one node twice"),
-        (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 9), 1.0)), "9"),
-        (
-            lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION, order=2), Tie((-1, 1), 1.0)),
-            "inside of an element",
-        ),
-    ],
+@refusals(
+    (lambda: Tie((-1,), 1.0), "between 1 nodes was given; two to 6 are wanted"),
+    (lambda: Tie(range(7), 1.0), "between 7 nodes"),
+    (lambda: braced(-1.0), "positive"),
+    (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 4), 1.0)), "one node twice"),
+    (lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION), Tie((-1, 9), 1.0)), "9"),
+    (
+        lambda: tb.Scene(tb.Beam.straight(1, 4, SECTION, order=2), Tie((-1, 1), 1.0)),
+        "inside of an element",
+    ),
 )
-def test_what_does_not_fit_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
+def test_what_does_not_fit_is_refused(make):
+    make()
 
 
 def test_an_acceleration_is_refused():

@@ -41,6 +41,9 @@ def test_a_command_that_was_cut_off_goes_on(tmp_path, monkeypatch):
     assert adaptive.main([*WORDS, "4", "--out", str(tmp_path)]) == 0 and played[3:] == [(2, 2)]
     assert adaptive.main([*WORDS, "4", "--outside", "--out", str(tmp_path)]) == 0
     assert played[4:] == [(0, 2), (2, 2)]  # another question
+    monkeypatch.setattr(adaptive, "code", lambda: "another")
+    assert adaptive.main([*WORDS, "4", "--outside", "--out", str(tmp_path)]) == 0
+    assert played[6:] == [(0, 2), (2, 2)]  # by other code
 
 
 def test_batches_are_the_first_held_out_episodes(monkeypatch):

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.spaces import Box
-from torchbeam_envs.baselines import LQR, Zero
 
 from tests.cases.tiny_task import TINY
+from tests.cases.training_checks import check_gradient, check_lessons
 from training import common, ppo, results, shac, student, tuned
-from training.evaluate import evaluate, make
 from training.evaluate import main as evaluation
 from training.policies import Policy, load, save
 from training.tuned import TASKS
@@ -272,20 +271,7 @@ def test_gradient_of_a_window_goes_through_the_memory():
         one.memory = memory
         return one.window()[0].mean()
 
-    weights = [*one.policy.parameters()]
-    gradient = torch.autograd.grad(objective(), weights)
-    generator = torch.Generator().manual_seed(1)
-    for _ in range(2):
-        direction = [torch.randn(w.shape, generator=generator, dtype=w.dtype) for w in weights]
-        slope = sum((g * d).sum() for g, d in zip(gradient, direction, strict=True)).item()
-        ends = []
-        with torch.no_grad():
-            for step in (1e-5, -2e-5, 1e-5):
-                for w, d in zip(weights, direction, strict=True):
-                    w += step * d
-                ends.append(objective().item())
-        assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(slope, rel=1e-6)
-        assert abs(slope) > 1e-3
+    check_gradient(objective, [*one.policy.parameters()])
 
 
 def test_the_critic_is_not_pleased_by_the_memory():
@@ -335,11 +321,19 @@ def test_a_student_does_as_its_teacher():
     for k in range(8):
         figures = one.iteration(k / 8)
     assert one.imitation.done == 8 and figures["imitation_error"] < 0.02
-    env = make(TINY, 16)
-    idle, taught, teacher = (
-        evaluate(TINY, player, 16, env=env)["return"] for player in (Zero(), one.policy, LQR(env))
-    )
-    assert teacher - taught < 0.25 * (teacher - idle)
+    check_lessons(one.policy)
+
+
+def test_lessons_at_another_pace_are_of_longer_intervals():
+    """Three of the task's intervals in one, and a third of an episode's count of them, rounded up:
+    what it is scored on stays as it is.
+    """
+    own = make(TINY, 1)
+    one = learner("student", pace=3)
+    of_task, of_lessons = own.config, one.env.config
+    assert of_lessons.control_interval == pytest.approx(3 * of_task.control_interval)
+    assert of_lessons.max_episode_steps == -(-of_task.max_episode_steps // 3)
+    assert learner("student").env.config.control_interval == of_task.control_interval
 
 
 @pytest.mark.parametrize("name", ["ppo", "shac"])

@@ -12,15 +12,13 @@ import pytest
 import torch
 from torchbeam_envs.baselines import JointLQG, JointLQR
 
+from tests.cases.tiny_task import SHORT as TINY
 from training import baselines, cards, common, evaluate, report, results, table, tuned
 from training.policies import load
 from training.tuned import TASKS, Task
 
 torch.set_num_threads(1)
 SMALL = dict(num_envs=4, horizon=4, hidden=(8,))
-TINY = Task(
-    "tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=6)
-)
 
 
 def test_one_command(tmp_path, monkeypatch, capsys):
@@ -187,6 +185,20 @@ def test_a_run_says_of_which_commit_it_is():
     head = ["git", "-C", str(tree), "rev-parse", "HEAD"]
     told = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()
     assert results.commit().removesuffix("+") == told
+
+
+def test_code_is_told_by_what_is_in_its_files(tmp_path, monkeypatch):
+    """Another byte of the environments is other code; another place is not."""
+    digests = []
+    for place, text in (("a", "x = 1"), ("b", "x = 1"), ("c", "x = 2")):
+        folder = tmp_path / place / "torchbeam_envs"
+        folder.mkdir(parents=True)
+        (folder / "__init__.py").write_text(text)
+        monkeypatch.setattr(results.torchbeam_envs, "__file__", str(folder / "__init__.py"))
+        results.code.cache_clear()
+        digests.append(results.code())
+    results.code.cache_clear()
+    assert digests[0] == digests[1] != digests[2]
 
 
 def test_runs_that_are_not_alike_are_told_of():

@@ -6,14 +6,12 @@ import torch
 
 pytest.importorskip("skrl")
 
+from tests.cases.tiny_task import SHORT as TINY
 from training import skrl
-from training.tuned import TRAINING, Task
+from training.tuned import TRAINING
 from training.watch import Budget
 
 torch.set_num_threads(1)
-TINY = Task(
-    "tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=6)
-)
 SMALL = dict(num_envs=4, rollouts=8, mini_batches=2, hidden=8)
 
 

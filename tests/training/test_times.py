@@ -5,13 +5,11 @@ import json
 import pytest
 import torch
 
+from tests.cases.tiny_task import SHORT as TINY
 from training import results, shac, times
-from training.tuned import TASKS, Task
+from training.tuned import TASKS
 
 torch.set_num_threads(1)
-TINY = Task(
-    "tiny", "torchbeam/TipReachPlanar-v1", dict(elements=2, substeps=1, max_episode_steps=6)
-)
 
 
 def test_innermost_part_counts(monkeypatch):

@@ -14,6 +14,7 @@ import torch
 from torchbeam_envs.baselines import LQR, Zero
 
 from tests.cases.tiny_task import TINY
+from tests.cases.training_checks import check_gradient, check_lessons
 from torchbeam.solvers import newton
 from training import common, ppo, results, sac, shac, student
 from training.evaluate import evaluate, make
@@ -37,6 +38,11 @@ def learner(name, task=TINY, **settings):
     return made(task, arguments(**{**small, **settings}))
 
 
+def trained(folder, steps):
+    options = dict(episodes=2, final=2, progress=False)
+    return common.train(learner("shac"), TINY, folder, common.Budget(steps=steps), **options)
+
+
 def test_gradient_of_a_window_is_that_of_differences(monkeypatch):
     """32 steps, episode ends within them, critic's values in the objective: central differences in
     two directions of the policy's weights, in float64. 1e-6 is what differences of step 1e-5 are
@@ -53,22 +59,7 @@ def test_gradient_of_a_window_is_that_of_differences(monkeypatch):
         one.generator.set_state(noise)
         return one.window()[0].mean()
 
-    weights = [*one.policy.parameters()]
-    gradient = torch.autograd.grad(objective(), weights)
-    generator = torch.Generator().manual_seed(1)
-    for _ in range(2):
-        direction = [torch.randn(w.shape, generator=generator, dtype=w.dtype) for w in weights]
-        slope = sum((g * d).sum() for g, d in zip(gradient, direction, strict=True)).item()
-        ends = []
-        with torch.no_grad():
-            for step in (1e-5, -2e-5):
-                for w, d in zip(weights, direction, strict=True):
-                    w += step * d
-                ends.append(objective().item())
-            for w, d in zip(weights, direction, strict=True):
-                w += 1e-5 * d
-        assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(slope, rel=1e-6)
-        assert abs(slope) > 1e-3
+    check_gradient(objective, [*one.policy.parameters()])
 
 
 def test_episodes_in_a_plane_go_on_with_the_same_bits():
@@ -163,15 +154,7 @@ def test_the_best_policy_of_validation_is_kept(tmp_path, monkeypatch):
             or {"validation_return": next(scores)}
         ),
     )
-    result = common.train(
-        learner("shac"),
-        TINY,
-        tmp_path,
-        common.Budget(steps=96),
-        episodes=2,
-        final=2,
-        progress=False,
-    )
+    result = trained(tmp_path, steps=96)
     kept = load(tmp_path / "run.pt").state_dict()
     assert len(seen) == 4 and all(torch.equal(kept[key], seen[1][key].double()) for key in kept)
     assert result["chosen_steps"] == 32 and result["return"] != result["last_return"]
@@ -238,11 +221,7 @@ def test_lessons_make_a_policy_like_its_teacher(name):
     assert one.policy.statistics.count.item() == pytest.approx(6 * one.batch, abs=1e-3)
     after = (one.value if name == "ppo" else one.critic).parameters()
     assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))
-    env = make(TINY, 16)
-    idle, taught, teacher = (
-        evaluate(TINY, player, 16, env=env)["return"] for player in (Zero(), one.policy, LQR(env))
-    )
-    assert teacher - taught < 0.25 * (teacher - idle)
+    check_lessons(one.policy)
     assert "imitation_error" not in one.iteration(0.5)
 
 
@@ -372,15 +351,7 @@ def test_files_are_data_and_nothing_else(tmp_path):
         with pytest.raises(
             ValueError, match=r"run.checkpoint' was given for a checkpoint, and "
         ) as said:
-            common.train(
-                learner("shac"),
-                TINY,
-                tmp_path,
-                common.Budget(steps=32),
-                episodes=2,
-                final=2,
-                progress=False,
-            )
+            trained(tmp_path, steps=32)
         assert sentence in str(said.value)
         with pytest.raises(ValueError, match=sentence):
             load(tmp_path / "policy.pt")
@@ -402,15 +373,7 @@ def test_what_does_not_fit_is_refused(tmp_path):
         with pytest.raises(
             ValueError, match=r"run.checkpoint' was given, which does not fit this learner"
         ):
-            common.train(
-                learner("shac"),
-                TINY,
-                tmp_path,
-                common.Budget(steps=32),
-                episodes=2,
-                final=2,
-                progress=False,
-            )
+            trained(tmp_path, steps=32)
     policy = Policy((17, 16, 2), squash=True)
     for weights in ({}, {**policy.state_dict(), "log_deviation": torch.zeros(3)}):
         torch.save({"shape": policy.shape, "weights": weights, "about": {}}, tmp_path / "policy.pt")

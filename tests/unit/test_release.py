@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+import torchbeam as tb
+
 tomllib = pytest.importorskip("tomllib", reason="Python 3.11 or later reads pyproject.toml")
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -38,6 +40,7 @@ def released():
 
 def test_all_files_name_one_version():
     version, date, _ = released()
+    assert tb.__version__ == version
     citation = (ROOT / "CITATION.cff").read_text()
     assert version == PROJECT["version"]
     assert f"\nversion: {version}\n" in citation and f"\ndate-released: {date}\n" in citation

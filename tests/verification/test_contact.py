@@ -5,6 +5,7 @@ numbers are in the table of verification (`studies.verification.contact`).
 import math
 from dataclasses import replace
 
+import pytest
 import torch
 from torch.testing import assert_close
 
@@ -125,3 +126,49 @@ def test_what_sticks_for_long_creeps_as_the_law_says():
     slip = tb.sensors.ContactSlip(scene)(run.state)[2:]
     assert (slip[..., 1] == 1).all()
     assert_close(slip[..., 0].mean(0), creep, rtol=2e-2, atol=0)
+
+
+def on_its_tip(force, named=False):
+    """A rod that hangs from a hand, which puts it down on its round end."""
+    section = tb.Section.from_stiffness(EA=1e2, GA=1e2, GJ=0.01, EI=0.01, mass=0.1, inertia=1e-6)
+    beam = tb.Beam.straight(0.2, 6, section, root=(0, 0, 0.207), direction=(0, 0, -1.0))
+    node, root = (("rod", -1), ("rod", 0)) if named else (-1, 0)
+    floor = tb.Plane((0, 0, 0), (0, 0, 1.0))
+    end = tb.Contact(floor, node=node, radius=5e-3, thickness=1e-3, force=force)
+    hand = tb.Support(root, displacement=lambda t: t * t.new_tensor((0, 0, -2e-3)))
+    effects = [tb.Gravity((0, 0, -9.81)), end, tb.Damping(0.01)]
+    return tb.Scene({"rod": beam} if named else beam, effects, supports=[hand])
+
+
+def test_a_round_end_stands_as_a_ball():
+    """A rod put down on its tip, at rest: floor and hand bear its weight, and the gap below the
+    ball of its end is thickness (1 - sqrt(N/force)), by itself and as a part of a structure. The
+    force by default is four times the weight, and 16 EI/L^2 with it. Gradient by the force against
+    central differences, whose error is 1e-7.
+    """
+    for named in (False, True):
+        scene = on_its_tip(2.0, named)
+        state = tb.equilibrium(scene, t=1.0)
+        borne = tb.sensors.ContactForce(scene)(state)[2]
+        rod = state["rod"] if named else state
+        gap = rod.tip.position[2] - 5e-3
+        assert_close(gap, 1e-3 * (1 - (borne / 2.0).sqrt()), rtol=1e-6, atol=0)
+        weight = borne + rod.root.force[2]
+        assert_close(weight, torch.tensor(0.1 * 9.81 * 0.2), rtol=1e-8, atol=0)
+    weight = scene.beam.mass[..., 0, 0].mean() * 9.81 * 0.2 + 16 * 0.01 / 0.2**2
+    assert_close(on_its_tip(None, named=True).effects[1].force, 4 * weight, rtol=1e-12, atol=0)
+    force = torch.tensor(2.0, requires_grad=True)
+    tb.equilibrium(on_its_tip(force), t=1.0).tip.position[2].backward()
+    ends = [tb.equilibrium(on_its_tip(2.0 + h), t=1.0).tip.position[2] for h in (1e-4, -1e-4)]
+    assert_close(force.grad, (ends[0] - ends[1]) / 2e-4, rtol=1e-6, atol=0)
+
+
+def test_a_contact_of_a_node_refuses():
+    """What has no meaning there: a part's name beside the node, a body's, radii along a beam."""
+    floor, law = tb.Plane((0, 0, 0), (0, 0, 1.0)), dict(thickness=1e-3, force=1.0)
+    with pytest.raises(ValueError, match=r"'rod' with the node -1 .* one of them"):
+        tb.Contact("rod", floor, node=-1, **law)
+    with pytest.raises(ValueError, match=r"node = 'ball' .* Contact\('ball', obstacle\)"):
+        tb.Contact(floor, node="ball", **law)
+    with pytest.raises(ValueError, match=r"a radius as a Table .* a number"):
+        tb.Contact(floor, node=-1, radius=tb.Table((0.0, 1.0), (0.1, 0.2)), **law)

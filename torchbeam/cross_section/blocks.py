@@ -1,6 +1,8 @@
-"""Sections of rectangles: nodes and cells of plates, angles, channels, boxes and I-beams."""
+"""Sections of rectangles, and tubes: nodes and cells of boxes, I-beams, channels and angles."""
 
 from __future__ import annotations
+
+import math
 
 import torch
 from torch import Tensor
@@ -12,6 +14,7 @@ ALONG, REST, ACROSS = 4, 2, 2  # elements near an end of a wall, from there to i
 # from a face of a wall to its middle
 REACH = 2.0  # thicknesses: how far from its ends stresses of torsion vary along a wall
 MOST = 0.95  # of half a wall: something is left in its middle, however thick it is
+AROUND, THROUGH = 24, 3  # elements of a tube
 POWER = 2.0  # places grow from a corner as xi^POWER, because stresses do like r^(-1/3)
 
 
@@ -65,6 +68,17 @@ def along(length: Tensor, thickness: Tensor, fineness: int) -> Tensor:
 def _graded(length: Tensor, count: int) -> Tensor:
     xi = torch.linspace(0, 1, count + 1, dtype=length.dtype, device=length.device)
     return (length[..., None] * xi**POWER).diff()
+
+
+def tube(outer: Tensor, inner: Tensor, fineness: int) -> tuple[Tensor, Tensor]:
+    """Nodes (..., n, 2) m and cells between two radii (...) m, about the centre."""
+    rings = THROUGH * fineness
+    cells, i, j = grid(torch.ones(AROUND * fineness, rings, dtype=torch.bool), closed=True)
+    i, j = i.to(outer), j.to(outer)
+    share = j / (2 * rings)
+    radius = outer[..., None] * share + inner[..., None] * (1 - share)
+    turn = -math.pi * i / (AROUND * fineness)  # against the rings: elements are right-handed
+    return radius[..., None] * torch.stack((torch.cos(turn), torch.sin(turn)), -1), cells
 
 
 def box(width: Tensor, height: Tensor, t: Tensor, fineness: int) -> tuple[Tensor, Tensor]:

@@ -190,10 +190,8 @@ class Shapes:
         from . import blocks
         from .material import Material
         from .mesh import of_one_material
-        from .tube import tube
 
-        outline = tube if shape == "tube" else getattr(blocks, shape)
-        nodes, cells = outline(*sizes, _fineness(fineness))
+        nodes, cells = getattr(blocks, shape)(*sizes, _fineness(fineness))
         material, coupled = Material(E=E, nu=nu, rho=rho), shape not in UNCOUPLED
         return cls._solved(of_one_material(nodes, cells, material, coupled=coupled, offset=False))
 

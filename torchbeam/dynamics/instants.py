@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
-from ..core.validation import as_tensor, concrete, dtype_of, increasing, is_vmapped
+from ..core.validation import concrete, is_vmapped
 from .step_inputs import in_line
 
 SHARE = 0.1  # of a step: what rounding may move its ends by
@@ -41,12 +41,6 @@ def rounded(instants: Tensor, dtype: torch.dtype) -> Tensor:
     if t is not instants and not is_vmapped(t):
         _lost[t] = (instants - t).detach()
     return t
-
-
-def instants_of(value: Any, scene: Any) -> tuple[Tensor, torch.dtype]:
-    """Strictly increasing instants (n) s in double precision, and the dtype in which they came."""
-    t = increasing("t", as_tensor(value, torch.float64, scene.device))
-    return t, dtype_of(value)
 
 
 def largest(x: Tensor) -> float:

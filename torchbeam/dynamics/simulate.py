@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice, instance, keywords, non_default, not_here
@@ -12,7 +13,7 @@ from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.docstrings import with_arguments_of
 from ..core.status import STATUS
-from ..core.validation import concrete, shown
+from ..core.validation import as_tensor, concrete, dtype_of, increasing, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
 from ..scene.inputs import merge_inputs
@@ -20,7 +21,7 @@ from ..scene.scene import Scene
 from ..solvers.newton import LIMIT
 from ..state.solution import Solution
 from .forms import FORMS, mixed_forms
-from .instants import explicit_instants, instants_of
+from .instants import explicit_instants
 from .methods import METHODS as IMPLICIT_METHODS
 from .runs import MAX_STEPS, adaptive_run, explicit_run, implicit_run
 from .stepper import HALVINGS, Stepper
@@ -174,7 +175,8 @@ def _simulated(asked: dict[str, Any]) -> Solution:
     begin = None if begin is None else check_instants("begin", begin, scene.beam.nodes)
     names = [name for name in keywords(simulate) if name not in OF_ALL]
     selected = non_default(simulate, {name: asked[name] for name in names} | dict(begin=begin))
-    t, digits = instants_of(asked["t"], scene)
+    t = increasing("t", as_tensor(asked["t"], torch.float64, scene.device))
+    digits = dtype_of(asked["t"])
     run = _run_of(form, method, selected)
     inputs = merge_inputs(asked["inputs"], {})
     if run in (adaptive_run, implicit_run):

@@ -116,7 +116,7 @@ def inputs_of_steps(
     intervals: Sequence[int],
 ) -> StepInputs:
     """Of steps of these lengths from `begins` on, in these intervals, as `simulate` has them."""
-    if changes_within(inputs, method):
+    if method.SOLVES_A_STEP > 1 and any(map(callable, inputs.values())):
 
         def within(k: int) -> Callable[[float], Inputs]:
             return lambda share: inputs_at(
@@ -164,11 +164,6 @@ def inputs_by_sample(inputs: dict[str, Any], t: Tensor, stops: Tensor) -> StepIn
         if isinstance(v, PerInterval) or callable(v)
     }
     return StepInputs({name: v for name, v in inputs.items() if name not in each}, each)
-
-
-def changes_within(inputs: dict[str, Any], method: Method) -> bool:
-    """Whether the solves of one step have different inputs."""
-    return method.SOLVES_A_STEP > 1 and any(callable(value) for value in inputs.values())
 
 
 def together(

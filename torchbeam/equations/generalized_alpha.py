@@ -111,20 +111,7 @@ class GeneralizedAlphaProblem(StepProblem):
     @cached
     def element(self) -> EndElement:
         """The elements at the end."""
-        model = self.model
-        start = self.model.assembly.poses(self.start.position, self.start.rotation)
-        return EndElement(
-            model.space,
-            model.law,
-            model.length,
-            model.reference,
-            self.eigenstrain,
-            self.h,
-            start,
-            self.start.inelastic,
-            self.start.straining,
-            self.method,
-        )
+        return EndElement(*self.of_elements, self.start.straining, self.method)
 
     def predictor(self) -> EndUnknowns:
         """Constant velocity, and the stress of the step before."""

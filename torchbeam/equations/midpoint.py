@@ -72,18 +72,7 @@ class MidpointProblem(StepProblem):
     @cached
     def element(self) -> MidpointElement:
         """The elements over the step."""
-        model = self.model
-        start = self.model.assembly.poses(self.start.position, self.start.rotation)
-        return MidpointElement(
-            model.space,
-            model.law,
-            model.length,
-            model.reference,
-            self.eigenstrain,
-            self.h,
-            start,
-            self.start.inelastic,
-        )
+        return MidpointElement(*self.of_elements)
 
     def predictor(self) -> MidpointUnknowns:
         """Constant velocity, and the stress of the step before."""

@@ -95,8 +95,3 @@ class SteadyRotation(AtRest):
         return rotary.matrix(
             lever.matrix(inertia.masses(2 * self.frame.skew), lambda: lever.A), angular
         )
-
-
-def steady_motion(inertia: Inertia, frame: FixedFrame) -> AtRest:
-    """Of nodes that stand in the frame."""
-    return SteadyRotation(inertia, frame) if frame.turns else AtRest(inertia, frame)

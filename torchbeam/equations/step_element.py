@@ -54,6 +54,10 @@ class ElementTangent(NamedTuple):
     strain_by_move: Tensor
 
 
+# (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by that at mid step
+HalfTurns = Callable[[], tuple[Tensor, ...]]
+
+
 @dataclass(frozen=True)
 class BalancedElement(Tree):
     """Any number of elements, one too: length (..., N, 1) m, reference (..., N, k) strain of the
@@ -75,12 +79,7 @@ class BalancedElement(Tree):
         """stress (..., N, k); nodes where forces and strain are taken."""
         raise NotImplementedError
 
-    def tangent(
-        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
-    ) -> ElementTangent:
-        """half() (..., N, s, s) of an element's nodes: half the spin of a rotation at the end by
-        its spin at mid step.
-        """
+    def tangent(self, balance: ElementBalance, stress: Tensor, half: HalfTurns) -> ElementTangent:
         raise NotImplementedError
 
     def _kinematics(self, nodes: Ends) -> tuple[Any, Tensor]:
@@ -116,9 +115,7 @@ class ElementAtRest(BalancedElement):
         effective_strain = self.law.at_rest(strain - self.eigenstrain)
         return self._balance(kinematics, kinematics, effective_strain, stress)
 
-    def tangent(
-        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
-    ) -> ElementTangent:
+    def tangent(self, balance: ElementBalance, stress: Tensor, half: HalfTurns) -> ElementTangent:
         B = self.space.strain_operator(balance.end, self.length)
         return self._tangent(balance.acting, stress, B, self.law.at_rest_by(B))
 
@@ -215,9 +212,7 @@ class MidpointElement(StepElement):
         )
         return self._balance(acting, end, effective_strain, stress)
 
-    def tangent(
-        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
-    ) -> ElementTangent:
+    def tangent(self, balance: ElementBalance, stress: Tensor, half: HalfTurns) -> ElementTangent:
         space = self.space
         by_r, *by_spin = space.interpolation.by_spins(
             space.strain_operator(balance.end, self.length), space.dims.position
@@ -263,9 +258,7 @@ class EndElement(StepElement):
             stress,
         )
 
-    def tangent(
-        self, balance: ElementBalance, stress: Tensor, half: Callable[[], tuple[Tensor, ...]]
-    ) -> ElementTangent:
+    def tangent(self, balance: ElementBalance, stress: Tensor, half: HalfTurns) -> ElementTangent:
         """By the move of the end: `half` is not asked for."""
         B = self.space.strain_operator(balance.end, self.length)
         E = self._effective_strain_by(B)

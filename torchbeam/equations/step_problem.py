@@ -20,7 +20,7 @@ from ..core.leaves import leaf
 from ..nodal import element_loads, interactions
 from ..nodal import loads as external
 from ..nodal.balance import Residual
-from ..nodal.between_nodes import NodeMotion, Told
+from ..nodal.between_nodes import NodeMotion, Told, Where
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
@@ -62,6 +62,14 @@ class StepProblem(BalanceProblem):
     def motion(self) -> Any:
         """The nodes over the step."""
         raise NotImplementedError
+
+    @property
+    def of_elements(self) -> tuple[Any, ...]:
+        """The fields of a `StepElement`."""
+        model, start = self.model, self.start
+        poses = model.assembly.poses(start.position, start.rotation)
+        at_rest = model.space, model.law, model.length, model.reference, self.eigenstrain
+        return *at_rest, self.h, poses, start.inelastic
 
     def predictor(self) -> Any:
         """Unknowns to start from."""
@@ -258,7 +266,17 @@ class StepProblem(BalanceProblem):
             ),
             way=lambda: self._way(kinematics),
             half=(lambda: of_motion().half) if mean else None,
+            rates=(lambda: self._rates(kinematics)) if mean else None,
+            by_move=(lambda: of_motion().rates_end) if mean else None,
             told=self.told or {},
+        )
+
+    def _rates(self, kinematics: Any) -> tuple[Where, Where]:
+        """See `NodeMotion`."""
+        start, spin_of = self.start, self.model.space.to_frame
+        return (
+            (start.velocity, spin_of(start.rotation, start.spin)),
+            (kinematics.velocity_end, spin_of(kinematics.q_end, kinematics.spin_end)),
         )
 
     def finished(

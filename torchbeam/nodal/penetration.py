@@ -55,7 +55,7 @@ def refuse_penetration(model: Model, state: State, t: Tensor) -> None:
             -load.gap(load.of_body(point).position)[..., 0],
             load.thickness[..., None],
             state.status,
-            lambda _, load=load: f"{load.on!r} stands",
+            lambda _, load=load: f"{load.on or load.node!r} stands",
             f"in the {load.obstacle.called} of a {load.called}",
         )
     motion = PairMotion(

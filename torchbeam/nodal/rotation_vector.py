@@ -9,6 +9,7 @@ near c = 1 those of its series in z = (1 - c)/2, sum of (2/3)(4/5)...(2n/(2n+1))
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -20,16 +21,7 @@ LEAST = 1e-14  # of 1 - c^2, next to half a turn
 APART = 0.01  # of two c, of 1 + c: where the difference of f is well told by its values
 # Gauss-Legendre points of [0, 1] and their weights
 POINTS = ((0.5 - 0.15**0.5, 5 / 18), (0.5, 8 / 18), (0.5 + 0.15**0.5, 5 / 18))
-
-
-def _coefficients() -> list[float]:
-    a = [1.0]
-    for n in range(1, TERMS):
-        a.append(a[-1] * 2 * n / (2 * n + 1))
-    return a
-
-
-SERIES = _coefficients()
+SERIES = [math.prod(2 * k / (2 * k + 1) for k in range(1, n + 1)) for n in range(TERMS)]
 
 
 class Turn(NamedTuple):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
@@ -47,6 +45,8 @@ def even(ax: Axes, seen: list[int]) -> Axes:
     if not is_3d(ax):
         ax.set_aspect("equal", adjustable="datalim")
         return ax
+    from matplotlib.ticker import MaxNLocator
+
     flat, deep = ax.xy_dataLim, ax.zz_dataLim  # of all that was drawn
     least, most = (flat.x0, flat.y0, deep.x0), (flat.x1, flat.y1, deep.x1)
     half = max(0.3 * max(b - a for a, b in zip(least, most, strict=True)), 1e-12)
@@ -57,7 +57,7 @@ def even(ax: Axes, seen: list[int]) -> Axes:
         sizes.append(reach)
     ax.set_box_aspect(sizes)
     for axis, size in zip((ax.xaxis, ax.yaxis, ax.zaxis), sizes, strict=True):
-        axis.set_major_locator(_few(max(2, round(5 * size / max(sizes)))))
+        axis.set_major_locator(MaxNLocator(max(2, round(5 * size / max(sizes)))))
         axis.labelpad = 5
     return ax
 
@@ -84,10 +84,3 @@ def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
         ax.figure.canvas.draw()  # equal scales settle
     ax.set_aspect("equal", adjustable="box")
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
-
-
-def _few(count: int) -> Any:
-    """Locator of at most so many ticks."""
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(count)

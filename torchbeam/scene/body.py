@@ -81,7 +81,3 @@ class Body(Tree):
             at = self.position
             return quat.identity(at.shape[:-1], at.dtype, at.device)
         return quat.from_matrix(self.rotation)
-
-    def mass_at(self, node: int) -> PointMass:
-        """The same mass on a node."""
-        return PointMass(self.mass, self.inertia, node=node)

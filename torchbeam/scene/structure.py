@@ -21,7 +21,7 @@ from .effects.effect import Effect
 from .effects.obstacle import Obstacle
 from .effects.point_mass import PointMass
 from .parts import FLAGS, Part, Row, Span, part_of, row_of
-from .taper import without_taper
+from .taper import residual_bending
 
 # of the tensors of a `Beam`
 AXES = dict(nodes=2, frames=2, elements=2, length=1, compliance=3, mass=3, taper=4, mass_taper=3)
@@ -77,7 +77,7 @@ class Structure(Beam):
         masses = []
         for name, body in bodies.items():
             parts.append(Part(name, node, 1, station))
-            masses.append(body.mass_at(Row(node, name)))
+            masses.append(PointMass(body.mass, body.inertia, node=Row(node, name)))
             node += 1
         rigid = zip((False,) * 6, *(beam.rigid for beam in beams.values()), strict=True)
         flags = {name: any(getattr(beam, name) for beam in beams.values()) for name in FLAGS[1:]}
@@ -241,8 +241,8 @@ def _own(beam: Beam, name: str) -> Tensor:
     """A beam's tensor, with a row for each station."""
     x, axes = getattr(beam, name), AXES[name]
     if x is None:  # of a beam among others that taper
-        x = 0 * beam.mass
-        x = without_taper(beam.compliance, beam.length) if name == "taper" else x
+        x = residual_bending(beam.compliance, beam.length) if name == "taper" else beam.mass
+        x = torch.stack((0 * x, x), -3) if name == "taper" else 0 * x
     if name in ("nodes", "frames") or x.shape[-axes] != 1:
         return x
     return x.expand(*x.shape[:-axes], beam.station_count, *x.shape[x.ndim - axes + 1 :])

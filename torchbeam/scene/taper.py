@@ -73,9 +73,3 @@ def residual_bending(S: Tensor, h: Tensor) -> Tensor:
     across = S.new_tensor(((0, 0, 0), (0, 0, -1), (0, 1, 0)))
     bent = across.mT @ S[..., 3:, 3:] @ across
     return pad(h[..., None, None] ** 2 / 12 * bent, (0, 3, 0, 3))
-
-
-def without_taper(S: Tensor, h: Tensor) -> Tensor:
-    """`additions` (..., N, 2, 6, 6) of uniform elements: none of plain ones."""
-    whole = residual_bending(S, h)
-    return torch.stack((torch.zeros_like(whole), whole), -3)

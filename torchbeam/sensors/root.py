@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -19,7 +19,19 @@ from .sensor import XYZ, OfScene, Sensor
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootForce(Sensor):
+class _OfRoot(Sensor):
+    """what: of the root's load is read."""
+
+    on: str | None = field(default=None, kw_only=True)
+    of_part = True
+    what: ClassVar[str]
+
+    name = property(lambda self: f"{self._prefix}root {self.what}")
+    labels = XYZ
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RootForce(_OfRoot):
     """Force (..., 3) N of the support at node 0 on the beam, frame a, as the state has it (see
     `State`).
 
@@ -30,19 +42,14 @@ class RootForce(Sensor):
         tensor(-2.)
     """
 
-    on: str | None = field(default=None, kw_only=True)
-    of_part = True
-
-    name = property(lambda self: f"{self._prefix}root force")
-    unit = "N"
-    labels = XYZ
+    what, unit = "force", "N"
 
     def read(self, state: Any) -> Tensor:
         return state.root.force
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootMoment(Sensor):
+class RootMoment(_OfRoot):
     """Moment (..., 3) N m of the support at node 0 on the beam, frame a, as the state has it (see
     `State`).
 
@@ -53,19 +60,14 @@ class RootMoment(Sensor):
         tensor([0.0000, 1.8008, 0.0000])
     """
 
-    on: str | None = field(default=None, kw_only=True)
-    of_part = True
-
-    name = property(lambda self: f"{self._prefix}root moment")
-    unit = "N m"
-    labels = XYZ
+    what, unit = "moment", "N m"
 
     def read(self, state: Any) -> Tensor:
         return state.root.moment
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RootReaction(Sensor):
+class RootReaction(_OfRoot):
     """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a.
 
     They are the state's own (see `State`). on: name of the beam, in a structure. ValueError without
@@ -76,11 +78,7 @@ class RootReaction(Sensor):
         torch.Size([6])
     """
 
-    on: str | None = field(default=None, kw_only=True)
-    of_part = True
-
-    name = property(lambda self: f"{self._prefix}root reaction")
-    unit = "N, N m"
+    what, unit = "reaction", "N, N m"
     labels = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
     def read(self, state: Any) -> Tensor:

@@ -35,6 +35,7 @@ TOUCHING = 4  # parts of that where anything touches
 FINER = 2  # elements in one of the suite's where there are several rods, which cross in a place
 LAYER = 0.3  # thickness of the contact, over the radius: so that the rod lies on its surface
 STIFF = 20.0  # force where surfaces meet, over what is expected to press
+FLAT, FALLS = 0.08, 8.0  # the first on a plane, and times the second: there rods fall
 SLIP = 3e-3  # slip speed, over the rod's length, 1/s
 HOLDS = 5e-4  # the same round a cylinder, where friction holds a weight
 DAMPING = 5e-3  # s, of the contact
@@ -242,25 +243,26 @@ def _damping(scenario: Scenario) -> float:
 # Contact
 
 
-def _law(scenario: Scenario, rod: Rod, other: Any) -> dict[str, float]:
+def _law(scenario: Scenario, rod: Rod, other: Any, tip: bool = False) -> dict[str, float]:
     """Of a rod with an obstacle, or another rod: what is expected to press is its weight, where it
-    is hung over something round half of it in tension. On a plane it is as much of it as stands on
-    its tip before it buckles, two bending lengths, within a radius.
+    is hung over something round half of it in tension. Of the round end of one, a ball, in N: as
+    much of the rod as stands on its tip before it buckles, two bending lengths.
     """
     g = float(np.linalg.norm(scenario.gravity)) or 1.0
     weight = rod.material.density * rod.area * g
     bend = other.radius if isinstance(other, (Cylinder, Rod)) else math.inf
     press = weight * (1 + rod.length / (2 * bend))
-    if isinstance(other, Plane):
+    if tip:
         EI = rod.material.youngs_modulus * rod.second_moment_of_area
-        press = weight * (1 + 2 * (EI / weight) ** (1 / 3) / rod.radius)
+        press = weight * 2 * (EI / weight) ** (1 / 3)
     mu = max(rod.friction, getattr(other, "friction", 0.0))
-    layer = LAYER / (2 if isinstance(other, Rod) else 1)  # of each surface
+    thick, stiff = (FLAT, STIFF * FALLS) if isinstance(other, Plane) else (LAYER, STIFF)
+    layer = thick / (2 if isinstance(other, Rod) else 1)  # of each surface
     law = {
-        "thickness": LAYER * rod.radius,
-        "force": STIFF * press,
+        "thickness": thick * rod.radius,
+        "force": stiff * press,
         "damping": DAMPING,
-        "radius": rod.radius * (1 - layer * (1 - STIFF**-0.5)),  # surfaces meet where that presses
+        "radius": rod.radius * (1 - layer * (1 - stiff**-0.5)),  # surfaces meet where that presses
     }
     slip = HOLDS if isinstance(other, Cylinder) else SLIP
     return {**law, "friction": mu, "slip_speed": slip * rod.length} if mu else law
@@ -277,6 +279,13 @@ def _obstacles(scenario: Scenario, rod: Rod, name: str | None = None) -> list[tb
         where = (solid,) if name is None else (name, solid)
         law = _law(scenario, rod, it)
         contacts.append(tb.Contact(*where, **law, points=POINTS, push_out=True))
+        if isinstance(it, Plane):  # on which a rod may stand
+            law = _law(scenario, rod, it, tip=True)
+            contacts += [
+                tb.Contact(solid, node=k if name is None else (name, k), **law, push_out=True)
+                for end, k in NODES.items()
+                if rod.condition(end) is EndCondition.FREE
+            ]
     return contacts
 
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 SPEED = torch.tensor([0.0, 100.0, 300.0], dtype=torch.float64)
 STEADY = dict(method="multiblade")  # wants a steady state
@@ -121,8 +122,9 @@ def test_a_rotor_that_turns_freely_swings_against_its_blades():
     """
     J, k, c = (0.3, 0.5, 0.2), (40.0, 30.0), 0.2
     names = ("hub", "ring", "rim")
-    parts = {name: tb.Body(mass=1.0, inertia=x) for name, x in zip(names, J, strict=True)}
-    joints = [tb.Hinge(None, "hub", axis=(0, 0, 1), damping=c)] + [
+    own = (J[0] - 0.1, *J[1:])  # the bearing has the rest
+    parts = {name: tb.Body(mass=1.0, inertia=x) for name, x in zip(names, own, strict=True)}
+    joints = [tb.Hinge(None, "hub", axis=(0, 0, 1), damping=c, inertia=0.1)] + [
         tb.Hinge(*names[i : i + 2], axis=(0, 0, 1), stiffness=k[i]) for i in (0, 1)
     ]
     scene = tb.Scene(parts, joints=joints, plane="xy")
@@ -202,23 +204,19 @@ def test_files_and_pictures(tmp_path):
     assert "multiblade" in repr(diagram)
 
 
-@pytest.mark.parametrize(
-    "scene, more, sentence",
-    [
-        (lambda: tb.Scene({"disc": tb.Body(1.0, 1.0)}), {}, "a scene without a Hinge was given"),
-        (lambda: overhung(effects=[tb.Gravity((0, 0, -9.81))]), STEADY, "change with its azimuth"),
-        (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), STEADY, "azimuth"),
-        (overhung, {"bearing": 3}, "bearing"),
-        (overhung, {"method": "hill"}, "method"),
-        (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
-        (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
-        (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),
-        (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more"),
-    ],
+@refusals(
+    (lambda: tb.Scene({"disc": tb.Body(1.0, 1.0)}), {}, "a scene without a Hinge was given"),
+    (lambda: overhung(effects=[tb.Gravity((0, 0, -9.81))]), STEADY, "change with its azimuth"),
+    (lambda: overhung(effects=[tb.Spring("disc", 10.0, to=(1.0, 0, 1.0))]), STEADY, "azimuth"),
+    (overhung, {"bearing": 3}, "bearing"),
+    (overhung, {"method": "hill"}, "method"),
+    (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
+    (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
+    (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),
+    (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more"),
 )  # fmt: skip
-def test_refusals(scene, more, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        tb.campbell(scene(), **{"speeds": [100.0], **more})
+def test_refusals(scene, more):
+    tb.campbell(scene(), **{"speeds": [100.0], **more})
 
 
 def test_a_rotor_out_of_balance_on_a_support_that_yields_is_refused():

@@ -12,6 +12,7 @@ import torchbeam as tb
 from studies import error_control
 from studies.error_control import distance
 from studies.random_scenes import Draw, families
+from tests.cases.refusals import refusals
 from torchbeam.core.batch_subset import BatchSubset
 from torchbeam.core.derivatives import no_derivatives
 from torchbeam.core.status import TOO_MANY, UNDERFLOW
@@ -291,30 +292,26 @@ def test_what_cannot_be_solved_ends_with_a_status():
     assert sol.status == TOO_MANY and torch.isfinite(sol.nodes).all()
 
 
-@pytest.mark.parametrize(
-    "options, sentence",
-    [
-        (dict(rtol=0.0), "rtol = 0 and atol = 0 were given; one of them has to be positive"),
-        (dict(rtol=-1e-3), "rtol = -0.001 was given; a non-negative finite number is wanted"),
-        (dict(rtol=1e-17), "resolves no less than"),
-        (dict(rtol=1e-3, step=0.1), "step was given with rtol or atol"),
-        (dict(rtol=1e-3, checkpoint=True), "checkpoint was given with rtol or atol"),
-        (dict(atol=1e-3, conserve=True), "to conserve, whose error"),
-        (dict(rtol=1e-3, method="generalized_alpha"), "to generalized_alpha, whose error"),
-        (dict(rtol=1e-3, max_steps=0), "max_steps = 0 was given"),
-        (dict(rtol=1e-3, first_step=0.0), "first_step = 0.0 was given"),
-        (dict(rtol=1e-3, events=3), "events of type int were given"),
-        (
-            dict(rtol=1e-3, events=lambda s: s.position),
-            r"an event of shape \(3, 3\) was given for states of shape \(\)",
-        ),
-        (dict(events=lambda s: s.t), "events were given without rtol or atol"),
-        (dict(method="rk4", events=lambda s: s.t), "events were given without rtol or atol"),
-    ],
+@refusals(
+    (dict(rtol=0.0), "rtol = 0 and atol = 0 were given; one of them has to be positive"),
+    (dict(rtol=-1e-3), "rtol = -0.001 was given; a non-negative finite number is wanted"),
+    (dict(rtol=1e-17), "resolves no less than"),
+    (dict(rtol=1e-3, step=0.1), "step was given with rtol or atol"),
+    (dict(rtol=1e-3, checkpoint=True), "checkpoint was given with rtol or atol"),
+    (dict(atol=1e-3, conserve=True), "to conserve, whose error"),
+    (dict(rtol=1e-3, method="generalized_alpha"), "to generalized_alpha, whose error"),
+    (dict(rtol=1e-3, max_steps=0), "max_steps = 0 was given"),
+    (dict(rtol=1e-3, first_step=0.0), "first_step = 0.0 was given"),
+    (dict(rtol=1e-3, events=3), "events of type int were given"),
+    (
+        dict(rtol=1e-3, events=lambda s: s.position),
+        r"an event of shape \(3, 3\) was given for states of shape \(\)",
+    ),
+    (dict(events=lambda s: s.t), "events were given without rtol or atol"),
+    (dict(method="rk4", events=lambda s: s.t), "events were given without rtol or atol"),
 )
-def test_refusals(options, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        tb.simulate(rod(), T, **options)
+def test_refusals(options):
+    tb.simulate(rod(), T, **options)
 
 
 def test_stress_of_midpoint4_is_that_of_its_instant():

@@ -12,6 +12,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import energy_drifts, orders
+from tests.cases.refusals import refusals
 from torchbeam.dynamics import midpoint4
 from torchbeam.dynamics.midpoint4 import EXTRAPOLATED, SYMMETRIC
 from torchbeam.engine.chain.compiled_step import CompiledStep
@@ -246,39 +247,35 @@ def test_failed_steps_are_made_in_parts(engine):
     same(stepper(stepper.rest(), force=force[0]), state[0])
 
 
-@pytest.mark.parametrize(
-    "effects, options, sentence",
-    [
-        ((), {"conserve": True}, "conserve was given"),
-        ((), {"rho_inf": 0.5}, "rho_inf was given"),
-        (
-            [tb.MassDamping(300.0)],
-            {},
-            "MassDamping of 300 1/s was given to steps of 0.01 s by midpoint4",
-        ),
-        (
-            [tb.Damping((0, 0, 0, 0.1, 0.1, 0.1))],
-            {},
-            "tau from 0 to 0.1 s was given to steps of 0.01 s by midpoint4",
-        ),
-        (
-            [tb.Damping(0.1), tb.RootSpring((1e5, 20.0))],
-            {},
-            "a stiff RootSpring was given to steps of 0.01 s by midpoint4",
-        ),
-        (
-            [tb.Damping(0.1), tb.Spring(-1, 1e4, (1.0, 0, 0))],
-            {},
-            "a stiff Spring was given to steps of 0.01 s by midpoint4",
-        ),
-    ],
+@refusals(
+    ((), {"conserve": True}, "conserve was given"),
+    ((), {"rho_inf": 0.5}, "rho_inf was given"),
+    (
+        [tb.MassDamping(300.0)],
+        {},
+        "MassDamping of 300 1/s was given to steps of 0.01 s by midpoint4",
+    ),
+    (
+        [tb.Damping((0, 0, 0, 0.1, 0.1, 0.1))],
+        {},
+        "tau from 0 to 0.1 s was given to steps of 0.01 s by midpoint4",
+    ),
+    (
+        [tb.Damping(0.1), tb.RootSpring((1e5, 20.0))],
+        {},
+        "a stiff RootSpring was given to steps of 0.01 s by midpoint4",
+    ),
+    (
+        [tb.Damping(0.1), tb.Spring(-1, 1e4, (1.0, 0, 0))],
+        {},
+        "a stiff Spring was given to steps of 0.01 s by midpoint4",
+    ),
 )
-def test_what_is_refused(effects, options, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        stepper = tb.Stepper(
-            tb.Scene(tb.Beam.straight(1.0, 2, SOFT), effects), 0.01, "midpoint4", **options
-        )
-        stepper(stepper.rest())
+def test_what_is_refused(effects, options):
+    stepper = tb.Stepper(
+        tb.Scene(tb.Beam.straight(1.0, 2, SOFT), effects), 0.01, "midpoint4", **options
+    )
+    stepper(stepper.rest())
 
 
 @pytest.mark.parametrize("engine", ["eager", "compiled"])

@@ -11,6 +11,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import orders, scene, state
+from tests.cases.refusals import refusals
 from tests.cases.tangent_cases import assert_newton_inverts
 from torchbeam.equations.generalized_alpha import AlphaState, GeneralizedAlphaProblem
 from torchbeam.nodal.discretise import discretise
@@ -202,17 +203,13 @@ def test_another_method_goes_on_from_its_state():
     assert_close(one.state.position, other.state.position, rtol=0, atol=0)
 
 
-@pytest.mark.parametrize(
-    "options, says",
-    [
-        (dict(conserve=True), "conserve was given"),
-        (dict(rho_inf=1.5), "from 0 to 1"),
-        (dict(method="midpoint", rho_inf=0.5), "has none"),
-    ],
+@refusals(
+    (dict(conserve=True), "conserve was given"),
+    (dict(rho_inf=1.5), "from 0 to 1"),
+    (dict(method="midpoint", rho_inf=0.5), "has none"),
 )
-def test_options(options, says):
-    with pytest.raises(ValueError, match=says):
-        tb.Stepper(smooth(), 0.01, **{"method": "generalized_alpha", **options})
+def test_options(options):
+    tb.Stepper(smooth(), 0.01, **{"method": "generalized_alpha", **options})
 
 
 @pytest.mark.parametrize("engine", ["eager", "auto"])

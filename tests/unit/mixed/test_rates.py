@@ -2,9 +2,7 @@
 two routes to the rates against each other; the rows of the derivation's draft, which fail.
 """
 
-import importlib.util
 import math
-from pathlib import Path
 
 import numpy
 import pytest
@@ -12,6 +10,7 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.mixed_cases import mass, random_chain, random_fields, random_scene, spd, wave
+from tests.cases.modules import ROOT, module_of
 from torchbeam.math import wiener_milenkovic as rot
 from torchbeam.mixed import rates, residuals
 from torchbeam.mixed.block import block_rate
@@ -173,11 +172,7 @@ def test_one_element_stands_as_printed():
 
 
 def example():
-    path = Path(__file__).parents[3] / "examples" / "block_rate_matrix.py"
-    spec = importlib.util.spec_from_file_location("block_rate_matrix", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "examples" / "block_rate_matrix.py")
 
 
 def test_printed_rows_fail():

@@ -8,6 +8,7 @@ from torch.autograd import gradcheck
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.math import quaternions as quat
 from torchbeam.nodal.discretise import discretise
 from torchbeam.nodal.rotation_vector import Turn, arc, arc_slope
@@ -130,7 +131,7 @@ def tumble(steps=25, dt=0.04, **joint):
 
 
 def energy_of(model, state):
-    return model.kinetic_energy(state.rotation, state.velocity, state.spin)
+    return model.kinetic_energy(state.position, state.rotation, state.velocity, state.spin)
 
 
 def test_energy_and_momentum_of_an_anisotropic_spring():
@@ -338,22 +339,18 @@ def test_a_ball_in_a_plane_is_a_hinge():
         assert_close(*pair, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: tb.Ball(None, "a", stiffness=-1.0), "stiffness"),
-        (lambda: tb.Ball(None, "a", stiffness=torch.ones(3, 3).triu()), "K = K.T"),
-        (lambda: tb.Ball(None, "a", stiffness=torch.diag(torch.tensor([1.0, -1, 1]))), "eigenvec"),
-        (lambda: tb.Ball(None, "a", friction=1.0), "slip_speed"),
-        (lambda: tb.Ball(None, "a", limit=0.2), "limit_stiffness"),
-        (lambda: tb.Ball(None, "a", limit=3.2, limit_stiffness=1.0), "half a turn"),
-        (lambda: tb.Ball(None, "a", torque=(1.0, 2.0)), "torque"),
-        (lambda: tb.Ball(None, "a", torque=tb.Input("m", 1)), "size 3"),
-        (lambda: tb.Universal(None, "a", stiffness=1.0), r"stiffness of shape \(\) was given"),
-        (lambda: tb.Universal(None, "a", torque=1.0, angle=0.2), "with angle and torque"),
-        (lambda: tb.Universal(None, "a", second_torque=1.0, second_angle=0.2), "second_angle and"),
-    ],
+@refusals(
+    (lambda: tb.Ball(None, "a", stiffness=-1.0), "stiffness"),
+    (lambda: tb.Ball(None, "a", stiffness=torch.ones(3, 3).triu()), "K = K.T"),
+    (lambda: tb.Ball(None, "a", stiffness=torch.diag(torch.tensor([1.0, -1, 1]))), "eigenvec"),
+    (lambda: tb.Ball(None, "a", friction=1.0), "slip_speed"),
+    (lambda: tb.Ball(None, "a", limit=0.2), "limit_stiffness"),
+    (lambda: tb.Ball(None, "a", limit=3.2, limit_stiffness=1.0), "half a turn"),
+    (lambda: tb.Ball(None, "a", torque=(1.0, 2.0)), "torque"),
+    (lambda: tb.Ball(None, "a", torque=tb.Input("m", 1)), "size 3"),
+    (lambda: tb.Universal(None, "a", stiffness=1.0), r"stiffness of shape \(\) was given"),
+    (lambda: tb.Universal(None, "a", torque=1.0, angle=0.2), "with angle and torque"),
+    (lambda: tb.Universal(None, "a", second_torque=1.0, second_angle=0.2), "second_angle and"),
 )
-def test_refusals(make, words):
-    with pytest.raises(ValueError, match=words):
-        make()
+def test_refusals(make):
+    make()

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import pytest
 import torch
-from torch.func import jacfwd
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
+from tests.cases.tangent_cases import assert_touching_matrix
 from torchbeam import extend
 from torchbeam.core.leaves import bound
 from torchbeam.equations.midpoint import MidpointProblem
@@ -121,22 +122,7 @@ def test_tangent_is_the_derivative_of_the_forces(surface, law):
     scene, start = fallen(surface=surface, height=0.021, **law)
     model, dt = discretise(scene), torch.tensor(1e-3)
     problem = MidpointProblem(model, model.space.to_reduced(start), dt, torch.tensor(0.0), {})
-    x = problem.apply_supports(problem.predictor())
-    g = torch.Generator().manual_seed(3)
-    x = problem.update(x, 1e-4 * torch.randn(5, 6, generator=g), torch.zeros_like(x.stress))
-    zero = torch.zeros(5, 6)
-
-    def forces(move):
-        moved = problem.update(x, move, torch.zeros_like(x.stress))
-        kinematics = problem.motion.kinematics(moved.u, moved.m)
-        return model.touching.loaded(zero, problem.node_motion(kinematics))
-
-    kinematics = problem.motion.kinematics(x.u, x.m)
-    assert forces(zero).abs().max() > 1
-    wanted = jacfwd(forces)(zero).flatten(0, 1).flatten(-2)
-    none = model.topology.diagonal(torch.zeros(5, 6, 6))
-    found = model.touching.matrix(none, x.stress, problem.node_motion(kinematics)).dense()
-    assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())
+    assert_touching_matrix(model, problem)
 
 
 def momenta(scene, state):
@@ -348,8 +334,6 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_surface_is_refused(case):
-    call, said = REFUSED[case]
-    with pytest.raises(ValueError, match=said):
-        call()
+@refusals(REFUSED)
+def test_what_is_no_surface_is_refused(call):
+    call()

@@ -9,6 +9,8 @@ from torch.func import jacfwd
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
+from tests.cases.tangent_cases import assert_touching_matrix
 from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.nodal.between_nodes import NodeMotion
@@ -147,23 +149,7 @@ def test_tangent_is_the_derivative_of_the_forces(tapers, rubs, method, plane):
                 model.kinematics(start.position, start.rotation)) * 0, dt
         )  # fmt: skip
         problem = GeneralizedAlphaProblem(model, start, dt, torch.tensor(0.0), {})
-    x = problem.apply_supports(problem.predictor())
-    g = torch.Generator().manual_seed(3)
-    x = problem.update(x, 1e-4 * torch.randn(*x.u.shape[:-1], model.space.unknowns, generator=g),
-                       torch.zeros_like(x.stress))  # fmt: skip
-    zero = torch.zeros(model.node_count, model.space.unknowns)
-
-    def forces(move):
-        moved = problem.update(x, move, torch.zeros_like(x.stress))
-        kinematics = problem.motion.kinematics(moved.u, moved.m)
-        return model.touching.loaded(zero, problem.node_motion(kinematics))
-
-    kinematics = problem.motion.kinematics(x.u, x.m)
-    assert forces(zero).abs().max() > 1
-    wanted = jacfwd(forces)(zero).flatten(0, 1).flatten(-2)
-    none = model.topology.diagonal(zero[..., None].expand(*zero.shape, zero.shape[-1]) * 0)
-    found = model.touching.matrix(none, x.stress, problem.node_motion(kinematics)).dense()
-    assert_close(found, wanted, rtol=0, atol=1e-11 * wanted.abs().max())
+    assert_touching_matrix(model, problem)
 
 
 @pytest.mark.parametrize(("rubs", "tapers"), [(False, False), (True, False), (False, True)])
@@ -410,8 +396,6 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_contact_is_refused(case):
-    call, said = REFUSED[case]
-    with pytest.raises(ValueError, match=said):
-        call()
+@refusals(REFUSED)
+def test_what_is_no_contact_is_refused(call):
+    call()

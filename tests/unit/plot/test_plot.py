@@ -15,6 +15,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam import extend
 
 pytest.importorskip("matplotlib")
@@ -465,11 +466,9 @@ CASES = {
 # fmt: on
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_refused(name, solution):
-    call, sentence = CASES[name]
-    with pytest.raises(ValueError, match=sentence):
-        call(solution)
+@refusals(CASES)
+def test_refused(call, solution):
+    call(solution)
 
 
 def writers(solution):
@@ -500,6 +499,23 @@ def test_where_pictures_go(solution, tmp_path):
         tb.plot.save(tb.plot.axes(), tmp_path / "picture")
     with pytest.raises(ValueError, match="xyz"):
         tb.plot.save(tb.plot.axes(), tmp_path / "picture.xyz")
+
+
+def test_a_list_of_axes_is_one_picture(tmp_path):
+    """As `grid`, `fit` and matplotlib's own functions give them; not an empty one."""
+    assert tb.plot.save(tb.plot.grid(1, 2), tmp_path / "two.png").exists()
+    with pytest.raises(ValueError, match=r"ax = \[\] was given"):
+        tb.plot.save([], tmp_path / "none.png")
+
+
+def test_pictures_are_drawn_where_pyplot_shows_them(solution):
+    """In axes of pyplot's, for a window."""
+    plt = pytest.importorskip("matplotlib.pyplot")
+    figure, own = plt.subplots()
+    try:
+        assert tb.plot.shape(solution.state[-1], own) is plt.gca() and own.lines
+    finally:
+        plt.close(figure)
 
 
 def test_a_picture_is_whole_or_as_it_was(solution, tmp_path, monkeypatch):

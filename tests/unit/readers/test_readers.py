@@ -12,6 +12,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases import blade_files as files
+from tests.cases.refusals import refusals
 from torchbeam.extend import quaternions
 
 BLADES = Path(__file__).parents[3] / "examples/blades"
@@ -256,38 +257,26 @@ def damaged(path, old, new, count=1):
     return path
 
 
-@pytest.mark.parametrize(
-    ("damage", "options", "sentence"),
-    [
-        (
-            lambda p: damaged(p, "kp_total", "kp_count"),
-            {},
-            "the file beamdyn.dat was given; one of",
-        ),
-        (lambda p: damaged(p, "9  kp_total", "8  kp_total"), {}, "kp_total = 8 with members of 9"),
-        (
-            lambda p: damaged(p, "9  kp_total", "x  kp_total"),
-            {},
-            "line 10,.*whole number from 2 on",
-        ),
-        (lambda p: damaged(p, "blade.dat", "none.dat"), {}, "none.dat', where there is no file"),
-        (lambda p: p, dict(length=3.0), "length = 3 with beamdyn.dat, which says it"),
-        (lambda p: p, dict(part="tower"), "part = 'tower' of beamdyn.dat"),
-        (lambda p: p, dict(length=-3.0), "length = -3 was given; a positive one"),
-        (lambda p: p, dict(part="wing"), "part"),
-        (lambda p: p, dict(format="vabs"), "one of format 'vabs' is wanted"),
-        (lambda p: p, dict(format="bladed"), "format"),
-        (lambda p: p, dict(elements=0), "elements"),
-        (lambda p: p, dict(order=3), "order = 3"),
-        (lambda p: p, dict(part="damping", elements=4), "elements or order for 'damping'"),
-        (lambda p: p.with_name("blade.dat"), {}, "without its key points"),
-        (lambda p: p.parent, {}, "where there is no file"),
-    ],
+@refusals(
+    (lambda p: damaged(p, "kp_total", "kp_count"), {}, "the file beamdyn.dat was given; one of"),
+    (lambda p: damaged(p, "9  kp_total", "8  kp_total"), {}, "kp_total = 8 with members of 9"),
+    (lambda p: damaged(p, "9  kp_total", "x  kp_total"), {}, "line 10,.*whole number from 2 on"),
+    (lambda p: damaged(p, "blade.dat", "none.dat"), {}, "none.dat', where there is no file"),
+    (lambda p: p, dict(length=3.0), "length = 3 with beamdyn.dat, which says it"),
+    (lambda p: p, dict(part="tower"), "part = 'tower' of beamdyn.dat"),
+    (lambda p: p, dict(length=-3.0), "length = -3 was given; a positive one"),
+    (lambda p: p, dict(part="wing"), "part"),
+    (lambda p: p, dict(format="vabs"), "one of format 'vabs' is wanted"),
+    (lambda p: p, dict(format="bladed"), "format"),
+    (lambda p: p, dict(elements=0), "elements"),
+    (lambda p: p, dict(order=3), "order = 3"),
+    (lambda p: p, dict(part="damping", elements=4), "elements or order for 'damping'"),
+    (lambda p: p.with_name("blade.dat"), {}, "without its key points"),
+    (lambda p: p.parent, {}, "where there is no file"),
 )
-def test_what_is_refused(tmp_path, damage, options, sentence):
+def test_what_is_refused(damage, options, tmp_path):
     path = damage(straight(tmp_path, *files.of_flap_and_edge(FLAP, EDGE)))
-    with pytest.raises(ValueError, match=sentence):
-        tb.read(path, **options)
+    tb.read(path, **options)
 
 
 def cut(text, lines):
@@ -329,22 +318,18 @@ def test_an_asymmetric_matrix_is_refused(tmp_path):
         tb.read(files.vabs(tmp_path, K, M))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("reference_axis", "axis", "without 'reference_axis'"),
-        ("K66: [", "K66: [1.0, ", "27 values for 26 places"),
-        ("K66: [8", "K66: [-8", "K66|stiffness_matrix at 0 that has a diagonal entry"),
-        ("twist:", "twist: [", "line .* that is no YAML|YAML"),
-        ("values: [0,", "values: [zero,", "a list"),
-    ],
+@refusals(
+    ("reference_axis", "axis", "without 'reference_axis'"),
+    ("K66: [", "K66: [1.0, ", "27 values for 26 places"),
+    ("K66: [8", "K66: [-8", "K66|stiffness_matrix at 0 that has a diagonal entry"),
+    ("twist:", "twist: [", "line .* that is no YAML|YAML"),
+    ("values: [0,", "values: [zero,", "a list"),
 )
-def test_a_damaged_windio_file_is_refused(tmp_path, old, new, sentence):
+def test_a_damaged_windio_file_is_refused(old, new, tmp_path):
     pytest.importorskip("yaml")
     path = tmp_path / "turbine.yaml"
     path.write_text(IEA.read_text().replace(old, new, 1))
-    with pytest.raises(ValueError, match=sentence):
-        tb.read(path)
+    tb.read(path)
 
 
 def test_a_windio_blade_that_is_a_number_is_refused(tmp_path):

@@ -8,6 +8,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import state as random_state
+from tests.cases.refusals import refusals
 from torchbeam.equations.generalized_alpha import GeneralizedAlphaProblem
 from torchbeam.equations.midpoint import MidpointProblem
 from torchbeam.extend import Obstacle, Value, leaf
@@ -378,39 +379,32 @@ def test_a_body_does_not_step_through_an_obstacle(engine):
     assert abs(solution.state.velocity[-1, 0, 0, 2] - 5) < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: tb.Contact("arm", None, thickness=1, force=1), "obstacle"),
-        (lambda: tb.Contact(3.0, thickness=1, force=1), "Plane, Sphere"),
-        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=0, force=1), "thickness"),
-        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, stiffness=1), "force"),
-        (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, radius=-1), "radius"),
-        (
-            lambda: tb.Contact(
-                tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=-0.1, slip_speed=1
-            ),
-            "friction",
+@refusals(
+    (lambda: tb.Contact("arm", None, thickness=1, force=1), "obstacle"),
+    (lambda: tb.Contact(3.0, thickness=1, force=1), "Plane, Sphere"),
+    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=0, force=1), "thickness"),
+    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, stiffness=1), "force"),
+    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, radius=-1), "radius"),
+    (
+        lambda: tb.Contact(
+            tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=-0.1, slip_speed=1
         ),
-        (
-            lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=0.1),
-            "slip_speed",
+        "friction",
+    ),
+    (lambda: tb.Contact(tb.Sphere((0, 0, 0), 1), thickness=1, force=1, friction=0.1), "slip_speed"),
+    (
+        lambda: tb.Contact(
+            tb.Cylinder((0, 0, 0), UP, 1, inside=True), thickness=1, force=1, radius=2
         ),
-        (
-            lambda: tb.Contact(
-                tb.Cylinder((0, 0, 0), UP, 1, inside=True), thickness=1, force=1, radius=2
-            ),
-            "room",
-        ),
-        (lambda: tb.Sphere((0, 0, 0), 0.0), "radius"),
-        (lambda: tb.Plane((0, 0, 0), (0, 0, 0)), "direction"),
-        (lambda: tb.Box((0, 0, 0), (1, 1, 1), 0.5), "rounding"),
-        (lambda: tb.Capsule((0, 0, 0), (0, 0, 0), 0.5), "Capsule"),
-    ],
+        "room",
+    ),
+    (lambda: tb.Sphere((0, 0, 0), 0.0), "radius"),
+    (lambda: tb.Plane((0, 0, 0), (0, 0, 0)), "direction"),
+    (lambda: tb.Box((0, 0, 0), (1, 1, 1), 0.5), "rounding"),
+    (lambda: tb.Capsule((0, 0, 0), (0, 0, 0), 0.5), "Capsule"),
 )
-def test_what_is_no_contact_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
+def test_what_is_no_contact_is_refused(make):
+    make()
 
 
 def test_a_start_in_an_obstacle_is_refused_or_pushed_out():

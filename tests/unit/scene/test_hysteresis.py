@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.core.leaves import bound
 from torchbeam.scene.coordinate_law import Travel
 
@@ -188,19 +189,15 @@ def test_bouc_wen_against_the_differential_equation(shape):
     assert abs(rest.memory[0].item() - exact[1]) < 0.01
 
 
-@pytest.mark.parametrize(
-    "make, said",
-    [
-        (lambda: tb.ElastoPlastic(0.0, 1.0), "positive"),
-        (lambda: tb.ElastoPlastic(1.0, 1.0, hardening=-1.0), "hardening"),
-        (lambda: tb.ElastoPlastic(1.0, 1.0, kinematic=1.5), "a number from 0 to 1 is wanted"),
-        (lambda: tb.BoucWen(1.0, 1.0, n=0.5), "n = 0.5 was given; n from 1 on"),
-        (lambda: tb.BoucWen(1.0, 1.0, gamma=0.6), "which would give energy"),
-        (lambda: tb.BoucWen(1.0, 1.0, ratio=2.0), "a number from 0 to 1 is wanted"),
-        (lambda: tb.Hinge(None, "hub", hysteresis=2.0), "an ElastoPlastic or a BoucWen"),
-        (lambda: tb.Hinge(None, "hub", angle=0.1, hysteresis=tb.BoucWen(1.0, 1.0)), "prescribed"),
-    ],
+@refusals(
+    (lambda: tb.ElastoPlastic(0.0, 1.0), "positive"),
+    (lambda: tb.ElastoPlastic(1.0, 1.0, hardening=-1.0), "hardening"),
+    (lambda: tb.ElastoPlastic(1.0, 1.0, kinematic=1.5), "a number from 0 to 1 is wanted"),
+    (lambda: tb.BoucWen(1.0, 1.0, n=0.5), "n = 0.5 was given; n from 1 on"),
+    (lambda: tb.BoucWen(1.0, 1.0, gamma=0.6), "which would give energy"),
+    (lambda: tb.BoucWen(1.0, 1.0, ratio=2.0), "a number from 0 to 1 is wanted"),
+    (lambda: tb.Hinge(None, "hub", hysteresis=2.0), "an ElastoPlastic or a BoucWen"),
+    (lambda: tb.Hinge(None, "hub", angle=0.1, hysteresis=tb.BoucWen(1.0, 1.0)), "prescribed"),
 )
-def test_what_does_not_fit_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
+def test_what_does_not_fit_is_refused(make):
+    make()

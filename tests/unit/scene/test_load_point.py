@@ -10,6 +10,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.nodal_cases import inertia, spd
+from tests.cases.site_loads import lag, lagged, user, wind
 from torchbeam.core.leaves import bound, leaves
 from torchbeam.math import quaternions as quat
 from torchbeam.scene import effects as fx
@@ -25,29 +26,6 @@ BEAM = tb.Beam.straight(
 def bind(effect):
     """As a scene has it: plain numbers are tensors."""
     return bound(effect, torch.get_default_dtype(), ZERO.device)
-
-
-def wind(x, t):
-    return torch.stack((torch.sin(x[..., 1]), x[..., 0] * x[..., 2], t * x[..., 0]), -1)
-
-
-def user(position, rotation, velocity, spin, t, u):
-    force = rotation[..., :, 2] * (position * velocity).sum(-1, keepdim=True) + u * t
-    return force, torch.linalg.cross(spin, position)
-
-
-def lagged(position, rotation, velocity, spin, t, z):
-    return rotation[..., :, 1] * z[..., :1], z[..., 1:] * velocity
-
-
-def lag(z, position, rotation, velocity, spin, t):
-    return torch.cat(
-        (
-            position[..., :1] - 3 * z[..., :1],
-            z[..., :1] - z[..., 1:] * (1 + velocity[..., :1] ** 2),
-        ),
-        -1,
-    )
 
 
 def effects():

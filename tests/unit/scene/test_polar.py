@@ -9,6 +9,7 @@ from scipy.interpolate import PchipInterpolator
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 DOUBLE = torch.float64
 ALPHA = torch.deg2rad(torch.arange(-10.0, 15.0, dtype=DOUBLE))
@@ -149,20 +150,16 @@ def test_neuralfoil():
     assert polar.alpha[-1].item() == pytest.approx(math.pi)
 
 
-@pytest.mark.parametrize(
-    "make,message",
-    [
-        (lambda: tb.Polar((0.0, 0.0), (0, 1), (0, 0)), "increasing"),
-        (lambda: tb.Polar((-12.0, 0.0, 12.0), (-1, 0, 1), (0, 0, 0)), "half a turn at most"),
-        (lambda: tb.Polar((0.0, 0.1), (0, 1, 2), (0, 0)), "Polar's cl of shape"),
-        (lambda: tb.Polar((0.0, 0.1), (0, math.nan), (0, 0)), "cl holds nan"),
-        (lambda: tb.Polar((0.0, 0.1), (0, 1), (0, 0), s=(0.0, 1.0)), "Polar's cl of shape"),
-        (lambda: tb.Polar.blended((0.0, 1.0), []), "one for each"),
-    ],
+@refusals(
+    (lambda: tb.Polar((0.0, 0.0), (0, 1), (0, 0)), "increasing"),
+    (lambda: tb.Polar((-12.0, 0.0, 12.0), (-1, 0, 1), (0, 0, 0)), "half a turn at most"),
+    (lambda: tb.Polar((0.0, 0.1), (0, 1, 2), (0, 0)), "Polar's cl of shape"),
+    (lambda: tb.Polar((0.0, 0.1), (0, math.nan), (0, 0)), "cl holds nan"),
+    (lambda: tb.Polar((0.0, 0.1), (0, 1), (0, 0), s=(0.0, 1.0)), "Polar's cl of shape"),
+    (lambda: tb.Polar.blended((0.0, 1.0), []), "one for each"),
 )
-def test_bad_polars_are_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+def test_bad_polars_are_refused(make):
+    make()
 
 
 STRIP = tb.Section.from_stiffness(EA=3e3, GA=1e3, GJ=2.0, EI=(3.0, 300.0), mass=0.3, inertia=3e-4)

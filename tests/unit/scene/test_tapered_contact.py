@@ -8,6 +8,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.math.element_shapes import gauss_points
 
 UP = (0.0, 0.0, 1.0)
@@ -246,11 +247,9 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_taper_is_refused(case):
-    call, said = REFUSED[case]
-    with pytest.raises(ValueError, match=said):
-        call()
+@refusals(REFUSED)
+def test_what_is_no_taper_is_refused(call):
+    call()
 
 
 def test_a_taper_is_said_kept_and_no_function_of_time():

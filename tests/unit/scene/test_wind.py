@@ -12,6 +12,7 @@ from scipy.special import gamma, kv
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 DOUBLE = torch.float64
 NOW = torch.tensor(0.4, dtype=DOUBLE)
@@ -288,32 +289,28 @@ def test_gradients_by_what_a_wind_is_made_of():
         assert slope.abs() > 1e-9, name
 
 
-@pytest.mark.parametrize(
-    "make,message",
-    [
-        (lambda: tb.Wind((1.0, 0, 0), exponent=0.2), "without a height"),
-        (lambda: tb.Wind((1.0, 0, 0), height=2.0), "without an exponent or a roughness"),
-        (lambda: tb.Wind((1.0, 0, 0), exponent=0.2, roughness=0.1, height=9.0), "one of them"),
-        (lambda: tb.Wind((1.0, 0, 0), roughness=0.1, height=0.1), "within the roughness"),
-        (lambda: tb.Wind((1.0, 0), exponent=0.2, height=9.0), r"\(\.\.\., 3\)"),
-        (lambda: tb.Gust((0, 0, 1.0), -1.0, speed=1.0), "gradient = -1"),
-        (lambda: tb.Gust((0, 0, 1.0), 1.0, speed=1.0, direction=(0, 0, 0)), "length 0"),
-        (lambda: tb.Turbulence((1.0, 0, 0), 0.0, 1.0), "sigma = 0"),
-        (lambda: tb.Turbulence((0, 0, 1.0), 1.0, 1.0), "along up"),
-        (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, spectrum="white"), "white"),
-        (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, band=(2, 1)), "rising"),
-        (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, seed=()), "no numbers"),
-        (
-            lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, spectrum="kaimal", isotropic=True),
-            "von Karman's",
-        ),
-        (lambda: tb.WindTable((0.0, 1.0), torch.zeros(2, 1, 1, 3, 3), z=(0, 1.0)), "shape"),
-        (lambda: tb.WindTable((0.0, 0.0), torch.zeros(2, 1, 1, 1, 3)), "increasing"),
-    ],
+@refusals(
+    (lambda: tb.Wind((1.0, 0, 0), exponent=0.2), "without a height"),
+    (lambda: tb.Wind((1.0, 0, 0), height=2.0), "without an exponent or a roughness"),
+    (lambda: tb.Wind((1.0, 0, 0), exponent=0.2, roughness=0.1, height=9.0), "one of them"),
+    (lambda: tb.Wind((1.0, 0, 0), roughness=0.1, height=0.1), "within the roughness"),
+    (lambda: tb.Wind((1.0, 0), exponent=0.2, height=9.0), r"\(\.\.\., 3\)"),
+    (lambda: tb.Gust((0, 0, 1.0), -1.0, speed=1.0), "gradient = -1"),
+    (lambda: tb.Gust((0, 0, 1.0), 1.0, speed=1.0, direction=(0, 0, 0)), "length 0"),
+    (lambda: tb.Turbulence((1.0, 0, 0), 0.0, 1.0), "sigma = 0"),
+    (lambda: tb.Turbulence((0, 0, 1.0), 1.0, 1.0), "along up"),
+    (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, spectrum="white"), "white"),
+    (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, band=(2, 1)), "rising"),
+    (lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, seed=()), "no numbers"),
+    (
+        lambda: tb.Turbulence((1.0, 0, 0), 1.0, 1.0, spectrum="kaimal", isotropic=True),
+        "von Karman's",
+    ),
+    (lambda: tb.WindTable((0.0, 1.0), torch.zeros(2, 1, 1, 3, 3), z=(0, 1.0)), "shape"),
+    (lambda: tb.WindTable((0.0, 0.0), torch.zeros(2, 1, 1, 1, 3)), "increasing"),
 )
-def test_bad_winds_are_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+def test_bad_winds_are_refused(make):
+    make()
 
 
 def test_an_added_mass_in_a_wind_is_refused():

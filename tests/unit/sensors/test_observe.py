@@ -10,6 +10,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 T = torch.tensor([0.0, 0.1, 0.15, 0.3, 0.4, 0.55, 0.6, 0.8, 0.9, 1.0])  # irregular
 TIMES = torch.tensor([0.93, 0.0, 0.31, math.nan, 0.05, 1.0, 0.3])  # in any order
@@ -169,8 +170,6 @@ CASES = {
 # fmt: on
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_refused(name):
-    changed, sentence = CASES[name]
-    with pytest.raises(ValueError, match=sentence):
-        tb.observe(**{**dict(solution=motion(cubic(T)), sensor=number, times=(0.5,)), **changed})
+@refusals(CASES)
+def test_refused(changed):
+    tb.observe(**{**dict(solution=motion(cubic(T)), sensor=number, times=(0.5,)), **changed})

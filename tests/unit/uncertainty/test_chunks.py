@@ -12,6 +12,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.core import files
 
 A, B = (0.0, 1.0), (5.0, 6.0)
@@ -52,12 +53,10 @@ OTHERS = {
 # fmt: on
 
 
-@pytest.mark.parametrize("name", OTHERS)
-def test_a_folder_of_another_run_is_refused(name, tmp_path):
-    changed, sentence = OTHERS[name]
+@refusals(OTHERS)
+def test_a_folder_of_another_run_is_refused(changed, tmp_path):
     run(tmp_path)
-    with pytest.raises(ValueError, match=sentence):
-        run(tmp_path, **changed)
+    run(tmp_path, **changed)
 
 
 def test_a_law_is_known_to_the_last_bit(tmp_path):

@@ -9,6 +9,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.uncertainty.designs import Exchanged, Given, Plain, Sobol, sobol
 from torchbeam.uncertainty.joint_law import JointLaw
 
@@ -138,15 +139,11 @@ REFUSED = {
 # fmt: on
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused(name):
-    changed, sentence = REFUSED[name]
-    with pytest.raises(ValueError, match=sentence):
-        tb.monte_carlo(
-            **{
-                **dict(
-                    function=torch.sin, laws={"a": (0.0, 1.0)}, n=None if "theta" in changed else 8
-                ),
-                **changed,
-            }
-        )
+@refusals(REFUSED)
+def test_refused(changed):
+    tb.monte_carlo(
+        **{
+            **dict(function=torch.sin, laws={"a": (0.0, 1.0)}, n=None if "theta" in changed else 8),
+            **changed,
+        }
+    )

@@ -9,6 +9,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.uncertainty.given_law import of_uniform
 from torchbeam.uncertainty.law_scores import of_score
 
@@ -169,8 +170,6 @@ REFUSED = {
 # fmt: on
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused(name):
-    make, sentence = REFUSED[name]
-    with pytest.raises(ValueError, match=sentence):
-        make()
+@refusals(REFUSED)
+def test_refused(make):
+    make()

@@ -14,6 +14,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.core.repetition import repetitions
 
 NORMAL = torch.distributions.Normal(
@@ -272,14 +273,13 @@ CASES = {
                                r"which has \(8,\) numbers"),
     "y of two kinds": (dict(function=lambda theta: theta.new_zeros(len(theta), len(theta)),
                             chunk=5), "from sample 5 on"),
+    "columns by name": (dict(function=lambda theta: theta["a"]), "by_name=True is wanted"),
     "another y": (dict(function=lambda theta: theta[:2]),
                   r"y \(2, 3\) was given; \(8, ...\) is wanted"),
 }
 # fmt: on
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_refused(name):
-    changed, sentence = CASES[name]
-    with pytest.raises(ValueError, match=sentence):
-        tb.monte_carlo(**{**dict(function=product, laws=LAWS, n=8), **changed})
+@refusals(CASES)
+def test_refused(changed):
+    tb.monte_carlo(**{**dict(function=product, laws=LAWS, n=8), **changed})

@@ -220,7 +220,8 @@ class Search:
 
     def _cost(self, setting: Setting) -> float:
         """CPU seconds of a setting, and a share of those of what checks it."""
-        cost = self.trials.cost(setting) * (SINGLE if self._singly(setting) else 1)
+        untried = setting.method == "midpoint4" and "midpoint4" not in self.time
+        cost = self.trials.cost(setting) * (SINGLE if untried and self._single else 1)
         more = [fine for fine in finer(setting) if fine and not self._known_by(setting, fine)]
         return cost + CHECKING * sum(map(self.trials.cost, more))
 
@@ -240,10 +241,6 @@ class Search:
         """Whether steps of several compositions are made one by one."""
         scene = self.trials.scene(next(iter(self.trials.made)))
         return scene.damping is not None and not mixes_ends(discretise(scene))
-
-    def _singly(self, setting: Setting) -> bool:
-        """Whether steps are made one by one, of a method that was not tried."""
-        return setting.method == "midpoint4" and "midpoint4" not in self.time and self._single
 
     def _check(self, choice: Setting) -> Checked | None:
         """By twice the elements, and by half the step; the laws then know better. None where the

@@ -19,6 +19,7 @@ from ...state.state import State
 from .interval import Moved
 
 MEMORY = 50  # intervals over which the readings' errors are judged
+LEFT_OUT = 3.0  # expected deviations: as what an error beyond the gate is judged
 DOUBT = 5.0  # deviations of their sum of squares, from which on the model is doubted
 
 
@@ -33,7 +34,9 @@ class Filtered:
         factor: (..., size, size): factor^T factor is the covariance of x
         nis: (...) normalised innovation squared: the squares of the last readings' errors, in units
             of their expected deviations. The mean is `readings` if the model is right
-        readings: (...) number of readings
+        readings: (...) number of readings that count
+        weight: (..., m) how much each of the last readings counts: 1 fully, 0 if it is missing or
+            beyond the gate
         log_likelihood: (...) of all readings: compares models and delays
 
     Examples:
@@ -51,6 +54,7 @@ class Filtered:
     factor: Tensor
     nis: Tensor
     readings: Tensor
+    weight: Tensor
     log_likelihood: Tensor
     lately: Tensor  # (..., 3): of the readings' errors, sum of squares, its mean, its variance
     # of the last interval: readings and x' by x, and what the readings said
@@ -131,10 +135,10 @@ class Filtered:
             )
         return None
 
-    def judged(self) -> Filtered:
-        """With the last readings' errors among those of lately."""
-        keep = 1 - 1 / MEMORY
-        now = torch.stack((self.nis, self.readings, 2 * self.readings), -1)
+    def judged(self, beyond: Tensor) -> Filtered:
+        """With the last readings' errors among those of lately; so many (...) were left out."""
+        keep, read = 1 - 1 / MEMORY, self.readings + beyond
+        now = torch.stack((self.nis + LEFT_OUT**2 * beyond, read, 2 * read), -1)
         return replace(
             self, lately=self.lately * self.lately.new_tensor([keep, keep, keep**2]) + now
         )

@@ -19,15 +19,18 @@ from ...linear.chart import Place
 from ...linear.linear_model import Linear
 from ...linear.state_space import linearize
 from ...math.shapes import broadcast_shapes, stacked
-from ...math.square_root import Conditioned, Later, conditioned, root_of
+from ...math.square_root import Later, root_of
 from ...scene.scene import Scene
 from ...state.state import State
+from .columns import Columns
 from .filtered import Filtered, Predicted
 from .instruments import Instruments, still
 from .interval import Interval, Moved, Standing
+from .limits import Limits
 from .modal_start import modal_root
 from .products import Products
-from .unknowns import Slopes, Unknowns, mean_scene, rows_of, with_priors
+from .unknowns import Unknowns, mean_scene, rows_of, with_priors
+from .weighting import Weighting
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
 
@@ -61,13 +64,19 @@ class KalmanFilter:
         model: linear model with the coordinates z. A reduced model has amplitudes of modes; the
             rest follows. None = `linearize` about equilibrium, by mean parameters, without inputs
         method: as in `Stepper`, except methods with a memory beyond z
+        gate: probability, e.g. 0.999999. A reading is left out if it is beyond the interval in
+            which it is expected with this probability. None = none is left out
+        loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
+        bounds: name of an offset or a force -> (least, largest). Those of a parameter are its own,
+            `tb.Parameter(bounds=)`, and ten first deviations. They hold for the estimate; its
+            deviation ignores them
         second_order: whether the predicted mean and covariance include products of the deviations
             of z and of the parameters. The derivatives are taken at `model`'s own state
 
     Derivatives of the motion and of the readings are exact: an interval is stepped with as many
     samples as z and the readings have numbers. Readings may depend on the force in their interval.
-    A missing reading is NaN. Raises ValueError for arguments that do not fit, and for joints with a
-    hysteresis.
+    A reading that is not finite is missing. Raises ValueError for arguments that do not fit, and
+    for joints with a hysteresis.
 
     Examples:
         >>> wind = tb.LineLoad(force=tb.Input("wind", 3))
@@ -102,6 +111,9 @@ class KalmanFilter:
         model: Linear | None = None,
         method: str = "midpoint",
         second_order: bool = True,
+        gate: float | None = None,
+        loss: str | None = None,
+        bounds: Mapping[str, Any] | None = None,
     ) -> None:
         self.dt, self.delay = step_size("dt", dt), count("delay", delay, least=0)
         steps, known = count("steps", steps), with_priors(parameters)
@@ -111,6 +123,7 @@ class KalmanFilter:
         self.unknowns = Unknowns.of(
             known, walk, bias, instruments.labels, process, mean.inputs, self.dt, like
         )
+        self.weighting = Weighting.of(loss, gate, instruments.noise)
         stepper = Stepper(mean, self.dt / steps, method)
         if type(stepper.method).begin is not Method.begin:
             raise ValueError(
@@ -129,8 +142,10 @@ class KalmanFilter:
             drive = function("drive", drive, "parameters", "u")
         self.interval = Interval(mean, scene, instruments, stepper, model, steps, method, drive)
         self.read, self.moves = instruments.count, model.reads.shape[-2]
+        self.columns = Columns(self.unknowns, self.moves, self.read, self.delay)
         self._standing: Standing | None = None  # the last; no result depends on it
         n = self.moves
+        self.limits = Limits.of(self.unknowns, n, bounds)
         positive("shaking", like.new_tensor(number("shaking", shaking)), zero=True)
         root = modal_root(model, shaking * self.dt**0.5, n // 2)[n // 2 :] if shaking else None
         # of motion and parameters, where these are of the scene
@@ -148,7 +163,7 @@ class KalmanFilter:
     @property
     def size(self) -> int:
         """Of x: z, the unknowns, and readings on their way."""
-        return self.moves + len(self.unknowns.names) + self.delay * self.read
+        return self.columns.size
 
     def start(
         self,
@@ -192,8 +207,8 @@ class KalmanFilter:
             y, by = self.interval.slope_of(lambda now: rest(scene, now), state)
             x[..., n + k :] = torch.cat([y] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
-        zero = z.new_zeros(shape)
-        return Filtered(self, state, x, factor, zero, zero, zero, z.new_zeros(*shape, 3))
+        zero, none = z.new_zeros(shape), z.new_zeros(*shape, self.read)
+        return Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
 
     def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
         """What is known an interval later.
@@ -215,7 +230,9 @@ class KalmanFilter:
         after, expected, x, columns = self._moved(before.state, before.x, inputs, about)
         more, rows = after.more[..., : self.moves], None
         if self.products is not None:
-            mean, rows = self._second_order(before.factor)
+            n, p = self.moves, self.unknowns.of_model
+            parts = self.products(before.factor[..., :n], before.factor[..., n : n + p])
+            mean, rows = map(self.columns.placed, parts)
             expected, x = expected + mean[..., : self.read], x + mean[..., self.read :]
             more = more + mean[..., self.read : self.read + self.moves]
         return Predicted(before, inputs, about, after, expected, x, columns, more, rows)
@@ -229,20 +246,11 @@ class KalmanFilter:
         if after is None:
             raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
         error = self._readings(y, expected) - expected
-        by_x, learnt = self._conditioned(before.factor, columns, error, rows=rows)
-        read = (~torch.isnan(error)).sum(-1).to(error)
-        now = replace(
-            before,
-            state=after.state,
-            x=x,
-            factor=learnt.root[..., : self.size, :],
-            nis=(learnt.unit**2).sum(-1),
-            readings=read,
-            log_likelihood=before.log_likelihood + learnt.log_density(read),
-            learnt=(by_x, learnt),
-            about=about,
-        )
-        return self._changed(now.judged(), learnt.change, more, after.places[1])
+        now = self._learned(before, *self._sources(before.factor, columns, rows), error)
+        now = replace(now, state=after.state, x=x, about=about)
+        change = now.learnt[1].change
+        change = change + self.limits.change(x + change, now.factor)
+        return self._changed(now, change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """Estimates after each of the readings (K, ..., m). Commands u are (K, ..., inputs), or by
@@ -303,7 +311,7 @@ class KalmanFilter:
     ) -> tuple[Moved, Tensor, Tensor, Tensor]:
         """An interval later, of what is as x (..., size) and under inputs u (..., inputs) says: the
         motion of a structure of parameters of coordinates `about`; by those of x what is read of it
-        (..., m), x, and `_columns` of both.
+        (..., m), x, and `Columns` of both.
         """
         own, n, k = self.unknowns, self.moves, self.moves + len(self.unknowns.names)
         beside, underway = x[..., n:k], x[..., k:]
@@ -320,73 +328,49 @@ class KalmanFilter:
             underway = torch.cat((arriving, underway[..., : -self.read]), -1)
         parts = [part.expand(*lead, -1) for part in (z, beside * own.stays, underway)]
         read = own.with_offsets(read, beside).expand(*lead, -1)
-        return after, read, torch.cat(parts, -1), self._columns(after)
+        return after, read, torch.cat(parts, -1), self.columns.after(after)
 
     def _readings(self, y: Any, like: Tensor) -> Tensor:
         """y (..., m), NaN where one is missing; None = all."""
         y = (torch.nan,) * self.read if y is None else y
-        return axis_last("y", as_tensor(y, like.dtype, like.device), self.read)
+        y = axis_last("y", as_tensor(y, like.dtype, like.device), self.read)
+        return y.where(torch.isfinite(y), torch.nan)
 
-    def _conditioned(
-        self,
-        factor: Tensor,
-        columns: Tensor,
-        error: Tensor,
-        weight: Tensor | float = 1.0,
-        rows: Tensor | None = None,
-    ) -> tuple[Tensor, Conditioned]:
-        """Readings and x' by x, and what readings with errors (..., m) from those expected (NaN =
-        missing) and weights say of x', where x has this factor; rows (..., s, m + size): further
-        sources of both, None = none.
+    def _sources(
+        self, factor: Tensor, columns: Tensor, rows: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Readings and x' by x, and by independent sources of unit variance, where x has this
+        factor; rows (..., s, m + size): further sources of both, None = none.
         """
-        seen = ~torch.isnan(error)
-        kept = pad(seen, (0, self.size), value=True)[..., None, :]
-        columns = torch.where(kept, columns, 0.0)
-        more = () if rows is None else (torch.where(kept, rows, 0.0),)
         by_x, by_fresh = columns.split((self.size, columns.shape[-2] - self.size), -2)
         roots = torch.cat((factor, self.shaken.expand(*factor.shape[:-2], -1, -1)), -2)
-        noise = torch.where(seen, self.interval.instruments.noise / weight**0.5, 1.0)
-        read = pad(torch.diag_embed(noise), (0, self.size))
-        whole = stacked(roots @ by_x, by_fresh, *more, read)
-        return by_x, conditioned(whole, torch.nan_to_num(error, nan=0.0))
+        return by_x, stacked(roots @ by_x, by_fresh, *(() if rows is None else (rows,)))
 
-    def _second_order(self, factor: Tensor) -> tuple[Tensor, Tensor]:
-        """What `products` add to readings and x', where x has this factor: mean (..., m + size),
-        rows (..., s, m + size).
+    def _learned(
+        self,
+        before: Filtered,
+        by_x: Tensor,
+        sources: Tensor,
+        error: Tensor,
+        weight: Tensor | None = None,
+    ) -> Filtered:
+        """With what readings of errors (..., m) say of `_sources`; weight (..., m): None = as the
+        errors say.
         """
-        n, m, p, late = self.moves, self.read, self.unknowns.of_model, self.delay * self.read
-
-        def placed(x: Tensor) -> Tensor:
-            z, read = x.split((n, m), -1)
-            if not late:
-                return torch.cat((read, pad(z, (0, self.size - n))), -1)
-            return torch.cat((pad(z, (m, self.size - n - late)), pad(read, (0, late - m))), -1)
-
-        mean, rows = self.products(factor[..., :n], factor[..., n : n + p])
-        return placed(mean), placed(rows)
-
-    def _columns(self, after: Moved) -> Tensor:
-        """(..., size + fresh, m + size): what is read, and x' = [z'; unknowns; readings on their
-        way], by x, and by a deviation of what comes on top of the unknowns and of the forces.
-        """
-        own, n, m = self.unknowns, self.moves, self.read
-        k, late = len(own.names), self.delay * m
-        fresh = k + int((own.white > 0).sum())
-
-        def column(slopes: Slopes) -> Tensor:
-            by = own.by(slopes).mT  # z, unknowns and forces: nothing depends on readings underway
-            none = by.new_zeros(*by.shape[:-2], late + k, by.shape[-1])
-            return torch.cat((by[..., : n + k, :], none, by[..., n + k :, :]), -2)
-
-        stay = pad(torch.diag(own.stays), (0, 0, n, late))
-        stay = torch.cat((stay, pad(torch.diag(own.added), (0, 0, 0, fresh - k))))
-        reading, motion = column(after.readings_by), column(after.motion_by)
-        lead = motion.shape[:-2]
-        if late:
-            on = torch.eye(self.size + fresh).to(motion)[:, n + k : self.size].expand(*lead, -1, -1)
-            parts = [on[..., -m:], motion, stay.expand(*lead, -1, -1), reading, on[..., :-m]]
-        else:
-            parts = [reading, motion, stay.expand(*lead, -1, -1)]
-        whole = torch.cat(parts, -1)
-        whole[..., n + own.of_model + torch.arange(len(own.biased)), own.biased] = 1.0
-        return whole
+        known = sources[..., : self.read]
+        error = self.weighting.clipped(known, error)
+        if weight is None:
+            weight = self.weighting(known, error)
+        by_x, learnt = self.weighting.conditioned(by_x, sources, error, weight)
+        read = (weight > 0).sum(-1).to(error)
+        beyond = self.weighting.beyond(known, error, weight)
+        now = replace(
+            before,
+            factor=learnt.root[..., : self.size, :],
+            nis=(learnt.unit**2).sum(-1),
+            readings=read,
+            weight=weight,
+            log_likelihood=before.log_likelihood + learnt.log_density(read) + beyond.log_density,
+            learnt=(by_x, learnt),
+        )
+        return now.judged(beyond.count)

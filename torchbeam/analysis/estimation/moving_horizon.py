@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -10,24 +10,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.arguments import choice, count, instance
-from ...core.validation import as_tensor, refusal, shown
+from ...core.arguments import count, instance
 from ...linear.chart import Place
 from ...math.shapes import broadcast_shapes
 from ...math.square_root import triangle
 from ...scene.scene import Scene
 from ...state.state import State
-from ..identification.losses import HUBER, STUDENT
 from .filtered import Filtered, Predicted
 from .kalman_filter import KalmanFilter
-from .unknowns import by_name
+from .limits import within
+from .weighting import ROUNDS, SETTLED
 
-LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by readings' deviations
-    "huber": lambda u: HUBER / u.abs().clamp(min=HUBER),
-    "student": lambda u: (STUDENT + 1) / (STUDENT + u.square()),
-}
-ROUNDS = 20  # in which weights, or what stands at a bound, are found
-SETTLED = 1e-4  # change of weights that is none
 MOVED = 1.0  # deviation of a parameter, after which all intervals are linear anew
 
 
@@ -54,6 +47,19 @@ class Linearised(NamedTuple):
     expected: Tensor
     ends: Tensor
     columns: Tensor
+
+    def where(self, which: Tensor, other: Linearised) -> Linearised:
+        """This in the samples of a mask (...), the other in the others."""
+        if which.all():
+            return self
+
+        def chosen(a: Tensor, b: Tensor) -> Tensor:
+            return torch.where(which[(...,) + (None,) * (a.ndim - which.ndim)], a, b)
+
+        state = self.begin.state.where(which, other.begin.state)
+        begin = Begin(state, *map(chosen, self.begin[1:], other.begin[1:]))
+        place = Place(*map(chosen, self.place, other.place))
+        return Linearised(begin, place, *map(chosen, self[2:], other[2:]))
 
 
 class Motion(NamedTuple):
@@ -110,16 +116,12 @@ class MovingHorizon(KalmanFilter):
         scene, sensors: and `filter`: arguments of `KalmanFilter`, except `second_order`
         window: number of intervals
         iterations: number of Gauss-Newton steps for each reading
-        loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
-        bounds: name of an offset, or of a force of math.inf s -> (least, largest). Those of a
-            parameter are its own, `tb.Parameter(bounds=)`. They hold for the estimate; its
-            deviation ignores them
 
     All intervals of a window are simulated side by side (multiple shooting), in about the time of
     one interval of a small batch.
 
     Raises:
-        ValueError: as `KalmanFilter`, and for bounds of an unknown that is not constant.
+        ValueError: as `KalmanFilter`, and for bounds of an unknown that changes.
 
     Examples:
         >>> f = tb.MovingHorizon(
@@ -143,35 +145,17 @@ class MovingHorizon(KalmanFilter):
         *,
         window: int = 20,
         iterations: int = 1,
-        loss: str | None = None,
-        bounds: Mapping[str, Any] | None = None,
         **filter: Any,
     ) -> None:
         filter.setdefault("second_order", False)  # intervals are linear about what all say
         super().__init__(scene, sensors, **filter)
         self.window, self.iterations = count("window", window), count("iterations", iterations)
-        self.loss = None if loss is None else LOSSES[choice("loss", loss, tuple(LOSSES))]
-        own = self.unknowns
-        least, largest = (self.like.new_full((len(own.names),), e) for e in (-torch.inf, torch.inf))
-        if own.parameters is not None:
-            p, ends = own.of_model, own.parameters.bounds(own.parameters.x[0])
-            least[:p], largest[:p] = (end.to(least) for end in ends)
-        for name, pair in by_name("bounds", bounds).items():
-            i = own.names.index(choice("a name of bounds", name, own.names))
-            ends = as_tensor(pair, least.dtype, least.device)
-            if i < own.of_model or ends.shape != (2,) or not ends[0] < ends[1]:
-                wanted = "(least, largest) of an offset or a force, or tb.Parameter(bounds=),"
-                raise refusal(f"bounds[{name!r}] = {shown(pair)}", wanted)
-            least[i], largest[i] = ends
-        held = torch.isfinite(least) | torch.isfinite(largest)
-        for i in (held & ((own.added > 0) | (own.stays < 1))).nonzero()[:, 0].tolist():
-            raise refusal(f"bounds of {own.names[i]!r}, which changes,", "what is constant")
-        self.least, self.largest = least[held], largest[held]
-        self.bounded = self.moves + held.nonzero()[:, 0]  # of x
+        own, self.limits = self.unknowns, self.limits.of_constants(self.unknowns)
+        self.bounded = self.limits.places
         rest = [i for i in range(self.size) if i not in self.bounded.tolist()]
         self.order = torch.cat((self.bounded, self.bounded.new_tensor(rest)))
         # of what comes on top of x in an interval, those that are not zero
-        white = torch.ones(int((own.white > 0).sum()), dtype=torch.bool, device=held.device)
+        white = torch.ones(int((own.white > 0).sum()), dtype=torch.bool, device=own.white.device)
         self.fresh = torch.cat((own.added > 0, white)).nonzero()[:, 0]
 
     def predict(self, before: Filtered, u: Any = None) -> Predicted:
@@ -191,6 +175,12 @@ class MovingHorizon(KalmanFilter):
         about = self._about(before)
         window, last = self._with(before, begin, about)
         newest = window.intervals[-1]
+        sources = self._sources(before.factor, newest.columns)
+        error = y - newest.expected
+        counts = self.weighting.within_gate(sources[1][..., : self.read], error)
+        gated = begin._replace(y=torch.where(counts, y, torch.nan))
+        intervals = (*window.intervals[:-1], newest._replace(begin=gated))
+        window = replace(window, intervals=intervals)
         for k in range(self.iterations):
             if k:
                 intervals, last = self._linear(self._begins(window), about)
@@ -198,23 +188,16 @@ class MovingHorizon(KalmanFilter):
             if len(window.intervals) > self.window:
                 window = self._without_first(window)
             window = self._solved(window, last)
-        error = y - newest.expected
-        by_x, learnt = self._conditioned(before.factor, newest.columns, error, window.weight[-1])
-        read = (~torch.isnan(error)).sum(-1).to(x)
-        now = replace(
-            before,
+        now = self._learned(before, *sources, error, window.weight[-1] * counts)
+        return replace(
+            now,
             filter=self,
             state=window.end.state,
             x=window.end.x,
             factor=window.end.factor(-1),
-            nis=(learnt.unit**2).sum(-1),
-            readings=read,
-            log_likelihood=before.log_likelihood + learnt.log_density(read),
-            learnt=(by_x, learnt),
             window=window,
             about=about,
         )
-        return now.judged()
 
     def smooth(self, start: Filtered, found: Sequence[Filtered]) -> list[Filtered]:
         """Estimates of the start, then of each instant of a `run` from it, by the readings up to a
@@ -263,7 +246,8 @@ class MovingHorizon(KalmanFilter):
 
     def _with(self, before: Filtered, begin: Begin, about: Tensor) -> tuple[Window, Motion]:
         """The window with the interval that begins so, and how that ends; intervals that
-        stood on what is doubtful now are linear about the estimate: the one that leaves, or all.
+        stood on what is doubtful now are linear about the estimate: the one that leaves, or all of
+        a sample.
         """
         window, x, weight = before.window, begin.x[None], torch.ones_like(begin.y)[None]
         if window is None:
@@ -271,13 +255,14 @@ class MovingHorizon(KalmanFilter):
             return Window(begin.x, before.factor, intervals, weight, x), last
         old, places = window.intervals, window.places
         stood = together([interval.begin.x for interval in old])
-        moved = (places - stood).abs() > MOVED * before.factor.norm(dim=-2)
-        again = int(len(old) == self.window)
-        if moved[..., self.moves : self.moves + self.unknowns.of_model].any():
-            again = len(old)
+        far = (places - stood).abs() > MOVED * before.factor.norm(dim=-2)
+        far = far[..., self.moves : self.moves + self.unknowns.of_model].any(-1).any(0)
+        leaves = int(len(old) == self.window)
+        again = len(old) if far.any() else leaves
         begins = self._begins(window, again) if again else []
         new, last = self._linear([*begins, begin], about)
-        intervals = (*new[:again], *old[again:], new[again])
+        stay = [k.where(far, o) for k, o in zip(new[leaves:again], old[leaves:again], strict=True)]
+        intervals = (*new[:leaves], *stay, *old[again:], new[again])
         places, weight = (
             torch.cat((past.expand(len(past), *part.shape[1:]), part))
             for past, part in ((places, x), (window.weight, weight))
@@ -290,7 +275,9 @@ class MovingHorizon(KalmanFilter):
         by_x = first.columns[..., : self.size, :]
         off = ((window.mean - first.begin.x)[..., None, :] @ by_x)[..., 0, :]
         error = first.begin.y - first.expected - off[..., : self.read]
-        learnt = self._conditioned(window.factor, first.columns, error, window.weight[0])[1]
+        by_x, sources = self._sources(window.factor, first.columns)
+        weight = torch.where(torch.isnan(error), 0.0, window.weight[0])
+        learnt = self.weighting.conditioned(by_x, sources, error, weight)[1]
         mean = first.ends + off[..., self.read :] + learnt.change
         factor = learnt.root[..., : self.size, :]
         return Window(mean, factor, window.intervals[1:], window.weight[1:], window.places[1:])
@@ -326,16 +313,16 @@ class MovingHorizon(KalmanFilter):
         r = torch.nan_to_num(y - expected - rows[1:, ..., N, :m], nan=0.0) * share
         G, weight = G.flip(-2) * share[..., None, :], window.weight
         unit = torch.eye(N, N + 1).to(G).expand(*lead, N, N + 1)
-        for _ in range(1 if self.loss is None else ROUNDS):
+        for _ in range(1 if self.weighting.loss is None else ROUNDS):
             both = torch.cat((G, r[..., None, :]), -2) * weight.sqrt()[..., None, :]
             both = both.movedim(0, -1).flatten(-2)  # (..., N + 1, m W)
             whole = triangle(torch.cat((unit, both.mT), -2))
             R, c = whole[..., :N, :N], whole[..., :N, N:]
             v = torch.linalg.solve_triangular(R, self._bounded(R, c, window), upper=True)
-            if self.loss is None:
+            if self.weighting.loss is None:
                 break
-            before, weight = weight, self.loss((r - (G.mT @ v)[..., 0]) * seen)
-            if (weight - before).abs().max() < SETTLED:
+            before, weight = weight, self.weighting.loss((r - (G.mT @ v)[..., 0]) * seen)
+            if ((weight - before).abs() < SETTLED * weight).all():
                 break
         places = torch.cat((x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
         change = (places[-1] - ends[-1])[..., : self.moves] + last.more
@@ -367,7 +354,7 @@ class MovingHorizon(KalmanFilter):
         by_v = self._ordered(window.factor)[..., :p, :][..., own].mT.flip(-1)
         M = torch.linalg.solve(by_v.mT, R[..., -p:, -p:].mT).mT  # R v by what is bounded
         best = mean + torch.linalg.solve(M, c[..., -p:, :])[..., 0]
-        inside = within(M.mT @ M, best, self.least, self.largest)
+        inside = within(M.mT @ M, best, *self.limits.ends)
         return torch.cat((c[..., :-p, :], M @ (inside - mean)[..., None]), -2)
 
 
@@ -375,22 +362,3 @@ def together(parts: Sequence[Tensor]) -> Tensor:
     """(W, ...) of tensors that broadcast."""
     same = len({part.shape for part in parts}) == 1
     return torch.stack(list(parts) if same else torch.broadcast_tensors(*parts))
-
-
-def within(H: Tensor, best: Tensor, least: Tensor, largest: Tensor) -> Tensor:
-    """x (..., p) within bounds (p,) at which (x - best)^T H (x - best) is least, by the primal-dual
-    active set method (Hintermueller, Ito and Kunisch 2003).
-    """
-    x, held = best, torch.zeros_like(best, dtype=torch.bool)
-    size = H.diagonal(dim1=-2, dim2=-1)
-    for _ in range(ROUNDS):
-        pulled = x - (H @ (x - best)[..., None])[..., 0] / size
-        before, held = held, (pulled < least) | (pulled > largest)
-        if torch.equal(before, held):
-            break
-        at = torch.where(held, torch.maximum(torch.minimum(pulled, largest), least) - best, 0.0)
-        free = ~held[..., :, None] & ~held[..., None, :]
-        A = torch.where(free, H, torch.diag_embed(size))
-        b = torch.where(held, size * at, -(H @ at[..., None])[..., 0])
-        x = best + torch.linalg.solve(A, b[..., None])[..., 0]
-    return torch.maximum(torch.minimum(x, largest), least)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -83,7 +83,7 @@ def bootstrap(
             n = redundancy.numpy(force=True)
             size = np.sqrt(n / np.random.default_rng(seed).chisquare(n, (repeats, len(n))))
             noise = noise * problem.noise.each(torch.as_tensor(size).to(x))[:, problem.known]
-        repeated = problem.with_targets(r + problem.target + noise)
+        repeated = replace(problem, target=r + problem.target + noise)
         region, known = repeated.region(starts).holding(held), (-noise, J.expand(repeats, -1, -1))
         few = dict(known=known, negligible=NEGLIGIBLE * scale**2)
         fits = search(repeated, starts, region, ITERATIONS, TOLERANCE, **few)

@@ -276,10 +276,6 @@ class FitProblem:
             memory=memory or self.memory,
         )
 
-    def with_targets(self, target: Tensor) -> FitProblem:
-        """The same with other data, (S, T) weighted, for each start."""
-        return replace(self, target=target)
-
     def _with_measured(self, name: str, each: Iterable[Tensor]) -> tuple[Experiment, ...]:
         """Experiments whose measurements have other values, or sigma, by `name`."""
         rest = iter(each)

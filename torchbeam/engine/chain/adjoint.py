@@ -9,7 +9,7 @@ from functools import partial
 from math import prod
 
 from ..compiler.derivative import vjp
-from ..compiler.function import Function
+from ..compiler.function import Function, Functions
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from . import interactions, rows, tendon_driver
@@ -61,7 +61,7 @@ class AdjointProgram(NativeProgram):
         self.wanted = wanted
         super().__init__(local, kinds, held, key, known)
 
-    def _functions(self, traced: Tracing) -> dict[str, Function]:
+    def _functions(self, traced: Tracing) -> Functions:
         w, shapes, kinds = self.w, self.shapes, self.kinds
         states = {name: shapes[name] for name in self.state}
         after = {f"after_{name}": shape for name, shape in states.items()}
@@ -99,7 +99,7 @@ class AdjointProgram(NativeProgram):
         functions |= tendon_driver.adjoint_of_stretches(traced, kinds, self._derivative)
         return {name: function.only(function.outputs) for name, function in functions.items()}
 
-    def _ends(self, traced: Tracing) -> dict[str, Function]:
+    def _ends(self, traced: Tracing) -> Functions:
         """What the cotangents of rows, and of the energies, at the end are found by."""
         functions = {}
         for name, finish in self.finishing(traced).items():
@@ -138,7 +138,7 @@ class AdjointProgram(NativeProgram):
         nodes: list[Function],
         elements: list[Function],
         loads: list[Function],
-    ) -> dict[str, Function]:
+    ) -> Functions:
         """Functions of the transposed matrix, and of stresses."""
         w, outputs, functions = self.w, elements[-1].outputs, {}
         packing = Packing(OWN, nodes, ["D"])

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from ..compiler.function import Function
+from ..compiler.function import Function, Functions
 from .interaction_functions import GAPS, end_reaction, free_blocks, is_block
 from .interaction_sorts import INTERACTIONS
 from .kinds import Kinds, distinct
@@ -46,7 +46,7 @@ def kinds_of(kinds: Kinds, sort: Sort) -> list[tuple[int, Any]]:
 
 def of_interaction(
     traced: Tracing, sort: Sort, kinds: Kinds, held: bool, function: Callable[[Any], Function]
-) -> dict[str, Function]:
+) -> Functions:
     """Functions of an iteration, by kind; function: what gives pushes and blocks, of a kind."""
     functions = {}
     for k, kind in kinds_of(kinds, sort):
@@ -64,9 +64,7 @@ def far(traced: Tracing, sort: Sort, kind: Any, varying: Shapes | None = None) -
     return traced(partial(traced.local.far(sort), kind), traced.of(sort) | (varying or {}))
 
 
-def _free(
-    traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
-) -> dict[str, Function]:
+def _free(traced: Tracing, called: str, function: Function, sides: tuple[str, ...]) -> Functions:
     """See `free_blocks`; of the blocks that a function gives."""
     blocks = {name: shape for name, shape in _blocks(function) if {*name} & {*sides}}
     free = {f"{side}.free": (traced.local.model.space.unknowns,) for side in sides}
@@ -75,7 +73,7 @@ def _free(
 
 def _reactions(
     traced: Tracing, called: str, function: Function, sides: tuple[str, ...]
-) -> dict[str, Function]:
+) -> Functions:
     """See `end_reaction`; called: their names, but for the side."""
     w, functions = traced.local.model.space.unknowns, {}
     for side in sides:
@@ -90,7 +88,7 @@ def _blocks(function: Function) -> list[tuple[str, tuple[int, ...]]]:
     return [(name, out.shape) for name, out in function.outputs.items() if is_block(name)]
 
 
-def transposed(traced: Tracing, sort: Sort, kinds: Kinds, held: bool) -> dict[str, Function]:
+def transposed(traced: Tracing, sort: Sort, kinds: Kinds, held: bool) -> Functions:
     """Functions of the transposed matrix, by kind, and of the solution between two states."""
     functions, fields = {}, traced.of(sort)
     for k, kind in kinds_of(kinds, sort):
@@ -108,7 +106,7 @@ def transposed(traced: Tracing, sort: Sort, kinds: Kinds, held: bool) -> dict[st
 
 def record(
     layout: Layout,
-    functions: dict[str, Function],
+    functions: Functions,
     sort: Sort,
     kinds: Kinds,
     constants: list[tuple[str, int]],
@@ -135,7 +133,7 @@ def record_multipliers(layout: Layout, w: int) -> None:
     layout.record("multiplier", MULTIPLIERS, [("force", w)])
 
 
-def record_adjoint_of_multipliers(layout: Layout, functions: dict[str, Function], w: int) -> None:
+def record_adjoint_of_multipliers(layout: Layout, functions: Functions, w: int) -> None:
     """Those of the adjoint."""
     read = any("last_force" in function.inputs for function in functions.values())
     layout.record("multiplier_state", MULTIPLIERS, [("last_force", w)] * read)
@@ -144,9 +142,7 @@ def record_adjoint_of_multipliers(layout: Layout, functions: dict[str, Function]
         layout.record(name, MULTIPLIERS, [("force", w)])
 
 
-def record_adjoint(
-    layout: Layout, functions: dict[str, Function], sort: Sort, kinds: Kinds
-) -> None:
+def record_adjoint(layout: Layout, functions: Functions, sort: Sort, kinds: Kinds) -> None:
     """Records of the adjoint, but for those of constants."""
     _record(layout, functions, sort, f"{sort.name} blocks")
     if kept(kinds, sort):
@@ -155,7 +151,7 @@ def record_adjoint(
         cotangents(layout, sort.state, sort.rows, sizes)
 
 
-def _record(layout: Layout, functions: dict[str, Function], sort: Sort, called: str) -> None:
+def _record(layout: Layout, functions: Functions, sort: Sort, called: str) -> None:
     """called: the functions that give blocks."""
     for name in (called, f"far {sort.name}"):
         layout.record(f"{sort.name} blocks", sort.rows, largest(functions, name).items())

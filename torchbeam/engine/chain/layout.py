@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..compiler.function import Function
+from ..compiler.function import Functions
 
 # rows of a record
 NODES, ELEMENTS, SUPPORTS, MOVES, ONE = "nodes", "elements", "supports", "moves", "one"
@@ -123,12 +123,12 @@ def cotangents(layout: Layout, name: str, rows: str, fields: list[tuple[str, int
         layout.record(f"{name}_{what}", rows, fields)
 
 
-def sizes(functions: dict[str, Function], name: str) -> dict[str, int]:
+def sizes(functions: Functions, name: str) -> dict[str, int]:
     """Components of a function's outputs."""
     return {field: len(out.nodes) for field, out in functions[name].outputs.items()}
 
 
-def most(functions: dict[str, Function]) -> dict[str, int]:
+def most(functions: Functions) -> dict[str, int]:
     """Components of what functions give, by field the most that one of them has."""
     there: dict[str, int] = {}
     for name in functions:
@@ -137,7 +137,7 @@ def most(functions: dict[str, Function]) -> dict[str, int]:
     return there
 
 
-def largest(functions: dict[str, Function], name: str) -> dict[str, int]:
+def largest(functions: Functions, name: str) -> dict[str, int]:
     """Components of the outputs of the functions of this name of all kinds ("name 0", ...), the
     most that one of them has.
     """

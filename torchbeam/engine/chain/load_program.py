@@ -16,7 +16,7 @@ from ...equations.balance_problem import BalanceProblem
 from ...nodal.model import Model
 from ...topology.framework import Framework
 from ..compiler.derivative import dot, jvp
-from ..compiler.function import Function
+from ..compiler.function import Function, Functions
 from .driver import SUMS
 from .kinds import without_side
 from .layout import ELEMENTS, INTERFACE, NODES, ONE, SIGNS, Layout
@@ -39,7 +39,7 @@ class RestProgram(NewtonProgram):
     unknown = "position", "rotation"
     varying: tuple[str, ...] = ("load_factor",)
 
-    def _beside(self, traced: Tracing) -> dict[str, Function]:
+    def _beside(self, traced: Tracing) -> Functions:
         pose = {"load_factor": ()} | {f"pose.{name}": (size,) for name, size in POSE.items()}
         placed = [kind if kind.placed else None for kind in self.kinds.nodes]
         return super()._beside(traced) | self._of_kinds(
@@ -66,7 +66,7 @@ class LoadProgram(RestProgram):
         self.judged = judged
         super().__init__(*of)
 
-    def _of_samples(self, traced: Tracing) -> dict[str, Function]:
+    def _of_samples(self, traced: Tracing) -> Functions:
         w, q = self.w, self.shapes["rotation"]
         turned = {"rotation": q} | {f"pose.{name}": (POSE[name],) for name in ("rotation", "turn")}
         turns = traced.local.model.space.turns and any(
@@ -80,7 +80,7 @@ class LoadProgram(RestProgram):
             name: self._of_numbers(traced, getattr(traced.local.samples, name)) for name in RULES
         }
 
-    def _functions(self, traced: Tracing) -> dict[str, Function]:
+    def _functions(self, traced: Tracing) -> Functions:
         functions = super()._functions(traced)
         for name, function in functions.items():
             if "indefinite" in function.outputs and not self.judged:

@@ -314,20 +314,14 @@ class LocalProblems:
             inelastic=values.get(INELASTIC),
         )
         x = self.UNKNOWNS(values.get("u"), values.get("m"), stress)
-        return self._stepping(rows, start, common, values, now, C), x
+        step = common.dt, common.t, common.inputs
+        return self._over(rows, start, values, *step, known=now, stiffness=C), x
 
-    def _stepping(
-        self,
-        rows: Rows,
-        start: State,
-        common: Common,
-        values: Fields,
-        now: Conditions,
-        C: Tensor | None,
+    def _over(
+        self, rows: Rows, start: State, values: Fields, *step: Any, **known: Any
     ) -> StepProblem:
-        return MidpointProblem(
-            rows, start, common.dt, common.t, common.inputs, known=now, stiffness=C
-        )
+        """The problem of a step: dt, t and inputs."""
+        return MidpointProblem(rows, start, *step, **known)
 
 
 def told_to(problem: StepProblem, sort: str, fields: Fields) -> StepProblem:

@@ -25,10 +25,9 @@ from torch import Tensor
 from ...equations.energy_projection import kinetic_rise, projected, strain_rise
 from ...equations.generalized_alpha import AlphaState, EndUnknowns, GeneralizedAlphaProblem
 from ...equations.midpoint import MidpointProblem
-from ...nodal.conditions import Conditions
 from ...nodal.rows import Rows
 from ...state.state import State
-from .chain_constants import Common
+from .joint_functions import JOINT
 from .local_functions import LocalFunctions
 from .local_problem import NODE as STATE
 from .local_problem import Fields
@@ -69,7 +68,12 @@ class ConservingFunctions(LocalFunctions):
     def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
         """With what the work makes the energy rise by less, of what is neither node nor element."""
         outputs = super().finished(sort, kind, **fields)
-        return outputs if sort in (NODE, ELEMENT) else outputs | {"rise": -outputs["work"]}
+        if sort in (NODE, ELEMENT):
+            return outputs
+        if sort is not JOINT or not self.model.joints.has_inertia:
+            return outputs | {"rise": -outputs["work"]}
+        before, kinetic = self.of(sort).kinetic_energies(kind, **fields)
+        return outputs | {"kinetic": kinetic, "rise": kinetic - before - outputs["work"]}
 
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""
@@ -129,30 +133,15 @@ class AlphaFunctions(LocalFunctions):
         before = self._with_between(problem.model, before, common.before, kind)
         return replace(problem, before=before), x
 
-    def _stepping(
-        self,
-        rows: Rows,
-        start: State,
-        common: Common,
-        values: Fields,
-        now: Conditions,
-        C: Tensor | None,
+    def _over(
+        self, rows: Rows, start: State, values: Fields, *step: Any, **known: Any
     ) -> GeneralizedAlphaProblem:
         stations = rows.topology.element_count * self.order
         straining = values.get(
             STRAINING, start.position.new_zeros(stations, 2 * rows.space.dims.strain)
         )
         start = AlphaState(**vars(start), acceleration=values["acceleration"], straining=straining)
-        return GeneralizedAlphaProblem(
-            rows,
-            start,
-            common.dt,
-            common.t,
-            common.inputs,
-            rho_inf=self.rho_inf,
-            known=now,
-            stiffness=C,
-        )
+        return GeneralizedAlphaProblem(rows, start, *step, rho_inf=self.rho_inf, **known)
 
     def finish_element(self, kind: Any, **fields: Tensor) -> Fields:
         """The element's state at the end of the step."""

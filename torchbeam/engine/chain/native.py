@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from ...core.leaves import detached
-from ..compiler.function import Function
+from ..compiler.function import Function, Functions
 from ..compiler.library import Library
 from ..compiler.llvm import Module
 from ..compiler.object_cache import ObjectCache
@@ -87,7 +87,7 @@ class NativeProgram:
         self.layout = layout
 
     @cached_property
-    def functions(self) -> dict[str, Function]:
+    def functions(self) -> Functions:
         begin, (local, known) = time.perf_counter(), self._untraced
         if any(sort.far for sort in present(self.kinds)):
             LOG.warning(
@@ -105,7 +105,7 @@ class NativeProgram:
         _ = self.functions
         return self._layout()
 
-    def _functions(self, traced: Tracing) -> dict[str, Function]:
+    def _functions(self, traced: Tracing) -> Functions:
         raise NotImplementedError
 
     def _layout(self) -> Layout:
@@ -156,7 +156,7 @@ class NativeProgram:
         """What writes the driver."""
         return self.driver(*of)
 
-    def finishing(self, traced: Tracing) -> dict[str, Function]:
+    def finishing(self, traced: Tracing) -> Functions:
         """What becomes of rows of all sorts at the end of a step, by kind."""
         return {
             f"finish {sort.name} {k}": traced(
@@ -209,7 +209,7 @@ class NativeProgram:
 
     def _of_kinds(
         self, traced: Tracing, function: Callable, kinds: Iterable[Any], fields: Shapes
-    ) -> dict[str, Function]:
+    ) -> Functions:
         """A function of nodes or of elements, of each of these kinds (None = of that there is
         none): "finish element 0", ...
         """

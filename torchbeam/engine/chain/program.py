@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from ..compiler.function import Function
+from ..compiler.function import Function, Functions
 from ..compiler.packing import Packing
 from ..compiler.shared_ends import END
 from ..compiler.split import split
@@ -61,11 +61,11 @@ class NewtonProgram(NativeProgram):
     def coded(self, *of: Any) -> Driver:
         return Driver(self.slots, *of)
 
-    def _of_samples(self, traced: Tracing) -> dict[str, Function]:
+    def _of_samples(self, traced: Tracing) -> Functions:
         """Functions that are not of a kind, beside those of Newton's method."""
         return {}
 
-    def _of_rows(self, traced: Tracing, sort: Sort) -> dict[str, Function]:
+    def _of_rows(self, traced: Tracing, sort: Sort) -> Functions:
         """Balances by kind of rows."""
         kinds = interactions.kinds_of(self.kinds, sort)
         return {f"{sort.name} {k}": self._of_row(traced, sort, x) for k, x in kinds}
@@ -80,12 +80,12 @@ class NewtonProgram(NativeProgram):
         """What the last iteration tells so many points where surfaces rub."""
         return {}
 
-    def _beside(self, traced: Tracing) -> dict[str, Function]:
+    def _beside(self, traced: Tracing) -> Functions:
         """What there is beside balances, by kind of rows: how unknowns follow from moves."""
         fields = traced.node | {"move": (self.w,)}
         return self._of_kinds(traced, traced.local.update, self.kinds.nodes, fields)
 
-    def _functions(self, traced: Tracing) -> dict[str, Function]:
+    def _functions(self, traced: Tracing) -> Functions:
         w, functions = self.w, self._of_samples(traced)
         nodes = [*self._of_rows(traced, NODE).values()]
         functions |= self._beside(traced)
@@ -128,7 +128,7 @@ class NewtonProgram(NativeProgram):
             functions |= self._searching(traced, judging)
         return functions
 
-    def _searching(self, traced: Tracing, judging: tuple[str, ...]) -> dict[str, Function]:
+    def _searching(self, traced: Tracing, judging: tuple[str, ...]) -> Functions:
         """Functions of what shortens steps."""
         other = ("done", "status", "back", "ratio")
         given = [name for name in (*judging, "near", *SQUARES, *LENGTH) if name not in other]
@@ -145,7 +145,7 @@ class NewtonProgram(NativeProgram):
             functions[f"part {name}"] = part
         return functions
 
-    def _interactions(self, traced: Tracing) -> dict[str, Function]:
+    def _interactions(self, traced: Tracing) -> Functions:
         """Functions of what acts between nodes."""
         functions, w, kinds = {}, self.w, self.kinds
         for sort in INTERACTIONS:
@@ -162,9 +162,7 @@ class NewtonProgram(NativeProgram):
         functions |= tendon_driver.of_tensions(traced, kinds, shapes)
         return functions
 
-    def _of_loads_between(
-        self, functions: dict[str, Function], traced: Tracing, shapes: Shapes
-    ) -> dict[str, Function]:
+    def _of_loads_between(self, functions: Functions, traced: Tracing, shapes: Shapes) -> Functions:
         """What loads between nodes add to what elements give their nodes, of these fields; adds
         what says of each kind where they do nothing.
         """
@@ -176,11 +174,7 @@ class NewtonProgram(NativeProgram):
         return {name: load.with_zeros(shapes) for name, load in loads.items()}
 
     def _iterated(
-        self,
-        functions: dict[str, Function],
-        nodes: list[Function],
-        elements: list[Function],
-        traced: Tracing,
+        self, functions: Functions, nodes: list[Function], elements: list[Function], traced: Tracing
     ) -> None:
         """What each iteration computes of nodes and elements: what is of one of an element's nodes
         alone is computed there, and before the iterations what does not depend on the unknowns.
@@ -271,7 +265,7 @@ class StepProgram(NewtonProgram):
     def _told(self, points: int) -> Shapes:
         return {"told": (int(points), 6)} if points else {}
 
-    def _of_samples(self, traced: Tracing) -> dict[str, Function]:
+    def _of_samples(self, traced: Tracing) -> Functions:
         functions = {"cosine": traced(traced.local.cosine, {"m": self.shapes["m"]})}
         if "kinetic" in traced.local.element_ends:
             functions["project"] = self._of_numbers(traced, traced.local.project)
@@ -286,7 +280,7 @@ class StepProgram(NewtonProgram):
         functions["outcome"] = self._of_numbers(traced, traced.local.samples.outcome, without)
         return functions
 
-    def _beside(self, traced: Tracing) -> dict[str, Function]:
+    def _beside(self, traced: Tracing) -> Functions:
         """With these what unknowns start from, and what becomes of rows at the end of a step."""
         still = {name: shape for name, shape in traced.node.items() if name not in self.unknown}
         functions = super()._beside(traced)
@@ -315,9 +309,7 @@ def _beside(layout: Layout, name: str, rows: str) -> None:
     layout.record(f"{name}_back", ONE, fields)
 
 
-def _split(
-    functions: dict[str, Function], name: str, function: Function, unknown: tuple[str, ...]
-) -> None:
+def _split(functions: Functions, name: str, function: Function, unknown: tuple[str, ...]) -> None:
     """The function in two, of which the first does not depend on the unknowns."""
     before, rest = split(function, [field for field in function.inputs if field not in unknown])
     functions[f"before {name}"], functions[name] = before.only(before.outputs), rest

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..compiler.block_elimination import BlockElimination
 from ..compiler.denormals import flushing
-from ..compiler.function import Function
+from ..compiler.function import Functions
 from ..compiler.lane_loops import LaneLoops
 from ..compiler.llvm import Module
 from ..compiler.loop_text import Code
@@ -22,7 +22,8 @@ from .tables import COUNTS, LISTS, WIDTH
 from .transfers import Transfers
 
 Place = tuple[Any, ...]  # a record, which of its rows, and a field of that, or all of it
-Places = dict[str, "str | Place"]
+Target = str | Place  # a pointer, or a place in a record
+Places = dict[str, Target]
 # arguments of all programs
 ALL = (
     *("inputs", "input_count", "outputs", "output_count", "samples", "steps", "elements"),
@@ -46,7 +47,7 @@ class RecordCode:
     def __init__(
         self,
         module: Module,
-        functions: dict[str, Function],
+        functions: Functions,
         layout: Layout,
         kinds: Kinds,
         held: bool,
@@ -141,7 +142,7 @@ class RecordCode:
     def call(
         self,
         name: str,
-        of: Callable[[str], str | Place] = str,
+        of: Callable[[str], Target] = str,
         to: Place | None = None,
         places: Places | None = None,
     ) -> None:
@@ -170,7 +171,7 @@ class RecordCode:
         with self.code.loop(0, self.args[ROWS[rows]]) as k:
             yield k
 
-    def pointer(self, place: str | Place) -> str:
+    def pointer(self, place: Target) -> str:
         return place if isinstance(place, str) else self.at(*place)
 
     def size_of(self, place: Place) -> int:
@@ -285,37 +286,31 @@ class RecordCode:
         with self.code.when(self.code.compare("eq", self.code.load(result), 0)):
             yield
 
-    def sized(self, name: str, size: str | int | None, *places: str | Place) -> None:
+    def sized(self, name: str, size: str | int | None, *places: Target) -> None:
         """A function of so many components, None = as many as the first place of a record has."""
         if size is None:
             size = next(self.size_of(x) for x in places if not isinstance(x, str))
         pointers = ", ".join(f"ptr {self.pointer(x)}" for x in places)
         self.code.line(f'call void @"{name}"({pointers}, i64 {size})')
 
-    def fill(self, to: str | Place, size: str | int | None = None) -> None:
+    def fill(self, to: Target, size: str | int | None = None) -> None:
         self.sized("zero", size, to)
 
-    def copy(self, to: str | Place, source: str | Place, size: str | int | None = None) -> None:
+    def copy(self, to: Target, source: Target, size: str | int | None = None) -> None:
         self.sized("copy", size, to, source)
 
-    def add(self, to: str | Place, source: str | Place, size: int | None = None) -> None:
+    def add(self, to: Target, source: Target, size: int | None = None) -> None:
         self.sized("add", size, to, source)
 
-    def blend(
-        self, to: str | Place, source: str | Place, mask: str, size: str | int | None = None
-    ) -> None:
+    def blend(self, to: Target, source: Target, mask: str, size: str | int | None = None) -> None:
         """Take the source where the mask is 0."""
         self.sized("keep", size, to, source, mask)
 
-    def take(
-        self, to: str | Place, source: str | Place, mask: str, size: int | None = None
-    ) -> None:
+    def take(self, to: Target, source: Target, mask: str, size: int | None = None) -> None:
         """Take the source where the mask is not 0."""
         self.sized("take", size, to, source, mask)
 
-    def add_where(
-        self, to: str | Place, source: str | Place, mask: str, size: int | None = None
-    ) -> None:
+    def add_where(self, to: Target, source: Target, mask: str, size: int | None = None) -> None:
         """Add the source where the mask is not 0."""
         self.sized("sum", size, to, source, mask)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 
-from ..compiler.function import Function
+from ..compiler.function import Function, Functions
 from ..compiler.packing import Packing
 from .layout import (
     BETWEEN,
@@ -38,8 +38,8 @@ def to_nodes(names: Iterable[str]) -> list[str]:
 
 
 def _eliminating(
-    condense: dict[str, Function], restore: Function, inside: Packing, inner: Packing
-) -> tuple[dict[str, Function], Packing, dict[str, tuple[int, ...]]]:
+    condense: Functions, restore: Function, inside: Packing, inner: Packing
+) -> tuple[Functions, Packing, dict[str, tuple[int, ...]]]:
     """Functions of midside nodes by name, from those that eliminate them, which take fields of the
     midside node (own.) and of the element (element.), and the one that restores them; what elements
     then give their ends, and the shapes of that.
@@ -56,7 +56,7 @@ def _eliminating(
     return functions, between, {name: makers[0].outputs[name].shape for name in between.fields}
 
 
-def record_midsides(layout: Layout, functions: dict[str, Function], element: str) -> None:
+def record_midsides(layout: Layout, functions: Functions, element: str) -> None:
     """Records of what elements give, by the function of that name, and of their midside nodes."""
     last = "condense" if "condense" in functions else element
     layout.record("between", ELEMENT_PLACES, [(BETWEEN, sizes(functions, last)[BETWEEN])])
@@ -74,7 +74,7 @@ def of_rows(
     held: bool,
     manners: tuple[str, ...],
     transposed: bool = False,
-) -> dict[str, Function]:
+) -> Functions:
     """Functions of midside nodes, and of rows of the interface and of runs, as far as these
     `manners` ask for them, see `order.manners_of`: of runs that are eliminated onwards, `backward`,
     from the last node on, or are `bordered`, between two nodes of the interface that are eliminated
@@ -131,7 +131,7 @@ def of_rows(
     return functions
 
 
-def given_by_rows(functions: dict[str, Function]) -> dict[str, int]:
+def given_by_rows(functions: Functions) -> dict[str, int]:
     """Fields that functions of rows give, and how many components they have."""
     return {
         field: size
@@ -141,7 +141,7 @@ def given_by_rows(functions: dict[str, Function]) -> dict[str, int]:
     }
 
 
-def record(layout: Layout, functions: dict[str, Function], w: int) -> None:
+def record(layout: Layout, functions: Functions, w: int) -> None:
     """Records of what is eliminated."""
     sizes = given_by_rows(functions)
     layout.record("row", NODES, [("ahead", w * w), ("y", w)])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from ..compiler.function import Function
+from ..compiler.function import Functions
 from .interactions import Derivative, all_kinds
 from .kinds import Kinds, distinct, same_code
 from .layout import ONE, STRETCHES, Layout, cotangents
@@ -28,7 +28,7 @@ BARS = "pull_bar", "at_stretch_bar", "beyond_bar"
 
 def of_tensions(
     traced: Tracing, kinds: Kinds, varying: dict[str, tuple[int, ...]] | None = None
-) -> dict[str, Function]:
+) -> Functions:
     """Functions by which tensions are known, by kind; varying: shapes of what changes with the
     iterations beside the unknowns.
     """
@@ -44,9 +44,7 @@ def of_tensions(
     return functions
 
 
-def adjoint_of_stretches(
-    traced: Tracing, kinds: Kinds, derivative: Derivative
-) -> dict[str, Function]:
+def adjoint_of_stretches(traced: Tracing, kinds: Kinds, derivative: Derivative) -> Functions:
     """Functions of the adjoint, by kind."""
     functions = of_tensions(traced, kinds)
     ends = ("own.direction", "last.direction", "last.tension")

@@ -215,23 +215,17 @@ def _factor(g: Graph, a: int) -> int:
     return g.make("factor", a)
 
 
-def _largest(
-    g: Graph, x: np.ndarray, dim: int | None = None, keepdim: bool = False
-) -> np.ndarray | tuple[np.ndarray, ...]:
-    """And where it is, along an axis."""
-    largest = reduction(g, REDUCTIONS["amax"], x, dim, keepdim)
-    return (
-        largest if dim is None else (largest, reduction(g, REDUCTIONS["argmax"], x, dim, keepdim))
-    )
+def _extreme(which: str) -> Callable[..., np.ndarray | tuple[np.ndarray, ...]]:
+    """The largest ("max") or smallest ("min") number; along an axis, and where it is."""
+    value, place = REDUCTIONS[f"a{which}"], REDUCTIONS[f"arg{which}"]
 
+    def extreme(
+        g: Graph, x: np.ndarray, dim: int | None = None, keepdim: bool = False
+    ) -> np.ndarray | tuple[np.ndarray, ...]:
+        found = reduction(g, value, x, dim, keepdim)
+        return found if dim is None else (found, reduction(g, place, x, dim, keepdim))
 
-def _smallest(
-    g: Graph, x: np.ndarray, dim: int | None = None, keepdim: bool = False
-) -> np.ndarray | tuple[np.ndarray, ...]:
-    smallest = reduction(g, REDUCTIONS["amin"], x, dim, keepdim)
-    return (
-        smallest if dim is None else (smallest, reduction(g, REDUCTIONS["argmin"], x, dim, keepdim))
-    )
+    return extreme
 
 
 def _inverse(g: Graph, A: np.ndarray, **_: object) -> tuple[np.ndarray, ...]:
@@ -285,8 +279,8 @@ OTHER: dict[str, Callable[..., np.ndarray | tuple[np.ndarray, ...]]] = {
     "linalg_lu_solve": _solve_again,
     "linalg_inv_ex": _inverse,
     "_linalg_slogdet": _log_determinant,
-    "max": _largest,
-    "min": _smallest,
+    "max": _extreme("max"),
+    "min": _extreme("min"),
     "gather": _gathered,
     "constant_pad_nd": _padded,
     "cumsum": _cumulative,

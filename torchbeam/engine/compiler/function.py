@@ -128,3 +128,6 @@ class Function:
             {name: shape for name, shape in self.inputs.items() if name not in values},
             outputs,
         )
+
+
+Functions = dict[str, Function]  # by name

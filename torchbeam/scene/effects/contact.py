@@ -12,7 +12,7 @@ from ...core.declared import parameter
 from ...core.leaves import leaf, with_values
 from ...core.validation import Value, concrete, refusal, shown
 from ...math.quaternions import cross
-from ..parts import part_of
+from ..parts import Place, check_node, part_of
 from ..stations import Table
 from .contact_law import damped, leads_through, pressure, rubbing, telling
 from .contact_terms import AtPoints, ContactTerms, radius_value, widest
@@ -55,17 +55,20 @@ class Contact(ContactTerms):
 
     - `Contact(obstacle, ...)`: the beam, in a structure all beams;
     - `Contact("arm", obstacle, ...)`: one part of a structure;
-    - `Contact("arm", "strut", ...)`: two beams, or a beam and a body.
+    - `Contact("arm", "strut", ...)`: two beams, or a beam and a body;
+    - `Contact(obstacle, node=-1, ...)`: one node of a beam, a ball of the radius. It is the round
+      end of a rod that stands or pushes with its tip, where a force per length has no length.
 
-    A body without a `surface` is a ball of the radius about its centre; its forces are in N, not
-    N/m. A body with a surface touches beams along them, balls, and planes in its corners. Each
-    corner has this law, in N.
+    A body without a `surface` is a ball of the radius about its centre. Its forces are in N, not
+    N/m, and so are those of a node. A body with a surface touches beams along them, balls, and
+    planes in its corners. Each corner has this law, in N.
 
     Args:
         thickness: (...) m; None = a tenth of the smallest radius. Without a radius, of the radius
             of a round section with the beam's EI and EA
         force: (...) N/m, or N for bodies. None = four times the weight per length and 16 EI/L^3, of
-            the heavier beam; for bodies four times the body's weight. `describe` prints it
+            the heavier beam; for bodies four times the body's weight; for a node the beam's length
+            times what the beam has. `describe` prints it
         stiffness: (...) N/m^2, in place of `force`: 2 force/thickness
         radius: (...) m of the beam's surface; None or the number 0: its axis. Of a tapered beam a
             `Table` of the arc length from the root. Its surface is then the surface of balls about
@@ -79,6 +82,8 @@ class Contact(ContactTerms):
         points: number of places of an element at which surfaces may meet. A smaller thing can slip
             through between two of them. None = two Gauss points against obstacles; between beams
             equal parts, enough for the patch of two beams that cross
+        node: a node that touches the obstacle, in a structure (name of a beam, number). None: all
+            along the beam
         push_out: whether a motion may start inside the obstacle. The obstacle then pushes the beam
             out, with the energy of the contact there
 
@@ -88,7 +93,8 @@ class Contact(ContactTerms):
 
     Raises:
         ValueError: for an object that is no obstacle, a thickness or slip speed not above 0,
-            negative numbers, or both force and stiffness. For friction without a slip speed, or a
+            negative numbers, or both force and stiffness. For a node with a part or a body's name,
+            or with a Table of radii. For friction without a slip speed, or a
             radius without room in a tube. In a scene for missing parts, and where nothing gives the
             thickness or the force.
 
@@ -104,9 +110,9 @@ class Contact(ContactTerms):
     other_radius: Value | Table | None = leaf(0, default=None, kw_only=True, check=_other_radius)
     on: str | None = field(default=None, kw_only=True)
 
-    # of a body in a scene, at whose centre it acts, a ball of the radius, or at whose corners
-    # (..., K, 3) m, in the body's axes
-    node: Any = field(default=None, init=False)
+    node: Place | None = field(default=None, kw_only=True)  # in a scene also of a body, its name
+
+    # of a body in a scene, at which it acts in place of the centre, (..., K, 3) m, in its axes
     corners: Tensor | None = leaf(2, default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -126,6 +132,8 @@ class Contact(ContactTerms):
             )
         if self.partner is not None and self.partner == self.on:
             raise refusal(f"Contact of {self.on!r} with itself", f"SelfContact({self.on!r})")
+        if self.node is not None:
+            self._check_node()
         super().__post_init__()
         if self.partner is None and self.other_radius is not None:
             raise ValueError(
@@ -143,6 +151,18 @@ class Contact(ContactTerms):
                 )
         if self.points is None and self.partner is None:
             vars(self).update(points=2)
+
+    def _check_node(self) -> None:
+        place = getattr(self.node, "given", self.node)  # a scene has a row in place of a name
+        check_node("node", place)
+        if isinstance(place, str) and isinstance(self.on, str) and place == self.on:  # of a body
+            return
+        if self.on is not None:
+            raise refusal(f"Contact of {shown(self.on)} with the node {place!r}", "one of them")
+        if isinstance(place, str):
+            raise refusal(f"Contact with node = {place!r}", f"Contact({place!r}, obstacle)")
+        if isinstance(self.radius, Table):
+            raise refusal("Contact of a node with a radius as a Table", "a number")
 
     @property
     def partner(self) -> str | None:

@@ -34,7 +34,10 @@ def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> Contac
     missing = tuple(name for name in known if name in contact.follows or not known[name])
     if not missing:
         return contact
+    node = getattr(contact, "node", None)
+    node = getattr(node, "given", node)  # a scene has a row in place of (name, number)
     names = [name for name in (contact.on, contact.partner) if name is not None]
+    names = [node[0]] if isinstance(node, tuple) else names
     parts = [part_of(beam.parts, name) for name in names] or beam.parts
     bodies = [part for part in parts if part.body and names]
     beams = {p.name: beam.part(p.name) for p in parts if not p.body} if beam.parts else {None: beam}
@@ -48,7 +51,8 @@ def _whole(contact: ContactTerms, beam: Any, effects: tuple[Any, ...]) -> Contac
             loads = [_gravity(effects, b.name) * masses[b.first_node] for b in bodies]
         else:
             loads = [
-                _gravity(effects, name) * beam.mass[..., 0, 0].mean(-1) + BENT * _bending(beam)
+                (_gravity(effects, name) * beam.mass[..., 0, 0].mean(-1) + BENT * _bending(beam))
+                * (1.0 if node is None else beam.length.sum(-1))  # in N
                 for name, beam in beams.items()
             ]
         values["force"] = TIMES * _largest(loads)

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 from torchbeam.analysis.convergence.law import ErrorLaw, remaining
 from torchbeam.analysis.convergence.reading import Reader, on_mesh
 from torchbeam.analysis.convergence.search import Search
@@ -211,25 +212,21 @@ def test_failed_runs_ask_for_finer_ones():
     assert search.failed and math.isinf(search.checked[0].error)
 
 
-@pytest.mark.parametrize(
-    "given, sentence",
-    [
-        (dict(rtol=0.0), "rtol = 0"),
-        (dict(elements=["cubic"]), "one of elements"),
-        (dict(methods=[]), "one of methods"),
-        (dict(rtol=1.0), "a relative error below 1 is wanted"),
-        (dict(solve=tb.equilibrium), "t and solve were given"),
-        (dict(t=None, solve=lambda scene: None), "solve gave None"),
-        (dict(t=None, read=lambda state: None), "read gave None"),
-        (dict(read=lambda solution: solution.tip.position[..., :0]), "without a number"),
-        (dict(read=lambda solution: solution.nodes), "one that no mesh changes is wanted"),
-        (dict(read=lambda solution: solution.tip.position[0, 0] > 0), "real floating numbers"),
-    ],
+@refusals(
+    (dict(rtol=0.0), "rtol = 0"),
+    (dict(elements=["cubic"]), "one of elements"),
+    (dict(methods=[]), "one of methods"),
+    (dict(rtol=1.0), "a relative error below 1 is wanted"),
+    (dict(solve=tb.equilibrium), "t and solve were given"),
+    (dict(t=None, solve=lambda scene: None), "solve gave None"),
+    (dict(t=None, read=lambda state: None), "read gave None"),
+    (dict(read=lambda solution: solution.tip.position[..., :0]), "without a number"),
+    (dict(read=lambda solution: solution.nodes), "one that no mesh changes is wanted"),
+    (dict(read=lambda solution: solution.tip.position[0, 0] > 0), "real floating numbers"),
 )
-def test_refusals(given, sentence):
+def test_refusals(given):
     given = {"t": T, "read": tb.sensors.TipPosition(), **given}
-    with pytest.raises(ValueError, match=sentence):
-        tb.converge(strip(tb.Damping(0.01)), **FEW | given)
+    tb.converge(strip(tb.Damping(0.01)), **FEW | given)
 
 
 @pytest.mark.parametrize(

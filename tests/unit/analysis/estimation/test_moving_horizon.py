@@ -1,6 +1,5 @@
 """The horizon against filter and smoother of a linear structure; bounds, losses, unknowns."""
 
-import itertools
 import math
 
 import pytest
@@ -9,7 +8,7 @@ from torch.distributions import LogNormal
 
 import torchbeam as tb
 from torchbeam.analysis.estimation import moving_horizon
-from torchbeam.analysis.estimation.moving_horizon import MOVED, within
+from torchbeam.analysis.estimation.moving_horizon import MOVED
 
 from .test_kalman_filter import DT, NAN, STILL, TIP, randn, strip, up
 
@@ -67,30 +66,6 @@ def test_what_is_at_a_bound_is_there():
     free = tb.MovingHorizon(scene, TIP, **given)
     z = free.run(free.start(amplitude=0.01), 2e-3 + 1e-3 * randn(8, 1))[-1]
     assert z.unknown["u[2]"] > most
-
-
-def test_within_bounds():
-    """Against all ways in which four numbers may be held."""
-    root = randn(20, 6, 4)
-    H, best, end = root.mT @ root, 2 * randn(20, 4, seed=1), torch.ones(4)
-    x = within(H, best, -end, end)
-
-    def cost(x):
-        return ((x - best)[:, None, :] @ H @ (x - best)[..., None])[:, 0, 0]
-
-    least = torch.full((20,), torch.inf)
-    for sides in itertools.product((-1.0, 0.0, 1.0), repeat=4):
-        side = torch.tensor(sides)
-        free = side == 0
-        trial = side.expand(20, 4).clone()
-        if free.any():
-            pull = H[:, free][:, :, ~free] @ (trial - best)[:, ~free, None]
-            rest = best[:, free] - torch.linalg.solve(H[:, free][:, :, free], pull)[..., 0]
-            trial[:, free] = rest
-        allowed = (trial.abs() <= 1).all(-1)
-        least = torch.where(allowed, torch.minimum(least, cost(trial)), least)
-    assert (x.abs() <= 1).all()
-    torch.testing.assert_close(cost(x), least, rtol=1e-10, atol=1e-12)
 
 
 def stiff(**options):

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 T = torch.linspace(0, 1, 40)
 
@@ -62,17 +63,13 @@ def test_a_spline_takes_a_wandering_zero_away_from_a_decay():
     assert fit.names[2] == "baseline[0] of gauge"
 
 
-@pytest.mark.parametrize(
-    "given, words",
-    [
-        (dict(first=1.0, last=1.0), "a later end is wanted"),
-        (dict(first=0.0, last=1.0, spacing=0.0), "200 pieces at most"),
-        (dict(first=0.0, last=1.0, degree=0), "degree"),
-    ],
+@refusals(
+    (dict(first=1.0, last=1.0), "a later end is wanted"),
+    (dict(first=0.0, last=1.0, spacing=0.0), "200 pieces at most"),
+    (dict(first=0.0, last=1.0, degree=0), "degree"),
 )
-def test_slow_baselines_of_no_length_or_stiffness_are_refused(given, words):
-    with pytest.raises(ValueError, match=words):
-        tb.SlowBaseline(**given)
+def test_slow_baselines_of_no_length_or_stiffness_are_refused(given):
+    tb.SlowBaseline(**given)
 
 
 def test_a_drift_beside_one_is_refused():

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from tests.cases.line_fits import alike
 from torchbeam.analysis.identification.prediction import quantiles
 from torchbeam.math.distributions import student_quantile
 
@@ -15,18 +16,10 @@ def line(theta):
     return theta["a"][:, None] + theta["b"][:, None] * T
 
 
-def alike(seed, a=0.9):
-    random = torch.Generator().manual_seed(seed)
-    e = torch.randn(READINGS, generator=random)
-    for k in range(1, READINGS):
-        e[k] = a * e[k - 1] + (1 - a * a) ** 0.5 * e[k]
-    return 0.05 * e
-
-
 def fits(noise, repeats=60):
     start = {"a": 1.0, "b": 1.0}
     for seed in range(repeats):
-        data = 1 + 2 * T + alike(seed)
+        data = 1 + 2 * T + alike(seed, 0.9, READINGS)
         yield tb.identify(line, tb.Measurement(data, 0.05, T, noise=noise), start)
 
 
@@ -115,7 +108,9 @@ def test_a_prior_counts_as_it_is():
     prior = torch.distributions.Normal(1.0, 0.3)
     start = {"a": 1.0, "b": 1.0, "c": tb.Parameter(1.0, prior=prior)}
     model = lambda theta: line(theta) + 0 * theta["c"][:, None]  # noqa: E731
-    fit = tb.identify(model, tb.Measurement(1 + 2 * T + alike(0), 0.05, T, noise="blocks"), start)
+    fit = tb.identify(
+        model, tb.Measurement(1 + 2 * T + alike(0, 0.9, READINGS), 0.05, T, noise="blocks"), start
+    )
     torch.testing.assert_close(fit.deviation[2], torch.tensor(0.3))
     assert fit.freedom[2] > 1e6
 

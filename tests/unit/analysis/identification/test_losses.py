@@ -5,15 +5,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.line_fits import TRUE, N, T, line
 from torchbeam.analysis.identification.losses import HUBER, STUDENT
-
-N = 60
-T = torch.linspace(0, 1, N)
-TRUE = torch.tensor([1.0, 2.0])
-
-
-def line(theta):
-    return theta["a"][:, None] + theta["b"][:, None] * T
 
 
 def noise(seed, share=0.1):

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 import torchbeam as tb
+from tests.cases.refusals import refusals
 
 AXES = [[0.0, 0, 1], [0, -1, 0], [1, 0, 0]]
 FORCES = torch.tensor([[0, 0.3, 1.0], [0, -0.5, -2.0], [0.4, 0, 1.5]])
@@ -106,18 +107,14 @@ def test_an_instrument_reads_in_a_prediction_what_it_read_in_the_fit():
         fit.predict(measurement="camera")
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (dict(place={"station": "s"}, sensor=tb.sensors.TipPosition()), "station"),
-        (dict(place={"node": "s"}, sensor=lambda state: state.t), "tb.sensors"),
-        (dict(frame=FRAME), "tb.sensors"),
-        (dict(sensor=tb.sensors.TipPosition(), delay=0.1), "times=... is wanted"),
-    ],
+@refusals(
+    (dict(place={"station": "s"}, sensor=tb.sensors.TipPosition()), "station"),
+    (dict(place={"node": "s"}, sensor=lambda state: state.t), "tb.sensors"),
+    (dict(frame=FRAME), "tb.sensors"),
+    (dict(sensor=tb.sensors.TipPosition(), delay=0.1), "times=... is wanted"),
 )
-def test_what_fits_no_sensor_is_refused(given, said):
-    with pytest.raises(ValueError, match=said):
-        tb.Measurement(torch.zeros(4, 3), **given)
+def test_what_fits_no_sensor_is_refused(given):
+    tb.Measurement(torch.zeros(4, 3), **given)
 
 
 def test_a_state_needs_no_times_and_a_solution_does():

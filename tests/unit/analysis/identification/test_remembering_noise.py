@@ -5,23 +5,8 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from tests.cases.line_fits import TRUE, N, T, alike, line
 from torchbeam.analysis.identification.memory import LARGEST
-
-N = 60
-T = torch.linspace(0, 1, N)
-TRUE = torch.tensor([1.0, 2.0])
-
-
-def line(theta):
-    return theta["a"][:, None] + theta["b"][:, None] * T
-
-
-def alike(seed, rho, n=N):
-    random = torch.Generator().manual_seed(seed)
-    e = torch.randn(n, generator=random)
-    for k in range(1, n):
-        e[k] = rho * e[k - 1] + (1 - rho * rho) ** 0.5 * e[k]
-    return 0.05 * e
 
 
 def identified(values, sigma=0.05, times=T, noise="ar1", **options):

@@ -5,13 +5,14 @@ beside failed samples, and when they are made so; of all that acts: properties/t
 import gc
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from tests.cases.compiled_step_cases import inputs_of, section, straight
+from tests.cases.compiled_step_cases import inputs_of, same_fields, section, straight
 from torchbeam.core.repetition import one_of
 from torchbeam.engine.chain import load_climb as compiled
 from torchbeam.engine.chain.native import NotCompiled
@@ -30,24 +31,7 @@ FIELDS = (
     "frame",
     "internal",
 )
-
-
-def same(found, wanted, tolerance=1e-12):
-    """Each field to `tolerance` of its largest number."""
-    for name in FIELDS:
-        x, y = getattr(found, name), getattr(wanted, name)
-        if y is None:
-            assert x is None, name
-            continue
-        assert_close(
-            x,
-            y,
-            rtol=0,
-            atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
-            equal_nan=True,
-            msg=lambda text, name=name: f"{name}: {text}",
-        )
-    assert_close(found.status, wanted.status)
+same = partial(same_fields, FIELDS)
 
 
 def both(scene, u=None, **options):

@@ -5,13 +5,21 @@ the batch.
 import pickle
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
-from tests.cases.compiled_step_cases import everything, inputs_of, moving, section, straight
+from tests.cases.compiled_step_cases import (
+    everything,
+    inputs_of,
+    moving,
+    same_fields,
+    section,
+    straight,
+)
 
 pytest.importorskip("llvmlite")
 FIELDS = ("position", "rotation", "velocity", "spin", "stress", "reaction", "work", "t")
@@ -23,21 +31,7 @@ SCENES = {
         straight(of=section(EA=torch.inf, GA=torch.inf)), [tb.TipLoad(force=(0, 1.0, 0))]
     ),
 }
-
-
-def same(found, wanted, tolerance=1e-12):
-    """Each field to `tolerance` of its largest number."""
-    for name in FIELDS:
-        x, y = getattr(found, name), getattr(wanted, name)
-        assert_close(
-            x,
-            y,
-            rtol=0,
-            atol=tolerance * max(float(y.abs().nan_to_num().max()) if y.numel() else 0, 1e-3),
-            equal_nan=True,
-            msg=lambda text, name=name: f"{name}: {text}",
-        )
-    assert_close(found.status, wanted.status)
+same = partial(same_fields, FIELDS)
 
 
 @pytest.mark.parametrize("name", SCENES)

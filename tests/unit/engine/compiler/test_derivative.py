@@ -7,7 +7,7 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.compiled_cases import cases
-from tests.cases.evaluate import evaluate
+from tests.cases.evaluate import evaluate, fields
 from torchbeam.engine.compiler.derivative import bar, dot, jvp, vjp
 from torchbeam.engine.compiler.trace import trace
 
@@ -23,22 +23,6 @@ def gradients(function, given, bars):
     return {
         name: torch.zeros_like(x) if g is None else g
         for (name, x), g in zip(given.items(), got, strict=True)
-    }
-
-
-def fields(value, name=""):
-    if isinstance(value, torch.Tensor):
-        return {name or "out": value}
-    pairs = (
-        value.items()
-        if isinstance(value, dict)
-        else zip(getattr(value, "_fields", range(len(value))), value, strict=True)
-    )
-    return {
-        k: v
-        for key, part in pairs
-        if part is not None
-        for k, v in fields(part, f"{name}.{key}".strip(".")).items()
     }
 
 

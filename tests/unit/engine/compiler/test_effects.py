@@ -10,6 +10,7 @@ from torch.testing import assert_close
 
 from tests.cases.evaluate import evaluate
 from tests.cases.nodal_cases import spd
+from tests.cases.site_loads import lag, lagged, user, wind
 from torchbeam.core.leaves import bound
 from torchbeam.engine.compiler.trace import trace
 from torchbeam.math import quaternions as quat
@@ -18,30 +19,6 @@ from torchbeam.scene.effects.load_point import together
 
 T, INPUTS = torch.tensor(0.3), {"u": torch.tensor([0.1, -0.2, 0.3])}
 MOTION = ("R", "position", "velocity", "spin", "internal")
-
-
-def user(position, rotation, velocity, spin, t, u):
-    return rotation[..., :, 2] * (position * velocity).sum(
-        -1, keepdim=True
-    ) + u * t, torch.linalg.cross(spin, position)
-
-
-def lagged(position, rotation, velocity, spin, t, z):
-    return rotation[..., :, 1] * z[..., :1], z[..., 1:] * velocity
-
-
-def lag(z, position, rotation, velocity, spin, t):
-    return torch.cat(
-        (
-            position[..., :1] - 3 * z[..., :1],
-            z[..., :1] - z[..., 1:] * (1 + velocity[..., :1] ** 2),
-        ),
-        -1,
-    )
-
-
-def wind(x, t):
-    return torch.stack((torch.sin(x[..., 1]), x[..., 0] * x[..., 2], t * x[..., 0]), -1)
 
 
 EFFECTS = {

@@ -10,7 +10,7 @@ import torch
 from torch.testing import assert_close
 
 from tests.cases.compiled_cases import cases
-from tests.cases.evaluate import evaluate
+from tests.cases.evaluate import evaluate, fields
 from torchbeam.engine.compiler.trace import NotTraceable, trace
 from torchbeam.math import quaternions as quat
 from torchbeam.scene.effects.load_point import jacobians
@@ -266,7 +266,7 @@ def test_local_functions_are_traced_as_they_stand(name):
     function, inputs = cases()[name]
     traced, given = trace(function, inputs()), inputs(4)
     found = evaluate(traced, given)
-    expected = trace_fields(function(**given))
+    expected = fields(function(**given))
     assert list(found) == list(expected)
     for field, x in found.items():
         assert_close(
@@ -275,22 +275,6 @@ def test_local_functions_are_traced_as_they_stand(name):
             rtol=1e-13,
             atol=1e-13 * float(expected[field].abs().max()),
         )
-
-
-def trace_fields(value, name=""):
-    if isinstance(value, torch.Tensor):
-        return {name: value}
-    pairs = (
-        value.items()
-        if isinstance(value, dict)
-        else zip(getattr(value, "_fields", range(len(value))), value, strict=True)
-    )
-    return {
-        k: v
-        for key, part in pairs
-        if part is not None
-        for k, v in trace_fields(part, f"{name}.{key}".strip(".")).items()
-    }
 
 
 def test_values_of_the_example_do_not_matter():

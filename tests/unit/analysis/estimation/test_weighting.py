@@ -1,0 +1,116 @@
+"""Readings that miss by much: left out by a gate, or of less weight by a loss."""
+
+import math
+
+import pytest
+import torch
+from torch.distributions import LogNormal
+
+import torchbeam as tb
+from torchbeam.analysis.identification.losses import HUBER, STUDENT
+
+from .test_kalman_filter import DT, NAN, TIP, randn, strip, up
+
+NOISE = 1e-3
+
+
+def linear(estimator=tb.KalmanFilter, **options):
+    """Of a linear strip under a white force."""
+    given = dict(dt=DT, noise=NOISE, process={"u": up(0.3)})
+    return estimator(strip(small=True, plane=None), TIP, **{**given, **options})
+
+
+def stiff(estimator=tb.KalmanFilter, **options):
+    """Of strips of an unknown stiffness, by two modes."""
+    E = tb.Parameter(1.0, transform="log", prior=LogNormal(0.0, 0.1))
+    model = tb.linearize(strip(), inputs={"u": (0.0, 0, 0)}).reduced(2)
+    given = dict(dt=DT, noise=NOISE, parameters={"E": E}, model=model, bias=2e-3)
+    return estimator(lambda p: strip(p["E"]), TIP, **{**given, **options})
+
+
+@pytest.mark.steps
+@pytest.mark.parametrize("estimator", [tb.KalmanFilter, tb.MovingHorizon])
+@pytest.mark.parametrize("absurd", [10.0, 1e6, 1e200, math.inf, NAN])
+def test_an_absurd_reading_is_none(estimator, absurd):
+    """What is known after it, and later, is to rounding what is known without, and neighbours' is;
+    it is told.
+    """
+    f = stiff(estimator, gate=1 - 1e-9, **{"window": 4} if estimator is tb.MovingHorizon else {})
+    y = NOISE * randn(6, 2, 1)
+    lost = y.clone()
+    y[3, 0], lost[3, 0] = absurd, NAN
+    start = f.start(2, amplitude=0.01)
+    found, best = f.run(start, y), f.run(start, lost)
+    scale = best[-1].factor.norm(dim=-2).clamp(min=1e-9)
+    assert ((found[-1].x - best[-1].x) / scale).abs().max() < 1e-9
+    assert found[3].weight.tolist() == [[0.0], [1.0]] and found[3].readings.tolist() == [0, 1]
+    assert found[-1].log_likelihood.isfinite().all() and found[-1].doubt is None
+    assert (found[-1].log_likelihood - best[-1].log_likelihood).abs()[1] < 1e-9
+
+
+def test_a_reading_beyond_the_gate_counts_as_at_it():
+    """In the likelihood, by which models are compared: what a reading at the gate would say."""
+    level = 0.999
+    f, free = linear(gate=level), linear()
+    before = f.predict(f.start(amplitude=0.01))
+    reach = torch.distributions.Normal(0.0, 1.0).icdf(torch.tensor((1 + level) / 2))
+    at = free(free.start(amplitude=0.01), before.readings)
+    spread = torch.exp(-at.log_likelihood) / math.sqrt(2 * math.pi)  # the density's peak
+    inside, outside = (
+        f.update(before, before.readings + side * reach * spread) for side in (0.999, 1.001)
+    )
+    assert inside.weight == 1 and outside.weight == 0
+    assert abs(inside.log_likelihood - outside.log_likelihood) < 2e-3 * reach**2
+
+
+@pytest.mark.parametrize("loss", ["huber", "student"])
+def test_a_loss_finds_the_most_likely_motion(loss):
+    """Of one reading of a linear structure, whose error has the density of the loss: where the
+    slope of half the squares of the motion's change is that of the loss, to 1e-3 of it. Huber's is
+    its corner.
+    """
+    f, plain = linear(loss=loss), linear()
+    start = f.start(amplitude=NOISE)
+    expected = plain.predict(start).readings
+    P = NOISE**2 * (1 / plain(start, expected + NOISE).nis - 1)  # nis = R / (P + R)
+    for error in (0.5 * NOISE, 20 * NOISE, 1e3 * NOISE):
+        z = f(start, expected + error)
+        x = plain.interval.slope_of(TIP.flat, z.state)[0] - expected
+        residual = (error - x) / NOISE
+        slope = {
+            "huber": residual.clamp(-HUBER, HUBER),
+            "student": (STUDENT + 1) * residual / (STUDENT + residual**2),
+        }[loss]
+        assert abs(x * NOISE / P - slope) < 1e-3 * slope.abs() + 1e-6
+        assert (z.weight < 0.1) == (error > NOISE)
+    far = plain.interval.slope_of(TIP.flat, f(start, [1e9]).state)[0] - expected
+    assert abs(far) < 1e-4 * NOISE if loss == "student" else abs(far - x) < 1e-3 * x
+
+
+@pytest.mark.steps
+def test_a_loss_weighs_each_sample_alone():
+    """A batch, and its samples by themselves: readings of two sensors that lie off by more and
+    more.
+    """
+    f = tb.KalmanFilter(
+        strip(small=True, plane=None),
+        [TIP, tb.sensors.NodeVelocity(1)["z"]],
+        dt=DT,
+        noise=(1e-3, 1e-2),
+        process={"u": up(0.3)},
+        loss="student",
+    )
+    y = torch.tensor([[0.0, 0.0], [5e-3, 0.1], [0.1, 0.0], [1e6, 1e6], [NAN, 1e-2]])
+    both = f(f.start(5, amplitude=0.01), y)
+    for k in range(5):
+        alone = f(f.start(amplitude=0.01), y[k])
+        assert (alone.weight - both.weight[k]).abs().max() < 1e-12
+    assert both.weight[4, 0] == 0 and (both.weight[3] < 1e-6).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"), [(dict(gate=1.0), "gate"), (dict(loss="cauchy"), "loss")]
+)
+def test_what_is_refused(given, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        linear(**given)
