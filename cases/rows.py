@@ -372,7 +372,8 @@ WITHOUT = {  # public effects that have no row, and who asks them
 def _law(kind: type, name: str, draw: Any, **beside: Any) -> Row:
     """Of a number of a law in a joint, which is looked at once."""
     make = lambda v, *ends: kind(*ends, **beside, **{name: v})  # noqa: E731
-    return Row(make, draw=draw, after=OLD, at_zero=dict(ways="eager", least=True, scale=1e-4))
+    scale = 1e-6 if name == "inertia" else 1e-4  # a small part of the body's
+    return Row(make, draw=draw, after=OLD, at_zero=dict(ways="eager", least=True, scale=scale))
 
 
 def _told(kind: type, name: str, draw: Any = 0.1, numbers: Any = None, **beside: Any) -> Row:
@@ -410,11 +411,12 @@ JOINTS = {
     **{name: row for kind in (tb.Hinge, tb.Slider) for name, row in _rows(
         _law, (kind, "stiffness", 2.0, {}), (kind, "damping", 0.1, {}),
         (kind, "friction", 0.1, dict(slip_speed=0.1)),
-        (kind, "limit_stiffness", 5.0, dict(limits=ONE))).items()},
+        (kind, "limit_stiffness", 5.0, dict(limits=ONE)), (kind, "inertia", 0.1, {})).items()},
     **{name: row for kind in (tb.Cylindrical, tb.Universal) for name, row in _rows(
         _law, (kind, "stiffness", (2.0, 5.0), {}), (kind, "damping", (0.1, 0.2), {}),
         (kind, "friction", (0.1, 0.2), dict(slip_speed=BOTH)),
-        (kind, "limit_stiffness", (5.0, 4.0), dict(limits=TWICE))).items()},
+        (kind, "limit_stiffness", (5.0, 4.0), dict(limits=TWICE)),
+        (kind, "inertia", (0.1, 0.2), {})).items()},
     **_rows(
         _law, (tb.Ball, "stiffness", 2 * torch.eye(3, dtype=torch.float64), {}),
         (tb.Ball, "damping", 0.1, {}), (tb.Ball, "friction", 0.1, dict(slip_speed=0.1)),

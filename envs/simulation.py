@@ -175,15 +175,7 @@ class Simulation:
         )
         plant = self.plant
         if self.varying:
-            before = {} if few is None else episodes.plant.params
-            plant = self._plant(
-                values
-                if few is None
-                else {
-                    name: few.put(before[name], values[name], 0) if name in self.varying else value
-                    for name, value in values.items()
-                }
-            )
+            plant = self._plant(values if few is None else self._merged(episodes, values, rows))
         start, first = self._at_rest(plant, values, rows)
         beam = self.task.initial_state(start, goal)
         beam = first if beam is start else self._begun(plant, beam, rows)
@@ -281,12 +273,26 @@ class Simulation:
         others = self.varying - given.keys()
         return self.usual | {name: self.usual[name].expand(len(rows)) for name in others} | given
 
+    def _merged(
+        self, episodes: Episodes, values: dict[str, Tensor], rows: Tensor
+    ) -> dict[str, Tensor]:
+        """Parameters of all sub-envs, with these values in the rows (k,)."""
+        varying, before = [*self.varying], episodes.plant.params
+        old = torch.stack([before[name].expand(self.count) for name in varying])
+        new = old.index_copy(1, rows, torch.stack([values[name] for name in varying]))
+        return values | dict(zip(varying, new.unbind(), strict=True))
+
+    def _scene(self, params: dict[str, Tensor], rows: Tensor) -> tb.Scene:
+        """Of the sub-envs rows (k,), with parameters () or (k,)."""
+        scene = self.task.scene(params, rows, self.varying)
+        return scene if scene.dtype == self.task.dtype else scene.to(self.task.dtype)
+
     def _plant(self, params: dict[str, Tensor]) -> Plant:
         """Of all sub-envs, with parameters () or (n,)."""
         c = self.config
         if self.varying and beside_the_beam(self.varying):
             return Plant(params, self.plant.stepper)
-        scene = self.task.scene(params, self.members, self.varying).to(self.task.dtype)
+        scene = self._scene(params, self.members)
         return Plant(
             params,
             stepper(
@@ -300,17 +306,19 @@ class Simulation:
         """What the sub-envs rows (k,) start from, with these parameters: see `rest`."""
         usual, whole = plant.stepper is self.plant.stepper, len(rows) == self.count
         if usual or self.task.STARTS_ALIKE:
-            start, first = self.rest if whole else tuple(state[rows] for state in self.rest)
-            return start, first if usual else self._begun(plant, start, rows)
-        if not self.task.settles:
+            start = self.rest[0]
+        elif not self.task.settles:
             start = plant.stepper.rest((self.count,))
         elif whole or (plant.native and self.count <= TOGETHER):
             start = self._settled(plant.scene, self.count, plant.native)
         else:
-            own = self.task.scene(values, rows, self.varying).to(self.task.dtype)
-            start = self._settled(own, len(rows), plant.native)
-        start = start if len(start.status) == len(rows) else start[rows]
-        return start, self._begun(plant, start, rows)
+            start = self._settled(self._scene(values, rows), len(rows), plant.native)
+            return start, self._begun(plant, start, rows)
+        first = self.rest[1] if usual else self._begun(plant, start, self.members)
+        if whole:
+            return start, first
+        part = start[rows]
+        return part, part if first is start else first[rows]
 
     def _settled(self, scene: tb.Scene, count: int, native: bool) -> tb.State:
         """The beam (count,) in equilibrium without action."""

@@ -15,6 +15,7 @@ from torch import Tensor
 
 import torchbeam as tb
 from torchbeam.extend import SPIN, VELOCITY, LoadEffect, LoadPoint, Value, leaf
+from torchbeam.extend import quaternions as quat
 
 from .actuators import Actuator, driven
 from .episodes import Episodes
@@ -155,14 +156,32 @@ class TorqueArm(SoftArm):
         return before + (action - before).clamp(-most, most)
 
     def tip_jacobian(self, now: Episodes) -> tuple[Tensor, Tensor]:
-        """Of an arm at rest: an element bends by all couples beyond it."""
+        """Of an arm at rest."""
+        return self.tip_moved(now, self._turns(now))
+
+    def standing(self, now: Episodes, damping: float) -> Tensor:
+        """(n, a): the command whose couples would hold the arm as it stands, by least squares whose
+        squares are damped by a share of the largest.
+        """
+        q = now.beam.rotation
+        turns = quat.logarithm(quat.multiply(q[:, 1:], quat.conjugate(q[:, :-1])))
+        by = self._turns(now).transpose(2, 3).flatten(1, 2)  # (n, 3 N, a)
+        square = by.mT @ by
+        most = square.diagonal(dim1=-2, dim2=-1).amax(-1)[:, None, None]
+        square = square + damping * most * torch.eye(self.actions).to(square)
+        held = torch.linalg.solve(square, by.mT @ turns.flatten(1)[..., None])[..., 0]
+        return held.clamp(-1.0, 1.0)
+
+    def _turns(self, now: Episodes) -> Tensor:
+        """(n, N, a, 3) rad, frame a: how far elements of an arm at rest turn along themselves, by
+        actions of 1: an element bends by all couples beyond it.
+        """
         gain = self.drives[0].gain.unflatten(1, (self.elements, 3)) * self.length / self.elements
         R = self.axes_of_elements(now)
         couples = torch.einsum("nejk,aek->neaj", R, gain)  # N m
         beyond = couples.flip(1).cumsum(1).flip(1) - couples / 2
         compliance = self.usual.compliance[..., 3:, 3:] * self.length / self.elements
-        bent = R @ (compliance @ (R.mT @ beyond.mT))
-        return self.tip_moved(now, bent.mT)
+        return (R @ (compliance @ (R.mT @ beyond.mT))).mT
 
     # What is seen
 

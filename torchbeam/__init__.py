@@ -12,6 +12,7 @@ Examples in docstrings go on from these lines:
 >>> deflection = lambda EI, P: P / (3 * EI)
 """
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -45,6 +46,7 @@ from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
 from .analysis.saved import load, save
 from .core.entry_point import entry_points
+from .core.missing_name import ELSEWHERE, missing
 from .core.results import versions
 from .core.warning import SlowPathWarning
 from .dynamics.explicit import ExplicitStepper
@@ -182,6 +184,10 @@ torch.serialization.add_safe_globals(
     ]
 )
 
+if hasattr(os, "register_at_fork"):
+    # threads of OpenMP do not live on in a fork: an operation that counts on them waits for ever
+    os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))
+
 for shown in (Scene, Solution, Instant, Modes):  # in notebooks
     shown._repr_html_ = in_html  # type: ignore[attr-defined]
 
@@ -195,7 +201,7 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return versions("torchbeam")["torchbeam"]
     if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        raise missing(__name__, name, __all__, ELSEWHERE)
     if name in ("CrossSection", "Material"):
         from .cross_section import public as package
     else:

@@ -25,7 +25,8 @@ from torchbeam_envs.baselines import (
 )
 
 from .evaluate import evaluate, make
-from .tuned import HIDDEN, PUBLISHED, REMEMBERING, RESOLVED, TRAINING, VIAS, WAYS, Task
+from .tuned import HIDDEN, PUBLISHED, REMEMBERING, TRAINING, Task
+from .ways import RESOLVED, VIAS, WAYS
 
 EPISODES = 16  # that tuning looks at
 SETS = 24  # of gains in a round of the search

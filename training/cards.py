@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from .policies import load
-from .table import LABELS
+from .table import label
 
 KEPT = Path(__file__).parent / "policies"
 
@@ -63,7 +63,7 @@ def cards(folder: Path) -> str:
         beyond = f"{outside['return']:.3g}, {100 * outside['success']:.0f} %" if outside else ""
         lines.append(
             f"| `{path.name}` | `{about['env']}`{': ' if arguments else ''}{arguments} | "
-            f"{LABELS[algorithm]}, {hidden} | {scores['chosen_steps']:,} of "
+            f"{label(algorithm, about['task'])}, {hidden} | {scores['chosen_steps']:,} of "
             f"{scores['steps']:,} steps in {scores['seconds']:.0f} CPU s | "
             f"{scores['return']:.3g} ± {scores['return_deviation']:.2g} | "
             f"{100 * scores['success']:.0f} % | {1e3 * scores['final_error']:.1f} mm | {beyond} |"

@@ -29,11 +29,11 @@ from .curves import picture
 from .evaluate import EPISODES
 from .options import above_zero
 from .statistics import FEWEST, estimate
-from .table import LABELS
+from .table import LABELS, label
 from .watch import Budget
 
 SEEDS = 10
-NAMES = {**LABELS, "student": "student of ResolvedRate"}
+NAMES = {**LABELS, "student": label("student", "ik")}
 QUICK: dict[str, Any] = {"tasks": ["obstacles", "ik"], "seeds": 2, "share": 0.1}
 
 
@@ -62,8 +62,8 @@ PUBLISHED = {
     "ik": Publication("discounted_mean", 197.4, 0.37, "dismech-rl", "student"),
     "obstacles": Publication("discounted_mean", 40.6, 0.6, "dismech-rl"),
     "obstacles-3d": Publication("discounted_mean", 27.7, 0.96, "dismech-rl"),
-    "track-target": Publication("return", 10834.0, 10.9, "Elastica-RL-control", ""),
-    "reach-pose": Publication("return", 2044.0, 25.0, "Elastica-RL-control", ""),
+    "track-target": Publication("return", 10834.0, 10.9, "Elastica-RL-control", "student"),
+    "reach-pose": Publication("return", 2044.0, 25.0, "Elastica-RL-control", "student"),
     "reach-behind": Publication("return", 4115.0, 2.1, "Elastica-RL-control", ""),
     "reach-nest": Publication("return", 2036.0, 7.8, "Elastica-RL-control", ""),
 }

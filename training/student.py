@@ -30,6 +30,8 @@ class Arguments:
     """units of the hidden layers"""
     rate: float = 2e-3
     """of Adam at the start; falls to a tenth at the end of the budget"""
+    pace: int = 1
+    """control intervals of the task in one of its lessons, in as many substeps as there"""
     frames: int = 0
     """observations side by side that are seen at once; 0: as the task has them"""
     memory: int = 64
@@ -53,7 +55,7 @@ class Student:
 
     def __init__(self, task: Task, arguments: Arguments) -> None:
         self.arguments = a = arguments
-        self.env = task.seen(a.frames).make(a.num_envs, output="torch")
+        self.env = _at_pace(task.seen(a.frames), a.pace).make(a.num_envs, output="torch")
         self.batch = a.num_envs * a.horizon
         inputs = self.env.single_observation_space.shape[0]
         actions = self.env.single_action_space.shape[0]
@@ -103,6 +105,18 @@ class Student:
         self.memory = state["memory"]
         self.observation = restore_environment(self.env, state["environment"])
         self.imitation.load_state_dict(state["imitation"])
+
+
+def _at_pace(task: Task, pace: int) -> Task:
+    """The task with intervals as long as so many of its own, in episodes of the same time."""
+    if pace == 1:
+        return task
+    own = task.make(1).unwrapped.config
+    most = own.max_episode_steps
+    return task.varied(
+        control_interval=pace * own.control_interval,
+        max_episode_steps=None if most is None else -(-most // pace),
+    )
 
 
 if __name__ == "__main__":

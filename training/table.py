@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .statistics import estimate, improvement, interquartile_mean
-from .tuned import PUBLISHED
+from .tuned import PUBLISHED, STUDENT
 
 Run = dict[str, Any]
 Curve = dict[str, np.ndarray]
@@ -38,6 +38,14 @@ LABELS = {
     "sb3-sac": "SAC (stable-baselines3)",
     "skrl-ppo": "PPO (skrl)",
 }
+
+
+def label(algorithm: str, task: str) -> str:
+    """Of a learner or controller on a task: a student is that of its teacher."""
+    teacher = STUDENT.get(task, {}).get("teacher") if algorithm == "student" else None
+    return f"student of {teacher.partition('(')[0]}" if teacher else LABELS[algorithm]
+
+
 LINEAR = ("pd", "lqr", "lqg")
 OWN = ("ppo", "sac", "shac", "student", "ppo-gru", "shac-gru")
 LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
@@ -50,10 +58,13 @@ AXES = ("steps", "seconds")
 
 def as_now(run: Run) -> Run:
     """A run as it would be written now. Those of before have frames among the arguments of the
-    environment, not among the learner's settings, no memory, and SHAC's rates fell over the budget
-    and its last weights were kept.
+    environment, not among the learner's settings, no memory, SHAC's rates fell over the budget and
+    its last weights were kept, and students learned at the task's own pace.
     """
     settings = run.get("settings", {})
+    if run["algorithm"] == "student" and settings:
+        settings = {"pace": 1, **settings}
+        run = {**run, "settings": settings}
     if run["algorithm"].startswith("shac") and settings:
         settings = {"average": 0, **settings}
         run = {**run, "settings": settings}

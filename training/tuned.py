@@ -12,6 +12,8 @@ import gymnasium
 from gymnasium.vector import VectorEnv
 from torchbeam_envs import UNCERTAIN
 
+from .ways import RESOLVED, WAYS
+
 # first seeds of episodes, far apart: those learned on, those that choose among policies, and those
 # of final scores, which nothing sees before, the last on plants from `WIDER` ranges
 TRAINING, VALIDATION, HELD_OUT, OUTSIDE = 1_000_000, 1_500_000, 2_000_000, 3_000_000
@@ -232,6 +234,8 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("shac", "follow"): 600_000,
     ("shac", "follow-3d"): 600_000,
     ("student", "ik"): 400_000,
+    ("student", "track-target"): 10 * 256 * 204,
+    ("student", "reach-pose"): 16 * 256 * 72,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
 
@@ -255,35 +259,6 @@ TAUGHT: dict[str, dict[str, Any]] = {
     ),
     "flutter-uncertain": dict(teacher="MPC(informed=True)", linear=True),
 }
-# of ResolvedRate by task, where its own are not; how they were chosen: docs/published_tasks.md
-RESOLVED: dict[str, dict[str, float]] = {
-    "follow": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
-    "follow-3d": dict(gain=0.3, damping=0.01, lead=0.1, ahead=0.35),
-    "ik": dict(gain=0.21, damping=0.0035, lead=0.05, turn=0.1),
-    "track-target": dict(gain=0.06, damping=0.05, lead=0.1, ahead=0.1),
-    "reach-pose": dict(gain=0.03, damping=0.05, lead=0.15),
-    "reach-behind": dict(gain=0.03, damping=0.05, lead=0.15),
-    "reach-nest": dict(gain=0.03, damping=0.05, lead=0.15),
-}
-# of Waypoints, where nothing is random: found by a search in simulations of that very episode
-WAYS: dict[str, dict[str, Any]] = {
-    "obstacles": dict(
-        waypoints=(
-            (0.976, -1.164, -1.136, -1.146, -0.239),
-            (0.998, -1.433, -1.374, -0.794, 0.158),
-            (0.667, -1.874, -1.45, -0.213, 0.648),
-            (-0.219, -1.895, -0.438, 0.789, -0.34),
-            (-0.577, -1.541, 0.651, -0.11, -1.449),
-        )
-    ),
-    "reach-behind": dict(
-        waypoints=((-0.294, -0.994), (-0.748, 0.968), (-0.576, -0.818), (-0.674, -0.542)),
-        legs=(20.0, 69.0, 21.0, 169.0),
-    ),
-}
-# of ViaPoint: windows between the bars, in the plane of their middles
-WINDOWS = [(0.45, 0.15 * j, z / 7 - 0.1) for j in range(-4, 5) for z in range(8)]
-VIAS: dict[str, dict[str, Any]] = {"obstacles-3d": dict(points=WINDOWS, damping=0.02)}
 
 
 def _called(name: str, settings: dict[str, Any]) -> str:
@@ -291,9 +266,9 @@ def _called(name: str, settings: dict[str, Any]) -> str:
     return f"{name}({', '.join(f'{key}={value}' for key, value in settings.items())})"
 
 
-def _led(task: str) -> str:
+def _led(task: str, **settings: Any) -> str:
     """As a teacher: by the Jacobian of the arm as it stands."""
-    return _called("ResolvedRate", RESOLVED[task])
+    return _called("ResolvedRate", {**RESOLVED[task], **settings})
 
 
 # without a teacher SHAC takes 12 CPU seconds to a return above 0
@@ -360,8 +335,16 @@ for _task in HIDDEN:
 # with a memory, which sees one frame
 REMEMBERING = ("student", "ppo-gru", "shac-gru")
 MEMORY: dict[str, Any] = dict(memory=64, frames=0)
+# of intervals of 1.4 ms, of which every fifth tells as much; arms are held by smooth couples, which
+# can be told from what is seen
+LONG: dict[str, Any] = dict(
+    memory=0, hidden=(128, 128), num_envs=256, pace=5, horizon=72, lessons=6, updates=800
+)
+LONGER: dict[str, Any] = {**LONG, "horizon": 204, "lessons": 4, "updates": 1600}
 STUDENT: dict[str, dict[str, Any]] = {
-    "ik": dict(teacher=_led("ik"), memory=0, hidden=(128, 128), lessons=50, horizon=20, updates=80)
+    "ik": dict(teacher=_led("ik"), memory=0, hidden=(128, 128), lessons=50, horizon=20, updates=80),
+    "track-target": dict(teacher=_led("track-target", standing=0.01), **LONGER),
+    "reach-pose": dict(teacher=_led("reach-pose", standing=0.01), **LONG),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient

@@ -9,6 +9,7 @@ from ..core import BeamVectorEnv
 from ..episodes import Episodes
 from ..inverse_kinematics import Turned
 from ..soft_arm import SoftArm
+from ..torque_arm import TorqueArm
 from .holding import Controller, vector_env
 from .linear import amount
 
@@ -27,15 +28,23 @@ class ResolvedRate(Controller):
     joint constraints: saturation in the null space"). An arm that follows its command with a lag
     tau needs lead = ahead = tau, and a small gain beside the intervals in tau.
 
+    With `standing`, moves start from the command that would hold the arm as it stands, not from
+    the one that acts. So a viscous arm of a time constant tau goes the remaining way as
+    exp(- gain t / tau): it wants a gain above 1, no lead, and ahead = tau / gain. Nothing is summed
+    up, so that a bar in the way stops it for good.
+
     Args:
         gain: share of the remaining way that an interval covers
         damping: m, compared with the singular values of J: moves of the tip by a full action
         lead: s, by which the tip's own motion is anticipated
         ahead: s, by which the target's motion is anticipated
         turn: m, weight of a turn of the tip by 1 rad
+        standing: share by which the squares of what would hold the arm are damped, for moves that
+            start from there, of arms driven by torques; 0: they start from what acts
 
     Raises:
-        ValueError: for a task of another beam, and a damping that is not positive.
+        ValueError: for a task of another beam, a damping that is not positive, a `standing` below
+            0, and one with an arm that is not driven by torques.
 
     Examples:
         >>> env = envs.InverseKinematicsVectorEnv(2)
@@ -54,6 +63,7 @@ class ResolvedRate(Controller):
         lead: float = 0.1,
         ahead: float = 0.0,
         turn: float = 0.0,
+        standing: float = 0.0,
     ) -> None:
         task = vector_env(env).task
         if not isinstance(task, SoftArm):
@@ -61,6 +71,12 @@ class ResolvedRate(Controller):
                 f"{type(task).__name__} was given to ResolvedRate; a soft arm (FollowTarget, "
                 "TrackTarget) is wanted"
             )
+        if standing and not isinstance(task, TorqueArm):
+            raise ValueError(
+                f"standing = {standing} was given for {type(task).__name__}; an arm driven by "
+                "torques (TrackTarget, ReachPose) is wanted"
+            )
+        self.standing = amount("standing", standing, zero=True)
         self.gain, self.damping, self.lead = gain, amount("damping", damping), lead
         self.ahead, self.turn = ahead, turn if isinstance(task, Turned) else 0.0
 
@@ -83,6 +99,8 @@ class ResolvedRate(Controller):
         """(n, a): actions and commands beyond their bounds stay there, and the rest takes over."""
         task = self.env.task
         held, command = task.held(now), task.command(now) / task.change
+        if self.standing:
+            held = command = task.standing(now, self.standing)
         room, fixed = task.limits / task.change, torch.zeros_like(held, dtype=torch.bool)
         low, high = (-1 - held).maximum(-room - command), (1 - held).minimum(room - command)
         move = torch.zeros_like(held)

@@ -211,7 +211,7 @@ CALLS = {
         friction=0.1, slip_speed=0.1, axis=FORCE, limit=1.0, limit_stiffness=1.0, torque=FORCE)),
     "Hinge": (tb.Hinge, dict(a=("arm", -1), b="hub", axis=FORCE, stiffness=1.0, damping=0.1,
         friction=0.1, slip_speed=0.1, limits=(-1.0, 1.0), limit_stiffness=1.0, torque=1.0,
-        hysteresis=tb.BoucWen(1.0, 1.0))),
+        inertia=0.1, hysteresis=tb.BoucWen(1.0, 1.0))),
     "Slider": (tb.Slider, dict(a=("arm", -1), b=("hub", FORCE), axis=FORCE, stiffness=1.0,
         damping=0.1, friction=0.1, slip_speed=0.1, limits=(-1.0, 1.0), limit_stiffness=1.0,
         force=1.0, hysteresis=tb.ElastoPlastic(1.0, 1.0))),

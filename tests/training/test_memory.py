@@ -324,6 +324,18 @@ def test_a_student_does_as_its_teacher():
     check_lessons(one.policy)
 
 
+def test_lessons_at_another_pace_are_of_longer_intervals():
+    """Three of the task's intervals in one, and a third of an episode's count of them, rounded up:
+    what it is scored on stays as it is.
+    """
+    own = TINY.make(1).unwrapped
+    one = learner("student", pace=3)
+    of_task, of_lessons = own.config, one.env.config
+    assert of_lessons.control_interval == pytest.approx(3 * of_task.control_interval)
+    assert of_lessons.max_episode_steps == -(-of_task.max_episode_steps // 3)
+    assert learner("student").env.config.control_interval == of_task.control_interval
+
+
 @pytest.mark.parametrize("name", ["ppo", "shac"])
 def test_learning_goes_on_from_lessons_with_a_memory(name):
     one = learner(name, num_envs=8, horizon=12, teacher="LQR", lessons=2)

@@ -77,7 +77,7 @@ class Campbell:
             f"{span(self.speed)} rad/s, {self.method}",
             *(
                 f"{name}: {span(self.frequency[..., k])} rad/s, "
-                f"damping {span(self.damping[..., k])}"
+                f"damping {span(self.damping[..., k].round(decimals=9))}"
                 for k, name in enumerate(self.names)
             ),
             *(f"unstable from {a:.4g} to {b:.4g} rad/s" for a, b in self._ranges()),

@@ -26,11 +26,14 @@ from ..nodal.rates import Rates
 from ..scene.effects import (
     POSITION,
     Along,
+    Damping,
     DynamicStall,
     Effect,
     Input,
+    MassDamping,
     Obstacle,
     PerElement,
+    PointMass,
     Polar,
     WindField,
 )
@@ -338,4 +341,19 @@ def _frequencies(scene: Scene) -> tuple[str, ...]:
         return (f"not found: {error}",)
     each = frequencies.flatten(0, -2).unbind(-1) if frequencies.ndim > 1 else frequencies
     numbers = f"{', '.join(map(span, each))} rad/s, without loads"
+    if not scene.joints and all(isinstance(e, PointMass) for e in in_vibration):
+        numbers += _ratios(scene, each)
     return (f"a mechanism: nothing holds {loose}; beside that {numbers}" if loose else numbers,)
+
+
+def _ratios(scene: Scene, each: Any) -> str:
+    """Damping ratios at frequencies, of damping that is the same in all of the beam."""
+    damping = [e for e in scene.effects if isinstance(e, (Damping, MassDamping))]
+    rates = [(getattr(e, "tau", 0.0), getattr(e, "alpha", 0.0)) for e in damping]
+    numbers = (*each, *(x for pair in rates for x in pair))
+    many = any(torch.as_tensor(x).numel() > 1 for x in numbers)
+    if not rates or many or any(e.on is not None for e in damping):
+        return ""
+    tau, alpha = (sum(column) for column in zip(*rates, strict=True))
+    ratios = ", ".join(f"{float(tau * w / 2 + alpha / (2 * w)):.2g}" for w in each)
+    return f"; damping ratios {ratios} (1 = critical)"

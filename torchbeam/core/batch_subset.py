@@ -75,10 +75,10 @@ class BatchSubset:
 
     def put(self, x: Tensor, part: Tensor, axes: int) -> Tensor:
         """`scatter` of one tensor with `axes` axes of its own."""
-        last_axes = x.shape[x.ndim - axes :]
-        return x.expand(self.count, *last_axes).index_copy(
-            0, self.index, part.expand(len(self.index), *last_axes)
-        )
+        rest = x.shape[x.ndim - axes :]
+        whole, own = (self.count, *rest), (len(self.index), *rest)
+        x = x if x.shape == whole else x.expand(whole)
+        return x.index_copy(0, self.index, part if part.shape == own else part.expand(own))
 
     def _taken(self, value: Any, axes: int | None) -> Any:
         if isinstance(value, Tensor) and axes is not None:

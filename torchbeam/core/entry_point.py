@@ -11,6 +11,7 @@ it. Who uses neither pays under a microsecond a call.
 from __future__ import annotations
 
 import functools
+import inspect
 import types
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -78,12 +79,29 @@ def entry_points(module: dict[str, Any], names: Iterable[str]) -> None:
 def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def entered(*args: Any, **kwargs: Any) -> Any:
-        if not autocast():
-            return function(*args, **kwargs)
-        with without_autocast():
-            return function(*args, **kwargs)
+        try:
+            if not autocast():
+                return function(*args, **kwargs)
+            with without_autocast():
+                return function(*args, **kwargs)
+        except TypeError as error:
+            _add_arguments(error, function)
+            raise
 
     return _left_alone(entered)
+
+
+def _add_arguments(error: TypeError, function: Callable[..., Any]) -> None:
+    """To Python's sentence that an argument is missing or too many: which ones there are."""
+    sentence = str(error)
+    if "argument" not in sentence or not sentence.startswith(f"{function.__qualname__}() "):
+        return
+    by = {True: [], False: []}  # type: dict[bool, list[str]]
+    for name, own in inspect.signature(function).parameters.items():
+        if name not in ("self", "cls"):
+            by[own.kind is own.KEYWORD_ONLY].append(name)
+    names = ", ".join(by[False] + ["by name " + ", ".join(by[True])] * bool(by[True]))
+    error.args = (f"{sentence}; it takes {names or 'none'}",)
 
 
 def _getter(function: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any, TypeVar
 
 import torch
@@ -29,7 +29,7 @@ def remembered(function: Callable[..., T], *arguments: Any) -> T:
     """
     tensors: list[Tensor] = []
     key = function, *[structure_of(x, tensors) for x in arguments]
-    if not _plain(tensors):
+    if not few(tensors):
         return function(*arguments)
     try:
         recent = _VALUES.pop(key, ())  # other threads may ask too: at worst two of them compute it
@@ -97,7 +97,7 @@ def _copied(x: Any) -> Any:
     return map_leaves(lambda value, axes: _copied(value), x) if isinstance(x, Tree) else x
 
 
-def _plain(tensors: list[Tensor]) -> bool:
+def few(tensors: Iterable[Tensor]) -> bool:
     """Whether these are few numbers on the CPU, of which no derivative is recorded."""
     numbers = 0
     for x in tensors:

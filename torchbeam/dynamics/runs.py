@@ -310,7 +310,8 @@ def _energy(
     """Of states at the instants t; the beam's eigenstrain is that of the instant."""
     states = states.whole() if isinstance(states, ReducedStates) else model.space.to_reduced(states)
     work = states.work
-    kinetic = model.kinetic_energy(states.rotation, states.velocity, states.spin)
+    moving = states.velocity, states.spin
+    kinetic = model.kinetic_energy(states.position, states.rotation, *moving)
     if not model.scene.eigenstrains:
         strain = model.strain_energy(states.position, states.rotation, crept=states.inelastic)
         return Energy(kinetic, strain, work)

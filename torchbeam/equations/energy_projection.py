@@ -34,7 +34,7 @@ def conserved(
     kinetic, rise = kinetic_rise(model, start, after)
     rise = rise + strain_rise(model, start, after, dt, eigenstrain) - after.work
     velocity, spin = rigid = rigid_motion(model, after, free)
-    kinetic = kinetic - model.kinetic_energy(after.rotation, *rigid)
+    kinetic = kinetic - model.kinetic_energy(after.position, after.rotation, *rigid)
     scale, defect = projected(start.defect + rise, kinetic)
     scale = scale[..., None, None]
     velocity = velocity + scale * (after.velocity - velocity)
@@ -77,8 +77,11 @@ def _in_rows(pairs: list[tuple[Tensor, Tensor]]) -> Tensor:
 
 def kinetic_rise(model: Rows, start: State, after: State) -> tuple[Tensor, Tensor]:
     """(...) J: kinetic energy at the end, and what it has risen by."""
-    kinetic = model.kinetic_energy(after.rotation, after.velocity, after.spin)
-    return kinetic, kinetic - model.kinetic_energy(start.rotation, start.velocity, start.spin)
+    before, kinetic = (
+        model.kinetic_energy(state.position, state.rotation, state.velocity, state.spin)
+        for state in (start, after)
+    )
+    return kinetic, kinetic - before
 
 
 def strain_rise(

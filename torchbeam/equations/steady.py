@@ -4,7 +4,6 @@ steadily.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -17,19 +16,18 @@ from ..nodal import loads as external
 from ..nodal.balance import Residual
 from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions, conditions
-from ..nodal.constitutive_law import times
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.element_loads import Way
 from ..nodal.frame import FixedFrame
 from ..nodal.loads import STEADY, Nodes
-from ..nodal.model import Model
 from ..scene.effects import Inputs
 from ..state.rest_shape import RestShape
-from ..state.state import State, rest
+from ..state.state import State
 from ..state.state_check import with_optional_fields
 from ..state.supported_nodes import set_node
 from ..topology.protocols import Matrix, total
 from .balance_problem import BalanceProblem
+from .least_forces import least_forces
 from .steady_motion import AtRest, SteadyRotation
 from .step_element import ElementAtRest, ElementBalance
 
@@ -115,8 +113,14 @@ class SteadyProblem(BalanceProblem):
         """Of the instant; their eigenstrain is that of the whole load."""
         if self.known is not None:
             return self.known
-        now, turned = conditions(self.model, self.t, self.inputs), self.model.orientation(self.t)
-        return replace(now, frame=self.own_frame or now.frame, orientation=turned)
+        now = conditions(self.model, self.t, self.inputs)
+        return replace(now, frame=self.frame, orientation=self.orientation)
+
+    @cached
+    def frame(self) -> FixedFrame:
+        if self.known is not None:
+            return self.known.frame
+        return self.own_frame or self.model.frame(self.t)
 
     @property
     def support_factor(self) -> Tensor:
@@ -132,10 +136,10 @@ class SteadyProblem(BalanceProblem):
     def C(self) -> Tensor:
         return self.model.tangent_stiffness() if self.known is None else self.stiffness
 
-    @property
+    @cached
     def orientation(self) -> Tensor | None:
         """Of frame a, see `Model.orientation`."""
-        return self.conditions.orientation
+        return self.model.orientation(self.t) if self.known is None else self.known.orientation
 
     @cached
     def motion(self) -> AtRest:
@@ -302,6 +306,11 @@ class SteadyProblem(BalanceProblem):
         model, space, shape = self.model, self.model.space, status.shape
         velocity, spin = self.velocity(x)
         zero, frame = torch.zeros_like(status, dtype=x.position.dtype), self.orientation
+        fields, internal = {"stress": x.stress}, None
+        if model.internal_states:
+            internal = external.internal(model, self.nodes(x), self.conditions, shape)
+        if model.interactions:
+            fields = model.finished(fields, self.node_motion(x))
         return space.to_public(
             State(
                 *x[:2],
@@ -313,18 +322,20 @@ class SteadyProblem(BalanceProblem):
                 t=self.t.expand(shape),
                 status=status,
                 frame=None if frame is None else frame.expand(*shape, frame.shape[-1]),
-                internal=external.internal(model, self.nodes(x), self.conditions, shape),
+                internal=internal,
                 inelastic=self._crept(x, shape),
                 supports=model.constraints.nodes,
                 parts=model.scene.beam.parts,
                 rest_shape=RestShape.of(model.scene.beam),
                 joined=model.scene.beam.joined,
                 coordinates=tuple(joint.coordinates for joint in model.scene.joints),
-                **model.finished({"stress": x.stress}, self.node_motion(x)),
+                **fields,
             )
         )
 
     def _crept(self, x: Configuration, shape: torch.Size) -> Tensor | None:
+        if self.model.law.arms is None:
+            return None
         crept = self.model.crept_at_rest(*x[:2], self.eigenstrain)
         return None if crept is None else crept.expand(*shape, *crept.shape[-2:])
 
@@ -349,43 +360,6 @@ class SteadyProblem(BalanceProblem):
             _, q = node_space.pose(beam.nodes[..., at, :], beam.frames[..., at, :])
             rotation = set_node(rotation, at, node_space.hinged(rotation[..., at, :], q, axis))
         return Configuration(position, rotation, x.stress)
-
-
-def least_forces(
-    model: Model, C: Tensor, conditions: Callable[[], Conditions]
-) -> tuple[Tensor, ...]:
-    """Forces N and moments N m (..., n, *), of which p are forces, that a balance is measured
-    against where nothing else acts: the stress of rounding, efforts between nodes, which what
-    resists there may balance by itself, and the dead loads that what a body touches may.
-    """
-    terms = [rounding_stress(model, C)]
-    if not (model.interactions or model.bodies_touch):
-        return tuple(terms)
-    now = conditions()
-    efforts = [interaction.efforts(now) for interaction in model.interactions]
-    terms += [effort for effort in efforts if effort is not None]
-    if model.bodies_touch:
-        drawn = model.space.to_reduced(rest(model.scene))
-        nodes = Nodes(drawn.position, drawn.rotation, frame=drawn.frame)
-        dead = external.external(model, nodes, now, now.still)
-        terms += [] if isinstance(dead, float) else [dead]
-    return tuple(terms)
-
-
-def rounding_stress(model: Model, C: Tensor) -> Tensor:
-    """(..., N, k) N and N m, the stress of strains that are rounding alone, in differences of
-    places over an element; C of the tangent.
-    """
-    p, h = model.space.dims.position, model.length.detach()
-    eps = torch.finfo(h.dtype).eps
-    strain = torch.cat(
-        (
-            torch.full_like(h, eps).expand(*h.shape[:-1], p),
-            (eps / h).expand(*h.shape[:-1], C.shape[-2] - p),
-        ),
-        -1,
-    )
-    return times(C.abs(), strain[..., None])[..., 0]
 
 
 def placed(

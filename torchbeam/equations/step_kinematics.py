@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..core.derivatives import cached
+from ..math.shapes import stacked
 from ..nodal.conditions import SupportConditions
 from ..nodal.coordinates.spatial import Spatial
 from ..nodal.frame import FixedFrame
@@ -315,15 +317,36 @@ class MidpointTangent:
 
     @cached
     def acceleration(self) -> Tensor:
-        motion, kinematics, space = self.motion, self.kinematics, self.motion.inertia.space
+        motion = self.motion
 
         def by_spin() -> Tensor:
-            turned = kinematics.lever_end.A @ self.spin_end
-            if space.turns:
-                turned = turned + 2 * space.skew(self._spin_end) @ self.lever_end
-            return motion.Z @ self.lever_end - self._rate(motion.frame.rate_by, turned)
+            return motion.Z @ self.lever_end - self._rate(
+                motion.frame.rate_by, self._lever_velocity
+            )
 
-        return kinematics.lever.acceleration_by(motion.Z, by_spin)
+        return self.kinematics.lever.acceleration_by(motion.Z, by_spin)
+
+    @cached
+    def rates_end(self) -> Tensor:
+        """Of velocity and spin at the end (..., N+1, w, w), frame a."""
+        by, space = 2 * self.motion.V, self.motion.inertia.space
+
+        def by_spin() -> Tensor:
+            return by @ self.lever_end - self._lever_velocity
+
+        velocity = self.kinematics.lever.acceleration_by(by, by_spin)
+        width = space.unknowns - velocity.shape[-1]
+        spin = pad(self.spin_end, (space.dims.position, 0))
+        return stacked(pad(velocity, (0, width)), spin)
+
+    @cached
+    def _lever_velocity(self) -> Tensor:
+        """d(R_{n+1} Omega_{n+1} x R_{n+1} e) by spins."""
+        kinematics, space = self.kinematics, self.motion.inertia.space
+        turned = kinematics.lever_end.A @ self.spin_end
+        if space.turns:
+            turned = turned + 2 * space.skew(self._spin_end) @ self.lever_end
+        return turned
 
     @cached
     def angular_acceleration(self) -> Tensor:

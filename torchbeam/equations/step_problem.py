@@ -20,7 +20,7 @@ from ..core.leaves import leaf
 from ..nodal import element_loads, interactions
 from ..nodal import loads as external
 from ..nodal.balance import Residual
-from ..nodal.between_nodes import NodeMotion, Told
+from ..nodal.between_nodes import NodeMotion, Told, Where
 from ..nodal.conditions import Conditions, conditions
 from ..nodal.inertia import InertiaForces
 from ..nodal.loads import Nodes
@@ -266,7 +266,17 @@ class StepProblem(BalanceProblem):
             ),
             way=lambda: self._way(kinematics),
             half=(lambda: of_motion().half) if mean else None,
+            rates=(lambda: self._rates(kinematics)) if mean else None,
+            by_move=(lambda: of_motion().rates_end) if mean else None,
             told=self.told or {},
+        )
+
+    def _rates(self, kinematics: Any) -> tuple[Where, Where]:
+        """See `NodeMotion`."""
+        start, spin_of = self.start, self.model.space.to_frame
+        return (
+            (start.velocity, spin_of(start.rotation, start.spin)),
+            (kinematics.velocity_end, spin_of(kinematics.q_end, kinematics.spin_end)),
         )
 
     def finished(

@@ -41,7 +41,8 @@ class Bearing(Tree):
     support, hub      rows of the nodes that it joins; None = the ground
     rotor             (nodes,) bool, what spins
     damping           (...) N m s/rad of the hinge, where the rotor may turn in it beside its spin;
-                      None = its speed is held;  drive: its law by the rate, None = it has none
+                      None = its speed is held;  drive: its law by the rate, None = it has none;
+                      inertia: (...) kg m^2 of the hinge likewise
     point, direction  (..., 3) of its axis as drawn, frame a
     """
 
@@ -55,6 +56,7 @@ class Bearing(Tree):
     direction: Tensor = leaf(1)
     damping: Tensor | None = leaf(0, default=None)
     drive: Drive | None = None
+    inertia: Tensor | None = leaf(0, default=None)
 
     @classmethod
     def of(cls, scene: Scene, bearing: int | Sequence[int] | None, held: bool = True) -> Bearing:
@@ -85,8 +87,8 @@ class Bearing(Tree):
         _refuse_in_plane(scene.plane, axes[..., 0])
         none = torch.zeros_like(point[..., 0])
         damping = None if held else none if hinge.damping is None else hinge.damping
-        drive = None if held else hinge.drive
-        drawn = (point, axes[..., 0], damping, drive)
+        drive, inertia = (None, None) if held else (hinge.drive, hinge.inertia)
+        drawn = (point, axes[..., 0], damping, drive, inertia)
         bearing = cls(discretise(scene), at, others, a, b, rotor, *drawn)
         for k in others:
             bearing.check_bearing(scene.joints[k])

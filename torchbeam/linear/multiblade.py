@@ -182,6 +182,8 @@ def spinning_model(
         row = free_moves[..., Y.shape[-1] - 1, None, :]
         damper = bearing.damper(speed, problem.t)[..., None, None]
         D_g = D_g + damper * row.mT @ row
+        if bearing.inertia is not None:
+            M_g = M_g + bearing.inertia[..., None, None] * row.mT @ row
     return SpinningModel(
         speed.expand(lead),
         M_g,

@@ -186,6 +186,7 @@ def of_nodes(
         motion = problem.node_motion(x)
         for interaction in model.interactions:
             K = interaction.matrix(K, x.stress, motion)
+            M = interaction.mass(M, motion)
             damping = interaction.damping(lambda D=D: _zeros(model, x) if D is None else D, motion)
             D = D if damping is None else damping
     return M, D, K, lagging

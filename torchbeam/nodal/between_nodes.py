@@ -38,6 +38,9 @@ class NodeMotion(NamedTuple):
     way     `element_loads.Way` of the whole step
     half    half the spin of a node's end by that of its move (..., N+1, s, s); None = it is the end
             that moves
+    rates   velocity and spin (..., N+1, *) before the step and after it, absolute, frame a; None =
+            they are not known
+    by_move  derivatives of those after it by the nodes' moves (..., N+1, w, w)
     told    by the last iteration
     """
 
@@ -55,6 +58,8 @@ class NodeMotion(NamedTuple):
     path: Callable[[], Tensor] | None = None
     way: Callable[[], Any] | None = None
     half: Callable[[], Tensor] | None = None
+    rates: Callable[[], tuple[Where, Where]] | None = None
+    by_move: Callable[[], Tensor] | None = None
     told: Told = NOTHING
 
     @property
@@ -95,6 +100,7 @@ class BetweenNodes(Tree):
     dissipative  whether energy is lost; smooth: whether residuals fall as smooth ones do
     has_friction whether there is friction that is taken at a step's end; limited: whether there
                  are limits
+    has_inertia  whether there is inertia between nodes
     """
 
     present = False
@@ -103,6 +109,7 @@ class BetweenNodes(Tree):
     dissipative = False
     smooth = True
     has_friction = False
+    has_inertia = False
     limited = False
     stretches = ()  # see `Tendons`
 
@@ -129,6 +136,10 @@ class BetweenNodes(Tree):
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
         """The tangent of a balance with its own."""
+        return matrix
+
+    def mass(self, matrix: Any, motion: NodeMotion) -> Any:
+        """A mass matrix with its own, at rest."""
         return matrix
 
     def damping(self, matrix: Callable[[], Any], motion: NodeMotion) -> Any:

@@ -128,7 +128,7 @@ class ElasticLaw(Tree):
         """
         S, h = self.S.detach(), length.detach()
         slim = S.shape[-1] == 1
-        if not (slim or self.rigid) or not S.shape[-3]:
+        if not (self.rigid or (slim and dt is not None)) or not S.shape[-3]:
             return self.C.detach()
         diagonal = S if slim else S.diagonal(dim1=-2, dim2=-1)[..., None]
         bending, inertial, most = remembered(

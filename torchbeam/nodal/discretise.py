@@ -5,15 +5,16 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
+from weakref import ReferenceType, ref
 
 import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
 from ..core.leaves import own_leaves, sent
-from ..core.remembered import remembered
+from ..core.remembered import few, remembered
 from ..scene.beam import Beam
-from ..scene.effects import PerElement, PointMass
+from ..scene.effects import PerElement
 from ..scene.scene import Scene
 from ..scene.structure import unstressed
 from ..topology.protocols import Topology
@@ -23,7 +24,7 @@ from .constraints import Constraints
 from .coordinates.planar import PLANES
 from .coordinates.selection import check_space, coordinates, in_space, only_numbers
 from .coordinates.spatial import Spatial
-from .inertia import Inertia, impossible_strains, inertia_of, warn_of_uneven
+from .inertia import impossible_strains, inertia_of, warn_of_uneven
 from .interactions import couplings_of
 from .joint_constraints import joints_of
 from .model import Model
@@ -31,9 +32,22 @@ from .model_check import check_plane, refuse_redundant
 from .tendons import tendons_of
 from .touching_parts import touching_of
 
+LAST = " model"  # of a scene, which its copies and pickles go without
+
+
+class Last(NamedTuple):
+    """The last model of a scene, as long as something else holds it, whether its mass is lumped,
+    and copies of the scene's tensors as they were when it was made.
+    """
+
+    model: ReferenceType[Model]
+    lumped: bool
+    numbers: list[Tensor]
+
 
 def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = None) -> Model:
-    """The model of a scene; `lumped`: mass at the nodes alone; topology: None = the beam's own, a
+    """The model of a scene, that of its last call where this has the same numbers, by whatever way
+    they were written to; `lumped`: mass at the nodes alone; topology: None = the beam's own, a
     chain.
 
     Raises ValueError for what the nodal form does not take: sections whose mass is not that of
@@ -42,23 +56,31 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     """
     instance("a scene", scene, Scene)
     boolean("lumped", lumped)
+    numbers = None if topology is not None else scene.numbers
+    if numbers is None or torch.is_inference_mode_enabled() or not few(numbers):
+        return _discretised(scene, lumped, topology)
+    last = vars(scene).get(LAST)
+    model = last.model() if last is not None and last.lumped == lumped else None
+    if model is None or not all(map(torch.equal, last.numbers, numbers)):
+        model = _discretised(scene, lumped, topology)
+        copies = [x.clone() for x in numbers]
+        vars(scene)[LAST] = Last(ref(model), lumped, copies)
+    return model
+
+
+def _discretised(scene: Scene, lumped: bool, topology: Topology | None) -> Model:
     if scene.plane == "auto":
         return _in_a_plane(scene, lumped, topology)
     beam = scene.beam
     topology = scene.topology if topology is None else topology
     check_space(scene)
     warn_of_uneven(beam)
-    reference_rows = remembered(
-        _reference_rows,
-        unstressed(beam),
-        impossible_strains(beam),
-        scene.bodies,
-        scene.plane,
-        scene.small,
-        topology,
-        lumped,
+    drawn = unstressed(beam)
+    rows = remembered(_reference_rows, drawn, scene.plane, scene.small, topology)
+    space = rows.space
+    nodes = remembered(
+        inertia_of, scene.bodies, drawn, impossible_strains(beam), space, rows.assembly, lumped
     )
-    space = reference_rows.space
     if space.plane is not None and beam.coupled:
         space.check_section("compliance", beam.compliance.detach())
     if beam.linked_interpolation and any(
@@ -73,17 +95,15 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
         space=space,
         topology=topology,
         constraints=Constraints.of(scene, space, topology),
-        inertia=reference_rows.inertia,
         length=beam.length[..., None],
-        reference=reference_rows.reference,
+        reference=rows.reference,
         law=law_of(scene, space),
-        section_mass=reference_rows.section_mass,
-        tributary_length=reference_rows.tributary_length,
-        s=reference_rows.s,
+        s=rows.s,
         joints=joints_of(scene, space, topology),
         tendons=tendons_of(scene, space, topology),
-        touching=touching_of(scene, space, reference_rows.s),
+        touching=touching_of(scene, space, rows.s),
         couplings=couplings_of(scene, space),
+        **nodes._asdict(),
     )
     if space.plane is not None:
         check_plane(model)
@@ -92,36 +112,24 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
 
 
 class ReferenceRows(NamedTuple):
-    """What a beam's rows are by its shape, its mass and where it is rigid, whatever else it resists
-    and whatever acts on it; see `Rows`.
+    """What a beam's rows are by its shape, whatever mass it has, whatever it resists and whatever
+    acts on it; see `Rows`.
     """
 
     space: Spatial
-    inertia: Inertia
-    section_mass: Tensor
-    tributary_length: Tensor
+    assembly: Assembly
     reference: Tensor
     s: Tensor
 
 
 def _reference_rows(
-    beam: Beam,
-    impossible: Tensor | None,
-    bodies: tuple[PointMass, ...],
-    plane: str | None,
-    small: bool,
-    topology: Topology,
-    lumped: bool,
+    beam: Beam, plane: str | None, small: bool, topology: Topology
 ) -> ReferenceRows:
     space = coordinates(beam, topology, plane, small)
     assembly = Assembly(topology, space.interpolation, space.dims.position)
     shape = beam.nodes, beam.frames, beam.length
-    return ReferenceRows(
-        space,
-        *inertia_of(beam, impossible, bodies, space, assembly, lumped),
-        remembered(_reference, space, assembly, in_space(beam), *shape),
-        topology.arclength(beam.length),
-    )
+    reference = remembered(_reference, space, assembly, in_space(beam), *shape)
+    return ReferenceRows(space, assembly, reference, topology.arclength(beam.length))
 
 
 def _reference(

@@ -31,9 +31,9 @@ from ..state.instant import READINGS
 from .balls import BallLaws, Balls, BallStep
 from .between_nodes import NodeMotion, Placed, Rates
 from .coordinate_laws import CoordinateLaws
+from .joint_inertia import Inertial, InertialJoints
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
-from .joints import Joints
 from .multipliers import CLOSED
 from .rotation_vector import Turn
 
@@ -41,7 +41,8 @@ from .rotation_vector import Turn
 class Driven(NamedTuple):
     """What acts at one motion: the coordinates over the step; w where forces act and where joints
     are closed, and c there; the effort (..., J, w) along the coordinates, and its derivative by
-    them; what joints remember after it (..., J, m), None = nothing.
+    them; what joints remember after it (..., J, m), None = nothing; what inertia does, None = there
+    is none.
     """
 
     step: CoordinateStep
@@ -51,15 +52,15 @@ class Driven(NamedTuple):
     effort: Tensor
     effort_by: Tensor
     memory: Tensor | None = None
+    inertial: Inertial | None = None
 
 
 @dataclass(frozen=True)
-class DrivenJoints(Joints):
-    """With `laws`; prescribed (J, w) 1 where a coordinate is, which `held` counts in; own_laws:
+class DrivenJoints(InertialJoints):
+    """Prescribed (J, w) 1 where a coordinate is, which `held` counts in; own_laws:
     of coordinates, that say by themselves what they resist by, None = there are none.
     """
 
-    laws: JointLaws
     prescribed: Tensor = leaf(2)
     own_laws: CoordinateLaws | None = None
 
@@ -100,7 +101,7 @@ class DrivenJoints(Joints):
 
     def driven(self, motion: Placed) -> Driven:
         of = motion.of
-        values, near, goal = of.now.joints, self._near(of.state), None
+        values, near, goal, inertial = of.now.joints, self._near(of.state), None, None
         if values.coordinate is not None:
             goal = self.prescribed * of.raised(values.coordinate)
         near = goal if near is None else near
@@ -112,6 +113,7 @@ class DrivenJoints(Joints):
             after = self.coordinate(motion.end, before)
             rate = None if self.laws.friction is None else self.rate(motion.start, *of.moving())
             step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate)
+            inertial = self.inertial(motion, step)
         effort, by, memory = *self.laws.effort(step), None
         if self.own_laws is not None:
             resistance, slope, memory = self._resistance(step, of)
@@ -126,7 +128,7 @@ class DrivenJoints(Joints):
             turn, more = self._beyond(self.prescribed * self.angles * (step.after - goal))
             closing = self.turned(goal * self.angles + turn)
             offset = self.c + goal * self.travels - more
-        return Driven(step, acting, closing, offset, effort, by, memory)
+        return Driven(step, acting, closing, offset, effort, by, memory, inertial)
 
     def _resistance(self, step: CoordinateStep, of: NodeMotion) -> tuple[Tensor, Tensor, Tensor]:
         """Of `own_laws` (..., J, w), which their work over the step is counted by; the derivative
@@ -173,6 +175,9 @@ class DrivenJoints(Joints):
         driven = self.driven(placed)
         product = (self.v.at(placed.end).value * driven.closing.at(placed.end).value).sum(-1)
         nodes = self._load(placed.acting, driven.acting, self._forces(stress, driven), nodes)
+        if driven.inertial is not None:
+            both = driven.inertial.wrenches.unflatten(-1, (2, 6)) @ self.moves.mT
+            nodes = self.framework.from_joints(both, nodes)
         if self.acting_balls is not None:
             M = self._ball_moment(placed)
             first, second = (torch.cat((torch.zeros_like(M), x), -1) for x in (-M, M))
@@ -204,7 +209,7 @@ class DrivenJoints(Joints):
     def blocks(self, motion: NodeMotion, force: Tensor) -> Tensor:
         rate, placed = motion.rate, motion.placed(self.pose)
         driven = self.driven(placed)
-        force = self.held * force - driven.effort
+        force, inertial = self.held * force - driven.effort, driven.inertial
         by_end = self.coordinate_by(placed.end, driven.step.after)  # (..., J, m, 12)
 
         def more(v: Vector, push: Tensor) -> Tensor:
@@ -215,7 +220,11 @@ class DrivenJoints(Joints):
             return (turning - rate * driven.effort_by[..., None] * push).mT @ by_end
 
         added = None if self.acting_balls is None else self._ball_stiffness(placed, rate)
-        return self._blocks(motion, driven.acting, driven.closing, force, more, added)
+        along = None
+        if inertial is not None:
+            tilt, force_by = self.inertial_by(placed, driven.step.after, inertial.force)
+            added, along = tilt if added is None else added + tilt, (inertial.along, force_by)
+        return self._blocks(motion, driven.acting, driven.closing, force, more, added, along)
 
     def _ball_step(self, motion: Placed) -> BallStep:
         of, balls = motion.of, self.balls
@@ -248,8 +257,7 @@ class DrivenJoints(Joints):
         """Of dampers, and of friction as it is next to no motion."""
         if not self.dissipative:
             return None
-        placed, w = motion.placed(self.pose), self.space.unknowns
-        ends, blocks = torch.block_diag(self.moves, self.moves).mT, 0.0
+        placed, blocks = motion.placed(self.pose), 0.0
         step = self.driven(placed).step
         damper = self.laws.damper if self.laws.dissipative else None
         if self.own_laws is not None:
@@ -257,16 +265,12 @@ class DrivenJoints(Joints):
             more = None if more is None else self._coordinates * more[..., None]
             damper = more if damper is None else damper if more is None else damper + more
         if damper is not None:
-            by = self.coordinate_by(placed.end, step.after) @ ends
-            blocks = by.mT @ (damper[..., None] * by)  # (..., J, 2 w, 2 w)
+            blocks = self.between_ends(self.coordinate_by(placed.end, step.after), damper)
         if self.balls is not None and self.balls.laws.dissipative:
-            by = self.balls.spin_rows(placed.end) @ ends
-            damper = self.balls.own_laws.damper[..., None, None]
-            blocks = blocks + self.balls.to_joints(by.mT @ (damper * by), -3, self.count)
-        if isinstance(blocks, float):
-            return None
-        blocks = blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
-        return self.tied(matrix(), blocks)
+            damper = self.balls.own_laws.damper[..., None]
+            of_balls = self.between_ends(self.balls.spin_rows(placed.end), damper)
+            blocks = blocks + self.balls.to_joints(of_balls, -5, self.count)
+        return None if isinstance(blocks, float) else self.tied(matrix(), blocks)
 
     def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         driven = self.driven(motion)
@@ -279,8 +283,10 @@ class DrivenJoints(Joints):
         parts = stress.narrow(-2, 0, last - self.count), force, stress.narrow(-2, last, self.behind)
         return stacked(*parts), driven.acting
 
-    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
-        wrench = super().wrench(motion, w, (1 - self.turning_rows) * force)
+    def wrench(self, motion: Placed, w: Factor, force: Tensor, more: Any = None) -> Tensor:
+        inertial = self.driven(motion).inertial if self.has_inertia else None
+        more = None if inertial is None else inertial.wrenches
+        wrench = super().wrench(motion, w, (1 - self.turning_rows) * force, more)
         if self.acting_balls is None:
             return wrench
         M = self._ball_moment(motion)

@@ -29,6 +29,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from ..core.leaves import Tree
+from ..core.remembered import remembered
 from ..core.validation import concrete, refusal
 from ..core.warning import warn
 from ..math import quaternions as quat
@@ -170,44 +171,35 @@ def warn_of_uneven(beam: Beam) -> None:
         warn(UNEVEN)
 
 
+class NodeMass(NamedTuple):
+    """inertia, section_mass about each node per length (..., N+1, 6, 6), tributary_length that
+    belongs to each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass.
+    """
+
+    inertia: Inertia
+    section_mass: Tensor
+    tributary_length: Tensor
+
+
 def inertia_of(
+    bodies: tuple[PointMass, ...],
     beam: Beam,
     impossible: Tensor | None,
-    bodies: tuple[PointMass, ...],
     space: Spatial,
     assembly: Assembly,
     lumped: bool,
-) -> tuple[Inertia, Tensor, Tensor]:
-    """(inertia, section mass about each node per length (..., N+1, 6, 6), length that belongs to
-    each node (..., N+1, 1): of a body's node 1, so that its mass per length is its mass), of a
-    beam's mass and of what is fixed to it; impossible: see `impossible_strains`, a rigid element's
-    mass is consistent.
+) -> NodeMass:
+    """Of a beam's mass and of what is fixed to it; impossible: see `impossible_strains`, a rigid
+    element's mass is consistent.
 
     Raises ValueError for a mass that is not that of rigid sections: M11 = m I and M12 = -m ~e, or
     that changes too much within an element of order 2 to be shared among its nodes.
     """
     h, interpolation = beam.length[..., None], assembly.interpolation
-    _check_mass(beam.mass.detach(), beam.offset)
     m = beam.mass[..., :1, 0]
-    mass, tributary_length = _shared_by_nodes(beam, assembly)
     rigid = None if lumped else rigid_elements(impossible, beam, space)
-    if beam.linked_interpolation:
-        density = m[..., 0]
-        smooth = density if rigid is None else torch.where(rigid[..., 0], 0.0, density)
-        weights, halves, shares = (
-            _of_nodes(beam, _along(beam, *rule))
-            for rule in ((gregory, density, smooth), (trapezoidal, density), (gregory,))
-        )
-        mass, tributary_length = mass * (weights / halves)[..., None, None], shares[..., None]
-    elif beam.masses:
-        share, own = tributary_length.split(
-            (beam.node_count - len(beam.masses), len(beam.masses)), -2
-        )
-        tributary_length = torch.cat((share, torch.ones_like(own)), -2)
-    if beam.mass_taper is not None:
-        more = 2 * h[..., None] * beam.mass_taper
-        mass = mass + _at_nodes(beam, assembly, (-more, more))
-    beam_mass = mass
+    beam_mass, tributary_length = remembered(_of_beam, beam, rigid, assembly)
+    mass = beam_mass
     for body in bodies:
         at, nodes = body.node % assembly.topology.node_count, assembly.topology.node_count
         mass = mass + pad(body.about_node[..., None, :, :], (0, 0, 0, 0, at, nodes - 1 - at))
@@ -241,7 +233,32 @@ def inertia_of(
         RotaryInertia(space, space.project_inertia(J)) if rotary else NoRotaryInertia(space),
         lever,
     )
-    return inertia, mass / tributary_length[..., None], tributary_length
+    return NodeMass(inertia, mass / tributary_length[..., None], tributary_length)
+
+
+def _of_beam(beam: Beam, rigid: Tensor | None, assembly: Assembly) -> tuple[Tensor, Tensor]:
+    """Mass (..., N+1, 6, 6) about each node of a beam alone, and the length (..., N+1, 1) that
+    belongs to each; rigid: see `rigid_elements`.
+    """
+    _check_mass(beam.mass.detach(), beam.offset)
+    mass, tributary_length = _shared_by_nodes(beam, assembly)
+    if beam.linked_interpolation:
+        density = beam.mass[..., 0, 0]
+        smooth = density if rigid is None else torch.where(rigid[..., 0], 0.0, density)
+        weights, halves, shares = (
+            _of_nodes(beam, _along(beam, *rule))
+            for rule in ((gregory, density, smooth), (trapezoidal, density), (gregory,))
+        )
+        mass, tributary_length = mass * (weights / halves)[..., None, None], shares[..., None]
+    elif beam.masses:
+        share, own = tributary_length.split(
+            (beam.node_count - len(beam.masses), len(beam.masses)), -2
+        )
+        tributary_length = torch.cat((share, torch.ones_like(own)), -2)
+    if beam.mass_taper is not None:
+        more = 2 * beam.length[..., None, None] * beam.mass_taper
+        mass = mass + _at_nodes(beam, assembly, (-more, more))
+    return mass, tributary_length
 
 
 def _shared_by_nodes(beam: Beam, assembly: Assembly) -> tuple[Tensor, Tensor]:

@@ -13,7 +13,7 @@ energy, and damping takes some, to rounding. Friction is Coulomb's, regularised:
 dissipation potential mu sqrt(r^2 + s^2), with the slip speed s, at the end of the step, so that
 what sticks comes to rest within a step, and errors are of first order. x is how far q is beyond a
 limit, and e a hundredth of the range between the limits, over which their stiffness rises. At rest
-D is the differential, and there is neither damping nor friction.
+D is the differential, and there is neither damping nor friction. Of inertia see `joint_inertia`.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Losses(Tree):
 class JointLaws(Losses):
     """Of all joints (..., J, w), zero where a coordinate has none; None where no joint has one.
     Stiffness N/m or N m/rad, damping N s/m or N m s/rad, friction N or N m with the slip speed m/s
-    or rad/s, limits m or rad and their stiffness.
+    or rad/s, limits m or rad and their stiffness, inertia kg or kg m^2.
     """
 
     stiffness: Tensor | None = leaf(2)
@@ -99,6 +99,7 @@ class JointLaws(Losses):
     lowest: Tensor | None = leaf(2)
     highest: Tensor | None = leaf(2)
     limit_stiffness: Tensor | None = leaf(2)
+    inertia: Tensor | None = leaf(2)
 
     def effort(self, step: CoordinateStep) -> tuple[Tensor, Tensor]:
         """Effort (..., J, w) N or N m, and its derivative by coordinates after the step."""

@@ -34,6 +34,14 @@ def end_moves(half: Tensor, p: int) -> Tensor:
     return torch.cat((pad(eye, (0, s)), pad(half, (p, 0))), -2)
 
 
+def columns(by: Tensor, ends: Tensor, moves: Tensor | None) -> Tensor:
+    """(..., J, 2, n, w) by the moves of both nodes, of derivatives (..., J, n, 12) by those of ends
+    in space, which are `ends` (2 w, 12) of them; moves (..., J, 2, w, w): see `end_moves`.
+    """
+    parts = (by @ ends.mT).unflatten(-1, (2, -1)).movedim(-2, -3)
+    return parts if moves is None else parts @ moves
+
+
 class JointValues(NamedTuple):
     """At one instant, of what is given: efforts N or N m, and coordinates m or rad that are
     prescribed, (..., J, w), None = no joint has one.

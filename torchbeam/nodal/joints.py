@@ -38,7 +38,7 @@ from ..topology.framework import Framework
 from .balls import Balls
 from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
-from .joint_motion import Factor, Pose, Vector, end_moves
+from .joint_motion import Factor, Pose, Vector, columns, end_moves
 from .multipliers import Multipliers
 
 
@@ -177,15 +177,16 @@ class Joints(BetweenNodes):
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
-    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
+    def wrench(self, motion: Placed, w: Factor, force: Tensor, more: Any = None) -> Tensor:
         """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
-        a: on the ground, which has no gradient, the opposite of what the first part gets.
+        a: on the ground, which has no gradient, the opposite of what the first part gets. more:
+        wrenches (..., J, 12) that nodes' balances have beside these.
         """
         pose, apart = motion.acting, self.w.at(motion.acting)  # row 0: of the points
         by, arms = self._gradient(self.v.at(pose), w.at(pose)), apart.turning[..., 0, :]
-        push, moment = (
-            torch.einsum("...jmk,...jm->...jk", by, -force).unflatten(-1, (2, 2, 3)).unbind(-2)
-        )
+        both = torch.einsum("...jmk,...jm->...jk", by, -force)
+        both = both if more is None else both - more
+        push, moment = both.unflatten(-1, (2, 2, 3)).unbind(-2)
         moment = moment - cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor(
             [pair[1] is None for pair in self.framework.joints], device=force.device
@@ -310,9 +311,12 @@ class Joints(BetweenNodes):
         force: Tensor,
         more: Callable[[Vector, Tensor], Tensor] | None = None,
         added: Tensor | None = None,
+        more_along: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
-        `added` (..., J, 12, 12): what the forces' wrenches change by beside that. Moves are where
+        `added` (..., J, 12, 12): what the forces' wrenches change by beside that; more_along:
+        what further forces act along (..., J, w, 12), and their derivative by the moves of both
+        nodes (..., J, 2, w, w). Moves are where
         forces act, the mean of start and end: of which the end makes `rate` times the displacement,
         and turns by rate * `half_turns` times the spin.
         """
@@ -328,20 +332,18 @@ class Joints(BetweenNodes):
         if w_closing is not w_acting:
             w_end = w_closing.at(end)
             by_w = w_closing.by_moves(w_end.turning)
-        closed = rate * (_along(w_end.value, by_v) + _along(v_end.value, by_w))  # (..., J, m, 12)
+        closed = rate * (along(w_end.value, by_v) + along(v_end.value, by_w))  # (..., J, m, 12)
         E = torch.block_diag(self.moves, self.moves)  # (2 w, 12)
         spin = None if half is None else self._spins(half)
         held = self.held[..., None]
-
-        def columns(by: Tensor) -> Tensor:
-            """(..., J, n, 12) -> (..., J, 2, n, w)"""
-            parts = (by @ E.mT).unflatten(-1, (2, -1)).movedim(-2, -3)
-            return parts if spin is None else parts @ spin
-
-        constraint = columns(held * closed)
-        stiffness = columns(E @ stiffness).unflatten(-2, (2, -1)).transpose(-4, -3)
-        force_by = (push * held @ E.mT).mT.unflatten(-2, (2, -1))
-        rows = stacked(stiffness, force_by[..., None, :, :], axis=-3)
+        constraint = columns(held * closed, E, spin)
+        stiffness = columns(E @ stiffness, E, spin)
+        if more_along is not None:
+            pushed, force_by = more_along
+            stiffness = stiffness + (pushed @ E.mT).mT[..., None, :, :] @ force_by
+        stiffness = stiffness.unflatten(-2, (2, -1)).transpose(-4, -3)
+        by_force = (push * held @ E.mT).mT.unflatten(-2, (2, -1))
+        rows = stacked(stiffness, by_force[..., None, :, :], axis=-3)
         none = torch.diag_embed(1 - self.held)[:, None]  # forces that a joint has not are zero
         last_row = stacked(constraint, none, axis=-3)
         return stacked(rows, last_row[..., None, :, :, :], axis=-4)
@@ -392,6 +394,6 @@ class Joints(BetweenNodes):
         return torch.cat(torch.broadcast_tensors(*rows), -2)
 
 
-def _along(vector: Tensor, by: Tensor) -> Tensor:
+def along(vector: Tensor, by: Tensor) -> Tensor:
     """vector (..., 3) times by (..., 3, n)."""
     return (vector[..., None, :] @ by)[..., 0, :]

@@ -249,9 +249,12 @@ class Rows(Tree):
         """(..., N, k), less that of the undeformed beam."""
         return self.space.strains(kinematics, self.length, self.reference)
 
-    def kinetic_energy(self, rotation: Tensor, velocity: Tensor, spin: Tensor) -> Tensor:
-        """(...) J"""
-        return self.inertia.kinetic_energy(rotation, velocity, spin)
+    def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Tensor:
+        """(...) J of nodes that move with velocity and spin (section axes)."""
+        energy = self.inertia.kinetic_energy(rotation, *moving)
+        if self.joints.has_inertia:
+            energy = energy + self.joints.kinetic_energy(position, rotation, *moving)
+        return energy
 
     def crept_at_rest(
         self, position: Tensor, rotation: Tensor, eigenstrain: Tensor | float

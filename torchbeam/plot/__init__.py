@@ -8,7 +8,10 @@
 Figures belong to nobody but the caller: pyplot, its state and its windows are not used.
 """
 
+from typing import Any
+
 from ..core.entry_point import entry_points
+from ..core.missing_name import missing
 from .animation import animate
 from .canvas import axes, grid, save
 from .cross_sections import cross_section
@@ -34,3 +37,21 @@ __all__ = [
 # fmt: on
 
 entry_points(globals(), __all__)
+
+# what others call so
+ELSEWHERE = {
+    "film": "animate",
+    "movie": "animate",
+    "moment": "diagram",
+    "bendingmoment": "diagram",
+    "shear": "diagram",
+    "plot": "shape",
+    "deflection": "shape",
+    "deformed": "shape",
+    "show": "save",
+    "savefig": "save",
+}
+
+
+def __getattr__(name: str) -> Any:
+    raise missing(__name__, name, __all__, ELSEWHERE)

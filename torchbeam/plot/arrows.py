@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .canvas import Axes, numbers
+from .canvas import Axes, numbers, written_number
 
 HEAD = 0.25  # of an arrow's length: of its head
 TURN = 4.5  # rad: of the arc of a moment
@@ -40,7 +40,7 @@ class Arrows:
         start, end = (x, x + arrow) if pulls else (x - arrow, x)
         self._line(torch.stack((start, end)))
         self._head(end, u, HEAD * self.length)
-        self._text(end if pulls else start, u if pulls else -u, f"{size:.4g} N")
+        self._text(end if pulls else start, u if pulls else -u, f"{written_number(size)} N")
 
     def moment(self, x: Tensor, M: Tensor, most: float) -> None:
         """A moment M (3) N m at x (3) m, an arc about its axis, with its number."""
@@ -57,7 +57,7 @@ class Arrows:
         self._line(x + radius * ring)
         along = torch.linalg.cross(axis, ring[-1])
         self._head(x + radius * ring[-1], along, HEAD * self.length)
-        self._text(x + radius * ring[20], ring[20], f"{size:.4g} N m")
+        self._text(x + radius * ring[20], ring[20], f"{written_number(size)} N m")
 
     def row(self, x: Tensor, f: Tensor, most: float) -> None:
         """Loads f (n, 3) N/m along a beam at x (n, 3) m, which push at it; numbers at the extremes,
@@ -69,14 +69,15 @@ class Arrows:
             return
         tails = x - self.length * f / most
         self._line(tails, lw=1.0)
-        at = torch.linspace(0, len(x) - 1, min(len(x), ROW)).round().long()
+        at = torch.arange(0, len(x), -(-(len(x) - 1) // (ROW - 1)) or 1)  # evenly
+        at = torch.cat((at, at.new_tensor([len(x) - 1]))).unique()
         for k in at[size[at] > FEW * most].tolist():
             self._line(torch.stack((tails[k], x[k])), lw=1.0)
             self._head(x[k], f[k] / size[k], HEAD * self.length * size[k].item() / most, lw=1.0)
         same = (size.max() - size.min()).item() < 1e-6 * most
         for k in {len(x) // 2} if same else {int(size.argmax()), int(size.argmin())}:
             if size[k] > FEW * most:
-                self._text(tails[k], -f[k] / size[k], f"{size[k].item():.4g} N/m")
+                self._text(tails[k], -f[k] / size[k], f"{written_number(size[k].item())} N/m")
 
     def _seen(self, v: Tensor) -> Tensor:
         """Vectors (..., 3) without what goes out of the plane."""

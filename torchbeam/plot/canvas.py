@@ -78,9 +78,10 @@ def grid(
     ]
 
 
-def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
-    """Write the figure of `ax` to a file, with `dpi` dots an inch. The ending of the path chooses
-    the format (.png, .pdf, .svg ...). A missing folder is created. Returns the path.
+def save(ax: Axes | Sequence[Axes], path: str | Path, dpi: int = 150) -> Path:
+    """Write the figure of `ax`, or of a list of axes, to a file, with `dpi` dots an inch. The
+    ending of the path chooses the format (.png, .pdf, .svg ...). A missing folder is created.
+    Returns the path.
 
     Raises:
         ValueError: for a format that matplotlib lacks, and for a folder that cannot be created or
@@ -90,7 +91,8 @@ def save(ax: Axes, path: str | Path, dpi: int = 150) -> Path:
     Examples:
         >>> path = tb.plot.save(tb.plot.shape(solution.state), "shapes.png")
     """
-    path, figure = file_of("path", path), check_axes(ax).figure
+    first = ax[0] if isinstance(ax, (list, tuple)) and ax else ax
+    path, figure = file_of("path", path), check_axes(first).figure
     tolerance("dpi", dpi)
     if path.suffix[1:].lower() not in figure.canvas.get_supported_filetypes():
         raise refusal(f"the file {path.name!r}", "one that ends in .png, .pdf, .svg ...")
@@ -126,6 +128,11 @@ def line_style(options: dict[str, Any], **usual: Any) -> dict[str, Any]:
                 "lines, is wanted"
             )
     return normalize_kwargs(usual, Line2D) | style
+
+
+def written_number(x: float) -> str:
+    """A number of four digits, without an exponent as far as a million."""
+    return f"{x:,.0f}" if 1e4 <= abs(x) < 1e6 else f"{x:.4g}"
 
 
 def is_3d(ax: Axes) -> bool:

@@ -11,7 +11,7 @@ from ..core.arguments import boolean, choice, instance, tolerance
 from ..scene.scene import Scene
 from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
-from .canvas import GREY, Axes, numbers
+from .canvas import GREY, Axes, numbers, written_number
 from .limits import even, extent, prepared
 from .shapes import EDGE_ON
 from .symbols import Symbols
@@ -133,4 +133,4 @@ def _write(ax: Axes, top: Tensor, value: Tensor, least: Tensor) -> None:
         number = value[k].item()
         if all(abs(number - other) > least for other in written):
             written.append(number)
-            ax.text(*top[k].tolist(), f"{number:.4g}", fontsize=8)
+            ax.text(*top[k].tolist(), written_number(number), fontsize=8)

@@ -25,7 +25,7 @@ from ..scene.effects.obstacles import Box, Capsule, Sphere
 from ..scene.joints import Weld
 from ..scene.scene import Scene
 from ..scene.supports import Support
-from .mjcf_joints import joint, rotor
+from .mjcf_joints import joint
 from .mjcf_model import Model
 from .mjcf_rods import CABLE, rods
 from .mjcf_ties import equalities, motors, tendons
@@ -139,7 +139,7 @@ class Reader(Model):
             group = [b for b, home in self.home.items() if home == name]
             mass, R = m.body_mass[group].sum(), d.xmat[group[0]].reshape(3, 3).copy()
             centre = m.body_mass[group] @ d.xipos[group] / mass
-            inertia = rotor(self, group[0])
+            inertia = np.zeros((3, 3))
             for b in group:
                 axes, arm = d.ximat[b].reshape(3, 3), d.xipos[b] - centre
                 inertia = inertia + axes @ np.diag(m.body_inertia[b]) @ axes.T

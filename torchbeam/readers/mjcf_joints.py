@@ -37,13 +37,12 @@ def joint(model: Model, j: int, parent: Any, child: Any) -> list[Any]:
         resisting = "dof_damping", "dof_armature", "dof_frictionloss"
         model.refuse(name, slice(dof, dof + 6), *resisting)
         return []
-    if not grounded(model, j):
-        model.refuse(name, dof, "dof_armature")
     at, axis = model.d.xanchor[j].copy(), model.d.xaxis[j].copy()
     law = _resistance(model, j, dof)
     if kind == kinds.mjJNT_BALL:
         if model.m.jnt_limited[j]:
             model.changing.append(f"limits of {name}, a ball")
+        model.refuse(name, dof, "dof_armature")
         return [Ball(parent, child, at=at, **law)]
     effort, kind = ("torque", Hinge) if kind == kinds.mjJNT_HINGE else ("force", Slider)
     law |= _coordinate(model, j, effort)
@@ -65,11 +64,13 @@ def _resistance(model: Model, j: int, dof: int) -> dict[str, Any]:
 
 
 def _coordinate(model: Model, j: int, effort: str) -> dict[str, Any]:
-    """Limits, motor and pull of the spring, of a coordinate that is 0 at qpos0."""
-    m, q = model.m, int(model.m.jnt_qposadr[j])
+    """Armature, limits, motor and pull of the spring, of a coordinate that is 0 at qpos0."""
+    m, q, dof = model.m, int(model.m.jnt_qposadr[j]), int(model.m.jnt_dofadr[j])
     law: dict[str, Any] = {}
+    if armature := float(m.dof_armature[dof]):
+        law["inertia"] = armature
     if m.jnt_limited[j]:
-        inverse = m.dof_invweight0[m.jnt_dofadr[j]]
+        inverse = m.dof_invweight0[dof]
         k = rest_stiffness(m.jnt_solref[j], m.jnt_solimp[j], inverse)
         low, high = (m.jnt_range[j] - m.qpos0[q]).tolist()
         margin = float(m.jnt_margin[j])
@@ -99,21 +100,3 @@ def rest_stiffness(solref: np.ndarray, solimp: np.ndarray, inverse: float) -> fl
     """K of a limit, of the inverse inertia 1/I."""
     _, d, k, _ = _constraint(solref, solimp)
     return float(d * d * k / ((1 - d) * inverse))
-
-
-def grounded(model: Model, j: int) -> bool:
-    """Whether a joint is a hinge to the ground of a body that has no other."""
-    b = int(model.m.jnt_bodyid[j])
-    alone = len(model.joints_of(b)) == 1 and isinstance(model.home[b], str)
-    ground = model.home[int(model.m.body_parentid[b])] is None
-    return alone and ground and int(model.m.jnt_type[j]) == model.mujoco.mjtJoint.mjJNT_HINGE
-
-
-def rotor(model: Model, b: int) -> np.ndarray:
-    """(3, 3) kg m^2 of a rotor in a hinge to the ground, as the body's: the same about all axes, of
-    which the hinge leaves one.
-    """
-    for j in model.joints_of(b):
-        if grounded(model, j):
-            return model.m.dof_armature[model.m.jnt_dofadr[j]] * np.eye(3)
-    return np.zeros((3, 3))

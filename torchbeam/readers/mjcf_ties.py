@@ -23,6 +23,7 @@ WITHOUT = (
     "tendon_damping", "tendon_frictionloss", "tendon_armature", "tendon_stiffnesspoly",
     "tendon_dampingpoly", "tendon_springyield",
 )
+ACTING = ("tendon_stiffness", "tendon_limited", *WITHOUT)
 # fmt: on
 
 
@@ -68,6 +69,8 @@ def tendons(model: Model) -> Iterator[Tendon]:
         first = int(m.tendon_adr[i])
         path = range(first, first + int(m.tendon_num[i]))
         if any(int(m.wrap_type[k]) != model.mujoco.mjtWrap.mjWRAP_SITE for k in path):
+            if not _acts(model, i):
+                continue
             model.changing.append(f"{name}, which does not go through sites alone")
             continue
         sites = [int(m.wrap_objid[k]) for k in path]
@@ -87,6 +90,12 @@ def tendons(model: Model) -> Iterator[Tendon]:
             high -= float(m.tendon_margin[i])
             yield Tendon(eyelets, length=high, stiffness=rest_stiffness(*solver))
         model.refuse(name, i, *WITHOUT)
+
+
+def _acts(model: Model, i: int) -> bool:
+    """Whether something acts in a tendon."""
+    numbers = [getattr(model.m, x)[i] for x in ACTING if hasattr(model.m, x)]
+    return ("tendon", i) in model.motors or any(map(np.any, numbers))
 
 
 def equalities(model: Model) -> Iterator[Any]:

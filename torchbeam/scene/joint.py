@@ -38,6 +38,7 @@ class CoordinateLaw(NamedTuple):
     lowest: Tensor | None = None
     highest: Tensor | None = None
     limit_stiffness: Tensor | None = None
+    inertia: Tensor | None = None
     effort: Any = None
     prescribed: Any = None
 
@@ -201,7 +202,8 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
     """The joints of a scene, their ends as rows of its structure. Raises ValueError for joints in a
     scene of one beam, of nodes that do not exist or lie within an element, of a node with itself,
     two at one place of the same two nodes, parts that do not meet as drawn, joints with small
-    motions, and bodies without inertia which nothing keeps from turning.
+    motions, an inertia to a ground that moves, and bodies without inertia which nothing keeps from
+    turning.
     """
     structure, joints = scene.beam, []
     for drawn in scene.joints:
@@ -213,6 +215,11 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
             )
         joint = with_values(drawn, a=_resolved(drawn.a, structure), b=_resolved(drawn.b, structure))
         joint.check(structure)
+        if "inertia" in joint.acts and None in joint.ends and scene.frame is not None:
+            raise refusal(
+                f"a {joint.called} with an inertia to the ground, which is frame a, beside a Frame",
+                "a ground that stands still, or a joint of two parts,",
+            )
         for other in joints:
             if {joint.ends, joint.ends[::-1]} & {other.ends} and _together(joint, other, structure):
                 raise ValueError(

@@ -18,7 +18,7 @@ from .hysteresis import HystereticLaw
 from .joint import MET, VECTOR, CoordinateLaw, Joint
 from .structure import Structure
 
-LAWS = ("stiffness", "damping", "friction", "slip_speed", "limits", "limit_stiffness")
+LAWS = ("stiffness", "damping", "friction", "slip_speed", "limits", "limit_stiffness", "inertia")
 SQUARE = {torch.float64: 1e-6, torch.float32: 1e-5}  # cosine between axes that are at right angles
 
 
@@ -70,6 +70,8 @@ class DrivenJoint(Joint):
         limits: (..., 2) lowest and highest q; an effort rises beyond them
         limit_stiffness: (...) N m/rad or N/m of that effort, which rises smoothly over a hundredth
             of the range
+        inertia: (...) A, kg m^2 or kg, against the coordinate alone: the effort -A q'', as of a
+            motor's rotor behind a gear (its inertia times the square of the ratio)
 
     `GIVEN` names the effort and the coordinate that may be given, for each coordinate.
 
@@ -86,6 +88,7 @@ class DrivenJoint(Joint):
     slip_speed: Value | None = leaf(_second, default=None, positive=True, copied=True)
     limits: Value | None = leaf(lambda x: 1 + _second(x), default=None, size=2, copied=True)
     limit_stiffness: Value | None = leaf(_second, default=None, nonnegative=True, copied=True)
+    inertia: Value | None = leaf(_second, default=None, nonnegative=True, copied=True)
 
     GIVEN: ClassVar[tuple[tuple[str, str], ...]]
 
@@ -128,6 +131,7 @@ class DrivenJoint(Joint):
             *map(own, (self.stiffness, self.damping, self.friction, self.slip_speed)),
             *limits,
             own(self.limit_stiffness),
+            own(self.inertia),
             *(
                 None if isinstance(value := getattr(self, name), Drive) else value
                 for name in self.GIVEN[coordinate if several else 0]
@@ -204,7 +208,7 @@ class Cylindrical(DrivenJoint):
     Laws are as in `Hinge` and `Slider`, in pairs (turn, travel), with 0 for an absent one.
 
     Args:
-        stiffness, damping, friction, slip_speed, limit_stiffness: (..., 2)
+        stiffness, damping, friction, slip_speed, limit_stiffness, inertia: (..., 2)
         limits: (..., 2, 2) lowest and highest angle, lowest and highest travel
         torque: N m about the axis on b
         angle: rad, prescribed, in place of a torque
@@ -244,7 +248,7 @@ class Universal(DrivenJoint):
 
     Args:
         second: (..., 3), frame a, undeformed; of any length
-        stiffness, damping, friction, slip_speed, limit_stiffness: (..., 2)
+        stiffness, damping, friction, slip_speed, limit_stiffness, inertia: (..., 2)
         limits: (..., 2, 2) lowest and highest angle, of each
         torque: N m about `axis` on b
         angle: rad about `axis`, prescribed, in place of a torque

@@ -293,12 +293,15 @@ class Scene(Tree):
 
     def _bound(self, given: Any) -> Any:
         """Effects, motions, supports with the scene's dtype and device."""
-        for part in given if isinstance(given, tuple) else (given,):
-            try:
-                bound(part, self.dtype, self.device)
-            except ValueError as error:
-                raise ValueError(f"{part.called} of {error}") from None
-        return bound(given, self.dtype, self.device)
+        try:
+            return bound(given, self.dtype, self.device)
+        except ValueError:
+            for part in given if isinstance(given, tuple) else (given,):
+                try:
+                    bound(part, self.dtype, self.device)
+                except ValueError as error:
+                    raise ValueError(f"{part.called} of {error}") from None
+            raise
 
     @cached
     def numbers(self) -> tuple[Tensor, ...] | None:

@@ -34,7 +34,7 @@ def _letters(name: str, value: Any) -> str:
     return value
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Frame(Tree):
     """Prescribed motion of frame a, in its own axes: values (..., 3) or functions t -> (..., 3).
 

@@ -14,7 +14,10 @@ in what it was made of. Each has
     shape   of a reading, (3,) for a vector         size    numbers in it
 """
 
+from typing import Any
+
 from ..core.entry_point import entry_points
+from ..core.missing_name import missing
 from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
 from .contact import (
@@ -53,3 +56,21 @@ __all__ = [
 # fmt: on
 
 entry_points(globals(), __all__)
+
+# what others call so
+ELSEWHERE = {
+    "accelerometer": "NodeAcceleration",
+    "straingauge": "Gauge",
+    "gyroscope": "Spin",
+    "gyro": "Spin",
+    "displacement": "NodePosition",
+    "loadcell": "RootReaction",
+    "marker": "Position",
+    "laser": "Position",
+    "moment": "SectionForces",
+    "encoder": "JointCoordinate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    raise missing(__name__, name, __all__, ELSEWHERE)

@@ -33,6 +33,8 @@ def on_supports(state: State, scene: Any, t: Tensor) -> State:
     Raises ValueError where the state is elsewhere by more than rounding, or moves where nothing
     does.
     """
+    if not scene.supports:
+        return state
     prescribed_motion, beam = PrescribedMotion(scene), scene.beam
     judged = state.status == 0
     length = beam.extent.detach()

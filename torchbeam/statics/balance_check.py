@@ -56,7 +56,7 @@ def check_rest(problem: SteadyProblem, state: State) -> None:
     with no_derivatives():
         velocity, spin = problem.velocity(x)
         velocity, spin = state.velocity - velocity, state.spin - space.to_section(x.rotation, spin)
-        energy = model.kinetic_energy(x.rotation, velocity, spin)
+        energy = model.kinetic_energy(x.position, x.rotation, velocity, spin)
         # bodies alone do not
         bends = OFF**2 * softest(model) / model.length.sum((-1, -2)) if model.station_count else 0.0
         still = energy <= bends

@@ -268,11 +268,8 @@ def _warn_of_unstable(
     branch: str,
 ) -> None:
     """Of the samples `states`; doubtful: see `_unstable`."""
-    with no_derivatives():
-        uneven = asymmetry(problem, x).expand(states.shape)
-    unstable = states & _unstable(
-        problem, x, start, None if doubtful is None else doubtful & states, uneven
-    )
+    doubtful = None if doubtful is None else doubtful & states
+    unstable = states & _unstable(problem, x, start, doubtful)
     if concrete(unstable).any():
         warn(
             f"{_which(unstable)} is in unstable equilibrium: a small disturbance or imperfection "
@@ -303,14 +300,14 @@ def _unstable(
     x: Configuration,
     start: Configuration,
     doubtful: Tensor | None,
-    uneven: Tensor,
+    uneven: Tensor | None = None,
 ) -> Tensor:
     """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
     load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
-    whose `asymmetry`, uneven (...), is no hair beside that pivot: whether its determinant is
-    negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero s > 0, whatever
-    mass and damping are, as it is positive for large s: a motion grows without oscillating. (Where
-    it is positive two may, or one may flutter.)
+    whose `asymmetry`, uneven (...), None = not known, is no hair beside that pivot: whether its
+    determinant is negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero
+    s > 0, whatever mass and damping are, as it is positive for large s: a motion grows without
+    oscillating. (Where it is positive two may, or one may flutter.)
     """
     if doubtful is not None and not concrete(doubtful).any():
         return doubtful
@@ -318,16 +315,15 @@ def _unstable(
     if few is not None:
         with suppress(NotSeparable):
             at, begin = (Configuration(*(few.take(v, 2) for v in shape)) for shape in (x, start))
-            return few.put(
-                torch.zeros_like(doubtful),
-                _unstable(few.gather(problem), at, begin, None, few.take(uneven, 0)),
-                0,
-            )
+            uneven = None if uneven is None else few.take(uneven, 0)
+            unstable = _unstable(few.gather(problem), at, begin, None, uneven)
+            return few.put(torch.zeros_like(doubtful), unstable, 0)
     with no_derivatives():
         tangent = _tangent(problem, x)
         doubtful = ~tangent.system.positive_definite()
         if not concrete(doubtful).any():
             return doubtful
+        uneven = asymmetry(problem, x) if uneven is None else uneven
         unloaded, size = _tangent(problem, start), problem.model.unit
         (here, sound), (usual, _) = (k.system.pivots(size) for k in (tangent, unloaded))
         soft, least = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))

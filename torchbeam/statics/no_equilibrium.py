@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import torch
 from torch import Tensor
@@ -12,9 +13,11 @@ from ..core.status import DIVERGED, STATUS
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
+from ..state.state import rest
 from .mechanism import unheld
 from .rigid_motions import sample_of
 
+FAR = 1e3  # lengths
 CLOSE = 1e-6  # of a length
 BENT = 2.0  # rad, of an element, which takes less than half a turn
 NOT_FOUND = (
@@ -58,7 +61,25 @@ def reason(
                 f"{NO_REST}; an element bends by {most:.2g} rad there, which a finer mesh "
                 "shares out"
             )
-        return DRIVEN if relaxed else NOT_FOUND
+        return DRIVEN if relaxed else NOT_FOUND + _far(problem, sample)
+
+
+def _far(problem: SteadyProblem, sample: tuple[int, ...]) -> str:
+    """That the loads would move it by many lengths, were displacements small; "" where not."""
+    model = problem.model
+    start = model.space.start(rest(model.scene))
+    start = Configuration(start.position, start.rotation, torch.zeros_like(start.stress))
+    whole = SteadyProblem(model, problem.t, problem.inputs, problem.t.new_ones(()))
+    residual, *about = whole.residual(start)
+    move = whole.linearise(start, *about).solve(residual.nodes, residual.strain)[0]
+    move = sample_of(move[..., : model.space.dims.position], 2, sample)
+    far = float(move.abs().max() / sample_of(model.scene.beam.length, 1, sample).sum())
+    if not FAR < far < math.inf:
+        return ""
+    return (
+        f". By linear theory its loads move it by {far:.1g} times its length: a beam may have its "
+        "stiffness and loads in units that differ (Pa, m, N)"
+    )
 
 
 def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) -> str:

@@ -186,7 +186,15 @@ def called(
     """
     n, named = len(theta), joint.named(theta) if by_name else {}
     checked_function("function", function, *(() if by_name else ("theta",)), named=named)
-    result = function(**named) if by_name else function(theta)
+    try:
+        result = function(**named) if by_name else function(theta)
+    except TypeError as error:
+        if not by_name and "invalid data type 'str'" in str(error):  # torch's, of theta["EI"]
+            raise ValueError(
+                "a function that takes columns of theta by name was given; by_name=True is wanted, "
+                f"and a function of {', '.join(joint.names)}, or theta[:, 0]"
+            ) from error
+        raise
     y, status = (
         result
         if isinstance(result, tuple) and len(result) == 2

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.validation import shown
 from . import laws
-from .law_scores import why_none
+from .law_scores import as_own, why_none
 from .laws import Constant, Law
 
 # fmt: off
@@ -69,10 +69,10 @@ def checked(name: Any, law: Law) -> Law:
             raise ValueError(
                 f"the law {shown(law)} was given for {name!r}; (least, largest) is wanted"
             )
-    elif not (hasattr(law, "icdf") or hasattr(law, "of_scores") or callable(law)):
+    elif not (any(hasattr(law, own) for own in ("icdf", "ppf", "of_scores")) or callable(law)):
         raise ValueError(
             f"the law {shown(law)} was given for {name!r}; a pair, a torchbeam.laws.Constant, a "
-            "distribution with icdf or a function is wanted"
+            "distribution with icdf or ppf, or a function, is wanted"
         )
     elif why := why_none(law):
         raise ValueError(
@@ -86,4 +86,5 @@ def of_uniform(law: Law, u: Tensor) -> Tensor:
     """Values (N,) of u (N,), uniform in (0, 1)."""
     if isinstance(law, (tuple, list)):
         return law[0] + (law[1] - law[0]) * u
+    law = as_own(law) if hasattr(law, "ppf") else law
     return law.icdf(u) if hasattr(law, "icdf") else law(u)

@@ -26,6 +26,30 @@ class ExpTransformed:
         return self.law.score(x.clamp_min(0).log())
 
 
+@dataclass(frozen=True)
+class OfScipy:
+    """A frozen distribution of SciPy, which has both tails of its own."""
+
+    frozen: Any
+
+    def icdf(self, u: Tensor) -> Tensor:
+        return self._of("ppf", u)
+
+    def of_score(self, z: Tensor) -> Tensor:
+        low = self._of("ppf", normal_probability(z))
+        return torch.where(z < 0, low, self._of("isf", normal_probability(-z)))
+
+    def cdf(self, x: Tensor) -> Tensor:
+        return self._of("cdf", x)
+
+    def score(self, x: Tensor) -> Tensor:
+        return score_of_tails(self._of("cdf", x), self._of("sf", x))
+
+    def _of(self, name: str, x: Tensor) -> Tensor:
+        value = getattr(self.frozen, name)(x.detach().cpu().numpy())
+        return torch.as_tensor(value, dtype=x.dtype, device=x.device)
+
+
 TORCHS = {
     distributions.Uniform: lambda law: Uniform(law.low, law.high),
     distributions.Normal: lambda law: Normal(law.loc, law.scale),
@@ -37,9 +61,13 @@ TORCHS = {
 
 
 def as_own(law: Any) -> Any:
-    """A law that tells scores in place of a pair, or of one of torch's; others as they are."""
+    """A law that tells scores in place of a pair, or of one of torch's or SciPy's; others as they
+    are.
+    """
     if isinstance(law, (tuple, list)):
         return Uniform(*law)
+    if hasattr(law, "ppf"):
+        return OfScipy(law)
     make = TORCHS.get(type(law))
     return law if make is None or law.batch_shape else make(law)
 

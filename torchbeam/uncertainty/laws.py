@@ -1,8 +1,8 @@
 """Laws of random parameters.
 
 A law is (least, largest), uniform between; one of the classes here; anything with `icdf`, as
-torch.distributions have; or a function of u (N,), uniform in (0, 1). `RandomField` is a law of many
-numbers.
+torch.distributions have, or with `ppf`, as SciPy's have; or a function of u (N,), uniform in (0,
+1). `RandomField` is a law of many numbers.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..core.entry_point import entry_points
+from ..core.missing_name import missing
 from .empirical_law import Empirical
 from .parametric_laws import Constant, Gumbel, LogNormal, Normal, Triangular, Uniform, Weibull
 from .random_field import RandomField
@@ -23,3 +24,16 @@ __all__ = [
 # fmt: on
 entry_points(globals(), __all__)
 Law = Any
+
+# what others call so
+ELSEWHERE = {
+    "gaussian": "Normal",
+    "histogram": "Empirical",
+    "gaussianprocess": "RandomField",
+    "deterministic": "Constant",
+    "exponential": "Weibull",
+}
+
+
+def __getattr__(name: str) -> Any:
+    raise missing(__name__, name, __all__, ELSEWHERE)

@@ -16,7 +16,7 @@ from ..math.distributions import (
     probability_between,
     score_of_tails,
 )
-from .law_scores import has_tails, of_score, score, why_none
+from .law_scores import as_own, has_tails, of_score, score, why_none
 from .parametric_laws import TwoTails, Uniform, plain_number, set_fields
 
 # probability of the range, where a law does not tell its upper tail: fewer digits than four are
@@ -42,6 +42,7 @@ class Truncated(TwoTails):
     def __post_init__(self) -> None:
         pair = isinstance(self.law, (tuple, list)) and len(self.law) == 2
         law = Uniform(*self.law) if pair else self.law
+        law = as_own(law) if hasattr(law, "ppf") else law
         if not hasattr(law, "icdf") or not hasattr(law, "cdf"):
             raise ValueError(
                 f"the law {shown(self.law)} was given to Truncated; one with both cdf and icdf "

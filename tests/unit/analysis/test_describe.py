@@ -219,3 +219,17 @@ def test_what_remembers():
         assert description.lines["joints"][0].endswith(f"holds 5 components, {name}")
         refused = "midpoint4" in " ".join(description.refusals.values())
         assert refused == (name == "ElastoPlastic")
+
+
+def test_damping_ratios_are_those_of_the_modes():
+    """tau w/2 + alpha/(2 w), to two digits; nothing where damping differs along the beam."""
+    section = tb.Section.rectangle(0.03, 0.002, E=69e9, nu=0.33, rho=2700.0)
+    damping = [tb.Damping(2e-3), tb.MassDamping(1.0)]
+    scene = tb.Scene(tb.Beam.straight(1.0, 8, section), damping)
+    (line,) = tb.describe(scene).lines["frequencies"]
+    ratios = line.partition("damping ratios ")[2].partition(" (")[0].split(", ")
+    found = tb.modes(scene, count=3).damping_ratio
+    assert [float(x) for x in ratios] == pytest.approx(found.tolist(), rel=0.02)  # two digits
+    for other in ([], [tb.Damping([0.1] * 6)], [tb.Damping(torch.tensor([0.1, 0.2]))]):
+        (line,) = tb.describe(tb.Scene(scene.beam, other)).lines["frequencies"]
+        assert "ratios" not in line

@@ -191,3 +191,28 @@ def test_compile_breaks_at_a_call_and_leaves_it_alone():
     ran = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
     assert int(ran.stdout) <= 6
+
+
+@pytest.mark.parametrize(
+    ("call", "names"),
+    [
+        (lambda: tb.Section.circle(diameter=0.1), "radius, E, nu, rho"),
+        (lambda: tb.TipLoad(forc=(0, 0, 1.0)), "force, by name moment, follower, node"),
+        (lambda: tb.Frame((0, 0, 12.0)), "by name velocity, angular_velocity"),
+        (lambda: tb.sensors.Spin(), "node"),
+        (lambda: tb.modes(), "scene, state, count, by name normalize, t, lumped, inputs, accuracy"),
+    ],
+)
+def test_an_argument_that_is_not_there(call, names):
+    """Python's sentence, and which arguments there are."""
+    with pytest.raises(TypeError, match=f"argument.*; it takes {names}"):
+        call()
+
+
+def test_an_error_of_ones_own_stays():
+    def load(t):
+        raise TypeError("load() missing an argument")
+
+    scene = tb.Scene(tb.Beam.straight(1.0, 2, tb.Section.circle(0.01, 1e9, 0.3, 1e3)), [])
+    with pytest.raises(TypeError, match=r"load\(\) missing an argument$"):
+        tb.simulate(tb.Scene(scene.beam, [tb.TipLoad(force=load)]), [0.0, 0.1], step=0.1)

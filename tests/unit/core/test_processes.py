@@ -1,5 +1,6 @@
 """Processes that work for this one end where it does."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -41,3 +42,27 @@ def test_they_end_with_the_process_that_started_them(tmp_path, end):
         assert [parent.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
         parent.send_signal(getattr(signal, end))
         assert parent.stdout.read() == ""
+
+
+FORKED = """
+import os, signal, sys
+import torch, torchbeam
+torch.set_num_threads(2)
+x = torch.ones(1_000_000)
+x.exp().sum()  # OpenMP has its threads
+child = os.fork()
+if not child:
+    signal.alarm(20)  # it ends one that waits for ever
+    x.exp().sum()
+    os._exit(0 if torch.get_num_threads() == 1 else 1)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="POSIX")
+def test_a_forked_process_computes():
+    """As gymnasium's AsyncVectorEnv and multiprocessing fork: OpenMP's threads stay behind, and an
+    operation of torch that counts on them never ends.
+    """
+    environment = {**os.environ, "OMP_NUM_THREADS": "2"}
+    subprocess.run([sys.executable, "-c", FORKED], check=True, env=environment, timeout=120)

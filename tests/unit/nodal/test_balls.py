@@ -131,7 +131,7 @@ def tumble(steps=25, dt=0.04, **joint):
 
 
 def energy_of(model, state):
-    return model.kinetic_energy(state.rotation, state.velocity, state.spin)
+    return model.kinetic_energy(state.position, state.rotation, state.velocity, state.spin)
 
 
 def test_energy_and_momentum_of_an_anisotropic_spring():

@@ -27,6 +27,7 @@ LAWS = {
     "damping": dict(damping=0.7),
     "friction": dict(friction=2.0, slip_speed=4.0),
     "limits": dict(limits=(-0.1, 0.2), limit_stiffness=40.0),
+    "inertia": dict(inertia=0.6),
     "all": dict(
         stiffness=3.0,
         damping=0.7,
@@ -34,6 +35,7 @@ LAWS = {
         slip_speed=4.0,
         limits=(-5.0, 0.3),
         limit_stiffness=40.0,
+        inertia=0.6,
     ),
 }
 KINDS = {"hinge": (tb.Hinge, "torque", "angle"), "slider": (tb.Slider, "force", "travel")}
@@ -54,10 +56,12 @@ TWO = {
         slip_speed=(4.0, 3.0),
         limits=((-0.1, 0.2), (-0.3, 0.01)),
         limit_stiffness=(40.0, 30.0),
+        inertia=(0.6, 0.3),
     ),
     "given": FIRST_OF_TWO,
 }
 TABLE += [("ball", law) for law in BALL] + [("universal", law) for law in TWO]
+TABLE.append(("cylindrical", "inertia"))
 
 
 def joint_of(kind, law, pair):
@@ -65,6 +69,8 @@ def joint_of(kind, law, pair):
         return tb.Ball(*pair, axis=AXIS, at=AT, **BALL[law])
     if kind == "universal":
         return tb.Universal(*pair, axis=AXIS, second=(0, 1.0, 0), at=AT, **TWO[law])
+    if kind == "cylindrical":
+        return tb.Cylindrical(*pair, axis=AXIS, at=AT, inertia=(0.6, 2.0))
     joint, effort, coordinate = KINDS[kind]
     more = LAWS.get(law) or {
         effort if law == "effort" else coordinate: lambda t: 0.4 + torch.sin(t)
@@ -91,6 +97,7 @@ class Step:
         self.own, self.still, n = model.joints, still, model.node_count
         self.start = random(n, 3), quat.normalize(torch.eye(1, 4) + 0.3 * random(n, 4, seed=1))
         self.u, self.m = 0.2 * random(n, 3, seed=2), quat.exponential(0.2 * random(n, 3, seed=3))
+        self.by_move = random(n, 6, 6, seed=6)
         t = torch.tensor(0.3)
         self.now = SimpleNamespace(joints=self.own.values(model.scene, t, {}, t))
 
@@ -104,12 +111,19 @@ class Step:
     def __call__(self, move):
         if self.still:
             return NodeMotion(self.now, None, None, self.end(move), share=torch.tensor(0.7))
-        n = len(move)
         return NodeMotion(
             self.now, None, None, self.end(move), self.start, mean=True, dt=torch.tensor(0.1),
-            moving=lambda: (random(n, 3, seed=4), random(n, 3, seed=5)),
+            moving=self.moving, rates=lambda: (self.moving(), self.after(move)),
+            by_move=lambda: self.by_move,
             state=SimpleNamespace(joints=torch.zeros(1, 12)), half=self.half,
         )  # fmt: skip
+
+    def moving(self):
+        return random(len(self.u), 3, seed=4), random(len(self.u), 3, seed=5)
+
+    def after(self, move):
+        rates = random(len(self.u), 6, seed=7) + (self.by_move @ move[..., None])[..., 0]
+        return rates.split(3, -1)
 
     def half(self):
         R, R_n = (quat.matrix(q) for q in (quat.multiply(self.start[1], self.m), self.start[1]))
@@ -163,7 +177,7 @@ def momenta(model, state):
 @pytest.mark.parametrize(
     "joint",
     [
-        dict(stiffness=0.1),
+        dict(stiffness=0.1, inertia=0.05),
         dict(limits=(-4.0, 4.0), limit_stiffness=30.0),
         dict(damping=0.01, friction=0.02, slip_speed=0.1),
     ],
@@ -177,7 +191,9 @@ def test_energy_and_momentum_over_many_turns(joint):
     turned = torch.stack([state.joint[0].coordinate for state in states])
     assert not last.status and turned.abs().max() > 4 and turned.diff().abs().max() < 0.5
     assert_close(momenta(model, last), momenta(model, states[0]), rtol=0, atol=1e-9)
-    energy = [model.kinetic_energy(s.rotation, s.velocity, s.spin) for s in (states[0], last)]
+    energy = [
+        model.kinetic_energy(s.position, s.rotation, s.velocity, s.spin) for s in (states[0], last)
+    ]
     assert_close(energy[1] - energy[0], last.work, rtol=0, atol=1e-9)
     if "stiffness" in joint:
         assert_close(last.work, -0.05 * last.joint[0].coordinate ** 2, rtol=0, atol=1e-9)
@@ -205,7 +221,10 @@ def test_prescribed_angle():
     assert_close(
         torch.stack([state.joint[0].coordinate for state in states]), given, rtol=0, atol=1e-12
     )
-    energy = [model.kinetic_energy(s.rotation, s.velocity, s.spin) for s in (states[0], states[-1])]
+    energy = [
+        model.kinetic_energy(s.position, s.rotation, s.velocity, s.spin)
+        for s in (states[0], states[-1])
+    ]
     assert given[-1] > 2 * torch.pi
     assert_close(states[-1].work, energy[1] - energy[0], rtol=0, atol=1e-8)
     assert_close(momenta(model, states[-1]), momenta(model, states[0]), rtol=0, atol=1e-9)

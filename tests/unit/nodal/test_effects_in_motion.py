@@ -232,7 +232,7 @@ def test_energy_grows_by_the_power_of_what_acts(name):
         nodes, spin, _ = rates.unpack(t, y)
         kin = model.kinematics(nodes.position, nodes.rotation)
         return (
-            model.kinetic_energy(nodes.rotation, nodes.velocity, spin)
+            model.kinetic_energy(nodes.position, nodes.rotation, nodes.velocity, spin)
             + model.strain_energy(nodes.position, nodes.rotation, own),
             space.strains(kin, model.length),
         )

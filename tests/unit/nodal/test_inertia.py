@@ -19,7 +19,7 @@ def rotation_energy_error(N, order, mass, offset, axis=0.0):
     beam = tb.Beam.straight(1.0, N, section.shifted(0.0, -axis) if axis else section, order=order)
     model = discretise(tb.Scene(beam, [tb.PointMass(mass, offset=offset)]))
     spin = torch.tensor([0.0, 1, 0]).expand_as(beam.nodes)
-    T = model.kinetic_energy(beam.frames, torch.linalg.cross(spin, beam.nodes), spin)
+    T = model.kinetic_energy(beam.nodes, beam.frames, torch.linalg.cross(spin, beam.nodes), spin)
     exact = 1 / 3 + axis**2 + mass * ((1 + offset[0]) ** 2 + offset[2] ** 2)
     return (2 * T / exact - 1).item()
 

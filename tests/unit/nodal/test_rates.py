@@ -98,9 +98,9 @@ def test_energy_rate_is_power_less_dissipation(rates):
 
     def energy(y):
         nodes, spin, _ = rates.unpack(t, y)
-        return model.kinetic_energy(nodes.rotation, nodes.velocity, spin) + model.strain_energy(
-            nodes.position, nodes.rotation
-        )
+        return model.kinetic_energy(
+            nodes.position, nodes.rotation, nodes.velocity, spin
+        ) + model.strain_energy(nodes.position, nodes.rotation)
 
     y_rate = rates(t, y)
     _, gained = torch.func.jvp(energy, (y,), (y_rate,))

@@ -501,6 +501,23 @@ def test_where_pictures_go(solution, tmp_path):
         tb.plot.save(tb.plot.axes(), tmp_path / "picture.xyz")
 
 
+def test_a_list_of_axes_is_one_picture(tmp_path):
+    """As `grid`, `fit` and matplotlib's own functions give them; not an empty one."""
+    assert tb.plot.save(tb.plot.grid(1, 2), tmp_path / "two.png").exists()
+    with pytest.raises(ValueError, match=r"ax = \[\] was given"):
+        tb.plot.save([], tmp_path / "none.png")
+
+
+def test_pictures_are_drawn_where_pyplot_shows_them(solution):
+    """In axes of pyplot's, for a window."""
+    plt = pytest.importorskip("matplotlib.pyplot")
+    figure, own = plt.subplots()
+    try:
+        assert tb.plot.shape(solution.state[-1], own) is plt.gca() and own.lines
+    finally:
+        plt.close(figure)
+
+
 def test_a_picture_is_whole_or_as_it_was(solution, tmp_path, monkeypatch):
     """A full disk: one sentence, the picture of before, and no other file."""
 

@@ -11,6 +11,8 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.unit.plot.test_plot import data, drawn
+from torchbeam.plot.arrows import ROW
+from torchbeam.plot.symbols import LOAD
 
 pytest.importorskip("matplotlib")
 SECTION = tb.Section.rectangle(width=0.03, height=0.02, E=69e9, nu=0.33, rho=2700.0)
@@ -20,6 +22,25 @@ LOADS = [
     tb.LineLoad(force=(0, 0, -30.0)),
     tb.PointLoad(2, moment=(0, 5.0, 0)),
 ]
+
+
+@pytest.mark.parametrize("elements", [4, 9, 12, 16, 17])
+def test_arrows_of_an_even_load_are_evenly_apart(elements):
+    """The last gap, to the end of the beam, may be shorter; 30,000 N/m without an exponent."""
+    beam = tb.Beam.straight(1.0, elements, SECTION)
+    scene = tb.Scene(beam, [tb.LineLoad(force=(0, 0, -3e4))])
+    ax = tb.plot.shape(tb.rest(scene), plane="xz", scene=scene, symbols=True)
+    heads = sorted(
+        {
+            round(line.get_xdata()[1], 6)
+            for line in ax.lines
+            if len(line.get_xdata()) == 3 and line.get_color() == LOAD
+        }
+    )
+    gaps = np.diff(heads)
+    assert len(heads) <= ROW + 1 and gaps[-1] <= gaps[0] + 1e-9
+    np.testing.assert_allclose(gaps[:-1], gaps[0], rtol=1e-5)
+    assert "30,000 N/m" in texts(ax)
 
 
 def texts(ax):

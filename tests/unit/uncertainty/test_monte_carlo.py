@@ -273,6 +273,7 @@ CASES = {
                                r"which has \(8,\) numbers"),
     "y of two kinds": (dict(function=lambda theta: theta.new_zeros(len(theta), len(theta)),
                             chunk=5), "from sample 5 on"),
+    "columns by name": (dict(function=lambda theta: theta["a"]), "by_name=True is wanted"),
     "another y": (dict(function=lambda theta: theta[:2]),
                   r"y \(2, 3\) was given; \(8, ...\) is wanted"),
 }

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ...core.arguments import boolean, choice, count, number
+from ...core.summary import span
 from ...core.validation import Value, as_tensor, common_dtype, finite, positive, refusal, shown
 from ...sensors import Sensor
 from ...sensors.observe import observe
@@ -249,6 +250,12 @@ class Measurement:
                 )
             return data
         return cls(data, sigma)
+
+    def __repr__(self) -> str:
+        values, times = self.values, self.times
+        over = "" if times is None else f" at {span(times)} s"
+        read = span(values[~values.isnan()])
+        return f"Measurement({self._of}: {tuple(values.shape)} numbers, {read}{over})"
 
     @property
     def _of(self) -> str:

@@ -41,6 +41,8 @@ from .chain_constants import (
 from .interaction_sorts import INTERACTIONS
 from .load_roles import LoadRoles, unchanging, valued, valued_at_rest
 
+OF_MODEL = " held"  # by a model, which its copies and pickles go without
+
 
 class Constants:
     """Of a model's steps (or, without `steps`, of what stands still in it), in two parts: trees of
@@ -74,7 +76,6 @@ class Constants:
         self.given, self.asked = (
             tuple([dead[k] for k in some]) for some in (roles.given, roles.asked)
         )
-        self.valued = self.loads if all(roles.plain) else valued_at_rest(model, self.acts)
         self.nodes, self.elements = model.nodes, model.elements
         self.asks, self.before = roles.asks, instant == 1 and roles.by_time
         self.sources = self._sources()
@@ -84,6 +85,9 @@ class Constants:
             for x in (() if around is None else around.inputs)
         )
         self._cache: dict[Any, Any] = {}
+        self.valued = self.loads
+        if not all(roles.plain):
+            self.valued = self._held("valued", lambda: valued_at_rest(model, self.acts))
 
     def _sources(self) -> list[Tensor]:
         model, scene = self.model, self.model.scene
@@ -312,14 +316,22 @@ class Constants:
         return external(model, still, now), advanced(model, still, now)
 
     def _held(self, name: str, value: Callable[[], Any]) -> Any:
-        """A value that is the same at all steps: kept, unless a derivative by what it is made from
-        is recorded.
+        """A value that is the same at all steps, and at rest: kept by the model, unless a
+        derivative by what it is made from is recorded.
         """
         if torch.is_grad_enabled() and any([x.requires_grad for x in self.sources]):
             return value()
         if name not in self._cache:
-            with lasting():
-                self._cache[name] = value()
+            try:
+                seen = [x._version for x in self.sources]
+            except RuntimeError:  # tensors of inference mode do not count
+                seen = None
+            held = vars(self.model).setdefault(OF_MODEL, {})
+            last = held.get(name)
+            if seen is None or last is None or last[0] != seen:
+                with lasting():
+                    last = held[name] = seen, value()
+            self._cache[name] = last[1]
         return self._cache[name]
 
     def _tangent(self, dt: Tensor) -> tuple[Tensor, Tensor]:

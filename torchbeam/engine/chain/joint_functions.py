@@ -25,6 +25,7 @@ from ...nodal.model import Model
 from ...nodal.rows import Rows
 from ...scene.effects import Inputs
 from ...state.instant import READINGS
+from ...state.state import State
 from ...topology.framework import Framework
 from .chain_constants import filled
 from .interaction_functions import FORCES, InteractionFunctions, Later, Several, of_ends
@@ -154,11 +155,23 @@ class JointFunctions(InteractionFunctions):
         """The joint at the end of the step: its forces (w), what is read of it, the work done by
         what acts in it.
         """
-        problem, x = self.problem(fields, kind)
-        reaction = x.u.new_zeros(len(problem.support_motions.nodes), x.stress.shape[-1])
-        after = problem.finish(x, reaction)
+        after = self._after(*self.problem(fields, kind))
         joints = pad(after.joints[0], (0, kind.kept - after.joints.shape[-1]))
         return {"force": after.stress[0], "joints": joints, "work": after.work}
+
+    def kinetic_energies(self, kind: JointKind, **fields: Tensor) -> list[Tensor]:
+        """Of its inertia, before the step and after it."""
+        problem, x = self.problem(fields, kind)
+        return [
+            problem.model.joints.kinetic_energy(s.position, s.rotation, s.velocity, s.spin)
+            for s in (problem.start, self._after(problem, x))
+        ]
+
+    @staticmethod
+    def _after(problem: BalanceProblem, x: Any) -> State:
+        """The state at the end of the step."""
+        reaction = x.u.new_zeros(len(problem.support_motions.nodes), x.stress.shape[-1])
+        return problem.finish(x, reaction)
 
     def solution(self, kind: JointKind, **fields: Tensor) -> Fields:
         """The unknown forces of a step (w), from those that have acted in it (`after_force`)."""

@@ -13,8 +13,9 @@ from ...core.function_dependencies import Dependencies
 from ...core.remembered import keep
 from ...core.repetition import repetitions
 from ...core.validation import broadcast
+from ...equations.least_forces import least_forces
 from ...equations.load_steps import LEAST, LIMIT
-from ...equations.steady import Configuration, least_forces
+from ...equations.steady import Configuration
 from ...math.shapes import broadcast_shapes
 from ...nodal.balance import most, same_law
 from ...nodal.conditions import conditions

@@ -27,6 +27,7 @@ from ...equations.generalized_alpha import AlphaState, EndUnknowns, GeneralizedA
 from ...equations.midpoint import MidpointProblem
 from ...nodal.rows import Rows
 from ...state.state import State
+from .joint_functions import JOINT
 from .local_functions import LocalFunctions
 from .local_problem import NODE as STATE
 from .local_problem import Fields
@@ -67,7 +68,12 @@ class ConservingFunctions(LocalFunctions):
     def finished(self, sort: Sort, kind: Any, **fields: Tensor) -> Fields:
         """With what the work makes the energy rise by less, of what is neither node nor element."""
         outputs = super().finished(sort, kind, **fields)
-        return outputs if sort in (NODE, ELEMENT) else outputs | {"rise": -outputs["work"]}
+        if sort in (NODE, ELEMENT):
+            return outputs
+        if sort is not JOINT or not self.model.joints.has_inertia:
+            return outputs | {"rise": -outputs["work"]}
+        before, kinetic = self.of(sort).kinetic_energies(kind, **fields)
+        return outputs | {"kinetic": kinetic, "rise": kinetic - before - outputs["work"]}
 
     def project(self, defect: Tensor, kinetic: Tensor, rise: Tensor) -> Fields:
         """See `energy_projection`; of all nodes and elements together."""

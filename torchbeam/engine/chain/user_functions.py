@@ -27,14 +27,18 @@ from .constants import Constants
 from .own_batch import OwnBatch
 
 Made = TypeVar("Made")
+BY_FUNCTION = " by function"  # of a model, which its copies and pickles go without
 
 
 def by_function(model: Model) -> list[Any]:
     """Loads that depend on the motion and are functions that a user wrote, or hold such."""
+    known = vars(model).get(BY_FUNCTION)
+    if known is not None:
+        return known
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
     loads += model.scene.interactions
     loads += tuple(joint.drive for joint in model.scene.joints if joint.drive is not None)
-    return [load for load in loads if written(load)]
+    return vars(model).setdefault(BY_FUNCTION, [load for load in loads if written(load)])
 
 
 def written(effect: Any) -> bool:

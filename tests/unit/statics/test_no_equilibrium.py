@@ -1,0 +1,33 @@
+"""Why a sample has no equilibrium."""
+
+import pytest
+import torch
+
+import torchbeam as tb
+
+
+def bent(E, **options):
+    section = tb.Section.rectangle(0.05, 0.1, E=E, nu=0.3, rho=7850.0)
+    load = tb.TipLoad(force=(0, 0, -1000.0))
+    return tb.equilibrium(tb.Scene(tb.Beam.straight(2.0, 2, section), [load]), **options)
+
+
+@pytest.mark.parametrize("E", [210.0, torch.tensor([210e9, 210.0])])
+def test_units_that_differ_are_named(E):
+    """GPa among N and m: by linear theory w = P L^3/(3 EI) = 1.5e6 lengths, of two elements a
+    sixteenth less.
+    """
+    with pytest.raises(RuntimeError, match=r"move it by 1e\+06 times its length: a beam .* units"):
+        bent(E)
+
+
+def test_a_load_past_a_limit_point_says_nothing_of_units():
+    """An arch that snaps: it moves by less than its length."""
+    section = tb.Section.from_stiffness(EA=1e4, GA=1e4, GJ=1.0, EI=1.0, mass=1.0)
+    up = (0, 0, -1)
+    arch = tb.Beam.arc(1.0, 2.0, 8, section, direction=(0.5403023, 0.8414710, 0), up=up)
+    crown = tb.PointLoad(4, force=(0, -60.0, 0))
+    held = (tb.Support(0), tb.Support(-1))
+    with pytest.raises(RuntimeError, match="limit point") as error:
+        tb.equilibrium(tb.Scene(arch, [crown], plane="xy", supports=held))
+    assert "units" not in str(error.value)

@@ -1,0 +1,72 @@
+"""Names that a module has not: the sentence that says which one does the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+ENVS = "torchbeam_envs"
+# what torchbeam calls that which engineers and other programs call so, in small letters without _
+ELSEWHERE = {
+    word: name
+    for name, words in {
+        "Beam": "cable cosseratrod element mesh node rod rope strip",
+        "Body": "rigidbody",
+        "Contact": "collision floor ground",
+        "CrossSection": "crosssectionanalysis warping",
+        "Frame": "rotatingframe",
+        "Hinge": "joint pinjoint revolute revolutejoint",
+        "Input": "actuator control",
+        "KalmanFilter": "ekf extendedkalmanfilter kalman observer",
+        "LineLoad": "distributedforce distributedload udl uniformload",
+        "MovingHorizon": "mhe movinghorizonestimator",
+        "PointLoad": "force moment nodalforce nodalload pointforce torque",
+        "PointMass": "lumpedmass mass payload tipmass",
+        "RootMotion": "baseexcitation basemotion",
+        "Section": "crossection profile",
+        "Slider": "prismatic prismaticjoint",
+        "Stepper": "integrator step",
+        "StripAir": "aerodynamics airfoil aerofoil lift wing",
+        "Support": "bc boundary boundarycondition clamp clamped constraint encastre fixed pin "
+        "pinned roller simplesupport",
+        "Tendon": "actuationcable cabletendon string",
+        "Weld": "fixedjoint rigidjoint",
+        "campbell": "campbelldiagram rotor whirl",
+        "critical_load": "buckle buckling bucklingload eulerload",
+        "equilibrium": "solve solvestatic static staticsolve",
+        "identify": "calibrate curvefit fit leastsquares parameterestimation",
+        "laws": "distribution distributions lognormal normal uniform",
+        "linearize": "linearise lti statespace transferfunction",
+        "modes": "eigenfrequencies eigenmodes eigenvalues frequencies modal modalanalysis "
+        "naturalfrequencies",
+        "monte_carlo": "mc montecarlosimulation sample sampling",
+        "path": "arclength continuation loadpath riks",
+        "plot": "animate diagram draw figure show",
+        "rare_event": "failureprobability form reliability subsetsimulation",
+        "rayleigh": "rayleighdamping",
+        "simulate": "dynamic integrate run simulation simulator solveivp timehistory transient",
+        "sobol_indices": "sensitivities sensitivity sobol",
+        "view": "render viewer",
+        ENVS: "env environment environments gym make",
+        f"{ENVS}.baselines": "lqg lqr mpc pd pid",
+    }.items()
+    for word in words.split()
+}
+
+
+def missing(
+    module: str, name: str, known: Iterable[str], elsewhere: Mapping[str, str] | None = None
+) -> AttributeError:
+    """The error for a name that a module has not, with what is near among those `known`, or does
+    the same by `elsewhere`.
+    """
+    text = f"module {module!r} has no attribute {name!r}"
+    if not name.startswith("_"):
+        from difflib import get_close_matches
+
+        plain = {other.lower().replace("_", ""): other for other in known}
+        word = name.lower().replace("_", "")
+        table = elsewhere or {}
+        same = table.get(word) or table.get(word.removesuffix("s"))
+        near = [same] if same else [plain[x] for x in get_close_matches(word, plain, 3, 0.75)]
+        text += f"; {', '.join(near)} {'are' if len(near) > 1 else 'is'} near" if near else ""
+    return AttributeError(text, name=name)

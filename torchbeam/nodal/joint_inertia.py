@@ -1,0 +1,150 @@
+"""Inertia along joints' coordinates: what acts over a step, kinetic energy, mass of small motions.
+
+An inertia A of a coordinate q is that of T = A q'^2/2: of the motion of one part against the other
+alone. It is a rotor's behind a gear, or the armature of a motor (Featherstone 2008, section 9.6):
+what it takes from one part it gives the other, and its spin has no gyroscopic moment. With the
+rates r that nodes' velocities make at both ends of a step, and g the derivative of q,
+
+    force    -A (r_{n+1} - r_n)/dt along        (g_n + g_{n+1})/2 of an angle
+                                                g at the means of positions and axes of a travel
+
+The impulses add up to A r, whatever the step. A hinge's g are spins about an axis that is fixed in
+both parts, e; their sections turn by Theta_a and Theta_b in frame a over the step, and dt (r_n +
+r_{n+1})/2 is e . (Theta_b - Theta_a) with the mean e. So the force takes A r^2/2, to rounding. That
+of a slider does so where its axis does not turn, else to second order; so does that of a universal
+joint.
+
+With q = v . w of `joints`, w turned by q, and nodes that move with V, displacement and spin,
+
+    r = v' . w + v . w'         dr = w d(v') + v' dw + v d(w') + w' dv + g dV
+
+where what of v and w turns with a node of the spin s, t, has t' = s x t and d(t') = s x dt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..math.quaternions import skew
+from .between_nodes import NodeMotion, Placed, Where
+from .joint_laws import CoordinateStep, JointLaws
+from .joint_motion import Factor, Pose, columns
+from .joints import Joints, along
+
+
+class Inertial(NamedTuple):
+    """Forces against coordinates (..., J, w) N or N m, and what they act along (..., J, w, 12), by
+    displacement and spin of both ends.
+    """
+
+    force: Tensor
+    along: Tensor
+
+    @property
+    def wrenches(self) -> Tensor:
+        """(..., J, 12) that the balances of both ends have of them."""
+        return (self.force[..., None] * self.along).sum(-2)
+
+
+@dataclass(frozen=True)
+class InertialJoints(Joints):
+    """With `laws`, of which some may have an inertia."""
+
+    laws: JointLaws
+
+    @property
+    def has_inertia(self) -> bool:
+        return self.laws.inertia is not None
+
+    def inertial(self, motion: Placed, step: CoordinateStep) -> Inertial | None:
+        """What inertia does over a step; None = there is none."""
+        if not self.has_inertia:
+            return None
+        before, after = motion.of.rates()
+        ends = (motion.start, step.before, before), (motion.end, step.after, after)
+        start, end = (self._coordinates_by(pose, q) for pose, q, _ in ends)
+        gain = self._rates(end, after) - self._rates(start, before)
+        means = self._coordinates_by(motion.acting, torch.zeros_like(step.after))
+        means = self.travels[..., None] * means + self.angles[..., None] * (start + end) / 2
+        return Inertial(self.laws.inertia * gain / step.dt, means)
+
+    def _coordinates_by(self, pose: Pose, coordinate: Tensor) -> Tensor:
+        """(..., J, w, 12) the derivative by displacement and spin of both ends of closed joints."""
+        w = self.turned(coordinate * self.angles).at(pose)
+        rows = (self.angles + self.travels)[..., None]
+        return rows * self._gradient(self.v.at(pose), w)
+
+    def _rates(self, by: Tensor, moving: Where) -> Tensor:
+        """(..., J, w) of nodes with velocity and spin (..., N+1, *), by such derivatives."""
+        return (by @ self._moving(*moving).flatten(-2)[..., None])[..., 0]
+
+    def inertial_by(self, motion: Placed, after: Tensor, force: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., J, 12, 12): what the wrenches of a step change by where forces stay as they are, by
+        half the moves of ends; (..., J, 2, w, w) by what these change, by the moves of both nodes.
+        """
+        of, end, rate = motion.of, motion.end, motion.of.rate
+        moving, half = self._moving(*of.rates()[1]).flatten(-2), of.half_turns()
+        angle, right = after * self.angles, torch.pi / 2 * self.angles
+        v, v_by, speed, speed_by = _moved(self.v, end, moving)
+        w, w_by, turning, turning_by = _moved(self.turned(angle), end, moving)
+        across = self.angles[..., None] * self._coordinates_by(end, after + right)
+        by_end = self.coordinate_by(end, after)
+        # of an angle what acts along the derivative at the end turns with it, of a travel at mid
+        sides = ((motion.acting, self.w, self.travels), (end, self.turned(angle), self.angles))
+        tilt = (force[..., None] * across).mT @ by_end
+        for pose, factor, rows in sides:
+            at = self.v.at(pose), factor.at(pose)
+            ends = self.v.at(end), factor.at(end)
+            by = self.v.by_moves(ends[0].turning), factor.by_moves(ends[1].turning)
+            tilt = tilt + self._curvature(*at, *by, *ends, rows * force)
+        by = along(w.value, speed_by) + along(speed, w_by)
+        by = by + along(v.value, turning_by) + along(turning, v_by)
+        by = by + (across @ moving[..., None]) * by_end
+        E = torch.block_diag(self.moves, self.moves)
+        moves = self.framework.at_joints(of.by_move().flatten(-2))
+        moves = moves.unflatten(-1, (self.space.unknowns, -1))
+        by = rate * columns(by, E, None if half is None else self._spins(half))
+        by = by + columns(self._coordinates_by(end, after), E, moves)
+        mass = (self.angles + self.travels) * self.laws.inertia / of.dt[..., None, None]
+        return tilt, mass[..., None, :, None] * by
+
+    def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Tensor:
+        """(...) J of nodes that move with velocity and spin (..., N+1, *), axes of sections."""
+        pose, (velocity, spin) = self.pose(position, rotation), moving
+        spin = self.space.to_frame(rotation, spin)
+        rate = self._rates(self.coordinate_by(pose, self.coordinate(pose)), (velocity, spin))
+        return (self.laws.inertia * rate**2).sum((-1, -2)) / 2
+
+    def mass(self, matrix: Any, motion: NodeMotion) -> Any:
+        if not self.has_inertia:
+            return matrix
+        pose = motion.placed(self.pose).end
+        by = self.coordinate_by(pose, self.coordinate(pose))
+        return self.tied(matrix, self.between_ends(by, self.laws.inertia))
+
+    def between_ends(self, rows: Tensor, weight: Tensor) -> Tensor:
+        """(..., J, 2, 2, w, w): rows^T weight rows of rows (..., J, n, 12) by displacement and spin
+        of both ends, with a weight (..., J, n) of each.
+        """
+        w, by = self.space.unknowns, rows @ torch.block_diag(self.moves, self.moves).mT
+        blocks = by.mT @ (weight[..., None] * by)
+        return blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
+
+
+def _moved(factor: Factor, pose: Pose, moving: Tensor) -> tuple[Any, Tensor, Tensor, Tensor]:
+    """A vector of ends that move (..., J, 12); its derivative (..., J, m, 3, 12) by the moves of
+    these, its rate (..., J, m, 3), and the derivative of that.
+    """
+    vector = factor.at(pose)
+    by = factor.by_moves(vector.turning)
+    _, a, _, b = by.split(3, -1)
+    a, b = (
+        skew(spin)[..., None, :, :] @ x for spin, x in ((moving[..., 3:6], a), (moving[..., 9:], b))
+    )
+    none = torch.zeros_like(a)
+    rate_by = torch.cat((none, a, none, b), -1)
+    return vector, by, (by @ moving[..., None, :, None])[..., 0], rate_by
