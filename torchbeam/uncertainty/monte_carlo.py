@@ -88,10 +88,9 @@ def monte_carlo(
             alone. (A mean over the batch would depend on `chunk`, and is not detected.) Or the
             function returns (y, status (N,)), with a status other than 0 for failed samples
         laws: by name, in the order of theta's columns. A law is (least, largest) for a uniform law,
-            a law of `tb.laws`, or any object with `icdf` or `ppf`, such as
-            torch.distributions.Normal(1.0, 0.1) or scipy.stats.gamma(2.0). It may also be a
-            function of u (N,), uniform in (0, 1), that returns (N,). A `RandomField` has a column
-            for each place
+            a law of `tb.laws`, or any object with `icdf` or `ppf`, as those of torch.distributions
+            and scipy.stats. It may also be a function of u (N,), uniform in (0, 1), that returns
+            (N,). A `RandomField` has a column for each place
         n: number of samples of a scrambled Sobol sequence (Matousek 1998), best a power of two. A
             longer run with the same seed has the same first n samples. (y differs by rounding if
             the longer run uses native code)
