@@ -144,7 +144,7 @@ def test_a_force_along_the_beam_pulls_from_its_node():
         given = {"F": (0, 0, 7.0)} if scene.inputs else None
         ax = tb.plot.symbols(tb.rest(scene), scene=scene, plane="xz", inputs=given)
         assert_close(data(ax)[0], torch.tensor(shaft)) and texts(ax) == ["7 N"]
-    with pytest.raises(ValueError, match="F"):
+    with pytest.raises(ValueError, match="the input 'F' is missing"):
         tb.plot.symbols(tb.rest(scene), scene=scene, plane="xz")
 
 
