@@ -176,7 +176,12 @@ def scene(case: Case, elements: int) -> tb.Scene:
     frame = (
         None
         if case.spin is None and case.velocity is None
-        else tb.Frame(*(None if x is None else tensor(x) for x in (case.velocity, case.spin)))
+        else tb.Frame(
+            **{
+                name: None if x is None else tensor(x)
+                for name, x in (("velocity", case.velocity), ("angular_velocity", case.spin))
+            }
+        )
     )
     held = tuple(supports) if supports else None
     return tb.Scene(beam(case, elements), effects(case, elements), frame, root, case.plane, held)
