@@ -435,7 +435,7 @@ def test_many_samples_with_many_times():
 def test_what_is_no_number_is_refused(kind, value, sentence):
     made, inputs = {
         "load": lambda f: (scene(tb.TipLoad(force=f)), {}),
-        "frame": lambda f: (scene(frame=tb.Frame(f)), {}),
+        "frame": lambda f: (scene(frame=tb.Frame(velocity=f)), {}),
         "support": lambda f: (scene(root=tb.RootMotion(f)), {}),
         "actuation": lambda f: (scene(tb.Actuation(f)), {}),
         "along": lambda f: (scene(tb.LineLoad(force=tb.Along(lambda s, t: f(t)))), {}),
