@@ -12,7 +12,6 @@ from torch import Tensor
 
 from ...core import files
 from ...core.arguments import choice, level_of
-from ...core.missing_name import Named, by_word
 from ...core.validation import Value, shown
 from ...core.warning import warn
 from ...math.distributions import student_quantile
@@ -28,7 +27,7 @@ from .profile import Profile, profiles
 from .readings import Readings
 from .refinement import refined
 from .report import write_report
-from .result import REASON, conclusions
+from .result import REASON, NamedFit, conclusions
 from .table import table
 from .transform import Transform
 
@@ -50,7 +49,7 @@ def warn_of(doubts: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Named):
+class Fit(NamedFit):
     """Result of `identify`, from the best of the starts.
 
     Args:
@@ -139,18 +138,6 @@ class Fit(Named):
     jacobian: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
     problem: FitProblem | None = None
     blocks: BlockSpread | None = None
-
-    _elsewhere = by_word(
-        {
-            "covariance": "cov pcov",
-            "deviation": "bse error sd standarderror std stderr",
-            "interval": "ci confidenceinterval confint",
-            "misfit": "chi2 cost rmse",
-            "readings, of each measurement's data and y,": "data prediction residual",
-            "status": "converged success",
-            "theta": "estimate param parameter popt",
-        }
-    )
 
     @classmethod
     def of(
