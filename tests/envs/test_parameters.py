@@ -270,8 +270,8 @@ def test_numbers_far_beyond_the_documented_range_are_warned_of(name, bounds, war
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         TipReachVectorEnv(1, randomize={name: bounds}, **SMALL)
-    own = [w for w in seen if "documented range" in str(w.message)]
-    assert len(own) == warns and all(w.filename == __file__ for w in own)
+    said = [w for w in seen if "documented range" in str(w.message)]
+    assert len(said) == warns and all(w.filename == __file__ for w in said)
 
 
 @refusals(

@@ -86,5 +86,5 @@ class Named:
     if not TYPE_CHECKING:  # or every attribute would count as there
 
         def __getattr__(self, name: str) -> Any:
-            known = [own for own in {*dir(type(self)), *vars(self)} if not own.startswith("_")]
+            known = [x for x in {*dir(type(self)), *vars(self)} if not x.startswith("_")]
             raise missing(f"{type(self).__name__!r} object", name, known, self._elsewhere)

@@ -23,8 +23,8 @@ LONGEST = 31  # letters of a name that every release of MATLAB reads
 def labels(columns: Mapping[str, slice]) -> list[str]:
     """Of each input, as "u" or "u[2]"."""
     found = []
-    for name, own in columns.items():
-        size = own.stop - own.start
+    for name, place in columns.items():
+        size = place.stop - place.start
         found += [name] if size == 1 else [f"{name}[{i}]" for i in range(size)]
     return found
 
@@ -34,8 +34,8 @@ def labels_of_readings(sensors: Sequence[Any], rows: Sequence[slice]) -> tuple[s
     function, "y[2]".
     """
     names: list[str] = []
-    for sensor, own in zip(sensors, rows, strict=True):
-        known, size = getattr(sensor, "labels", None), own.stop - own.start
+    for sensor, place in zip(sensors, rows, strict=True):
+        known, size = getattr(sensor, "labels", None), place.stop - place.start
         known = known if isinstance(known, tuple) and len(known) == size else ()
         names += [f"{sensor.name} {label}" for label in known] or ["y"] * size
     alike = {name for name, times in Counter(names).items() if times > 1} | {"y"}
@@ -107,5 +107,5 @@ def state_space(
         ) from None
     matrices = [X.detach().cpu().double().numpy() for X in system]
     names = dict(inputs=inputs, outputs=outputs, states=states)
-    names = {of: [x.replace(".", ",") for x in own] or None for of, own in names.items()}
+    names = {of: [x.replace(".", ",") for x in words] or None for of, words in names.items()}
     return StateSpace(*matrices, 0 if dt is None else dt, **names, remove_useless_states=False)

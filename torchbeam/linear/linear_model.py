@@ -278,13 +278,13 @@ class Linear(Named):
             ImportError: for .mat without scipy.
             NotWritten: (an OSError) where the disk is full.
         """
-        own = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
-        own |= {"output": self.output, "reads": self.reads}
-        if twice := [name for name in more if name in own or name == "inputs"]:
+        matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
+        matrices |= {"output": self.output, "reads": self.reads}
+        if twice := [name for name in more if name in matrices or name == "inputs"]:
             raise ValueError(
                 f"{twice[0]!r} was given to save, which the model has; another is wanted"
             )
-        arrays = {name: array_of(name, value) for name, value in {**own, **more}.items()}
+        arrays = {name: array_of(name, value) for name, value in {**matrices, **more}.items()}
         return write(path, arrays, {"inputs": labels(self.inputs)})
 
     def to_control(self) -> Any:

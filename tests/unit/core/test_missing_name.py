@@ -68,14 +68,14 @@ def samples():
     ],
 )
 def test_results_say_what_is_near(result, name, near):
-    own = result()
-    assert not hasattr(own, "__array__")
-    with pytest.raises(AttributeError, match=f"^{type(own).__name__!r} object has .*; {near}$"):
-        getattr(own, name)
-    for offered in set(own._elsewhere.values()):  # of what it has itself, or torch and the envs
+    had = result()
+    assert not hasattr(had, "__array__")
+    with pytest.raises(AttributeError, match=f"^{type(had).__name__!r} object has .*; {near}$"):
+        getattr(had, name)
+    for offered in set(had._elsewhere.values()):  # of what it has itself, or torch and the envs
         first = offered.split(",")[0]
-        assert "torch" in first or hasattr(own, first), first
-    assert not {word for word in own._elsewhere if hasattr(own, word)}
+        assert "torch" in first or hasattr(had, first), first
+    assert not {word for word in had._elsewhere if hasattr(had, word)}
 
 
 @pytest.mark.parametrize("name", ["__wrapped__", "qqqq"])

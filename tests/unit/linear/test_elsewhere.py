@@ -112,12 +112,12 @@ def test_python_control_knows_states_and_readings_by_name(plane, turn):
     gauge = tb.sensors.Gauge(0.05, beam, z=0.001)
     tip = tb.sensors.TipPosition()
     push = tb.TipLoad(force=tb.Input("arm.push", 3))
-    own = tb.linearize(
+    linear = tb.linearize(
         tb.Scene(beam, push, plane=plane),
         outputs=(tip, gauge, tip["x"], lambda state: state.tip.position),
         inputs={"arm.push": (0.0, 0, 0)},
     )
-    system = own.to_control()
+    system = linear.to_control()
     assert system.input_labels == [f"arm,push[{k}]" for k in range(3)]
     assert system.output_labels == [
         *("tip position x[0]", "tip position y", "tip position z", "gauge at 0,05 m strain"),
@@ -128,7 +128,7 @@ def test_python_control_knows_states_and_readings_by_name(plane, turn):
     for axis, row in (("x", 0), ("z", 2)):
         at = states.index(f"node 2 {axis}")
         assert system.C[row, at] == 1 and system.A[at, states.index(f"node 2 {axis} rate")] == 1
-    assert own.reduced(1).to_control().state_labels == ["z[0]", "z[1]"]
+    assert linear.reduced(1).to_control().state_labels == ["z[0]", "z[1]"]
 
 
 def test_python_control_takes_no_batch():
