@@ -125,8 +125,8 @@ def error(id: str, **arguments: Any) -> float | None:
             positions.append(env.state.beam.position[:, -1])
         return None if env.state.terminated.any() else torch.stack(positions)
 
-    own = gymnasium.make_vec(id, num_envs=1, **arguments).config
-    finer = {name: max(value, 2 * getattr(own, name)) for name, value in FINER.items()}
+    config = gymnasium.make_vec(id, num_envs=1, **arguments).config
+    finer = {name: max(value, 2 * getattr(config, name)) for name, value in FINER.items()}
     coarse, fine = tips(), tips(**finer)
     if coarse is None or fine is None:
         return None

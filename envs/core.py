@@ -83,17 +83,17 @@ class BeamVectorEnv(VectorEnv):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """help() and editors show the fields of the configuration as keywords."""
         super().__init_subclass__(**kwargs)
-        own = inspect.signature(BeamVectorEnv.__init__)
+        signature = inspect.signature(BeamVectorEnv.__init__)
         named = [
             p
-            for p in list(own.parameters.values())[1:]
+            for p in list(signature.parameters.values())[1:]
             if p.kind is not inspect.Parameter.VAR_KEYWORD
         ]
         named += [
             p.replace(kind=p.KEYWORD_ONLY)
             for p in inspect.signature(cls.task_type.Config).parameters.values()
         ]
-        cls.__signature__ = own.replace(parameters=named)
+        cls.__signature__ = signature.replace(parameters=named)
 
     def __init__(
         self,

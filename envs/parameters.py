@@ -13,7 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchbeam.extend import shown
+from torchbeam.extend import shown, warn
+
+BEYOND = 10.0  # of a documented range: numbers that are all beyond it by as much are of other units
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,9 @@ class Parameters(dict[str, Parameter]):
     def ranges(
         self, randomize: bool | Mapping[str, Sequence[float]] | None
     ) -> dict[str, tuple[float, float]]:
-        """name -> (low, high) of what is drawn at each reset, in the order of the names here."""
+        """name -> (low, high) of what is drawn at each reset, in the order of the names here. Warns
+        of numbers far beyond a documented range.
+        """
         if randomize is True:
             drawn = {name: (p.low, p.high) for name, p in self.items() if p.low < p.high}
             if not drawn:
@@ -95,6 +99,15 @@ class Parameters(dict[str, Parameter]):
                 raise ValueError(
                     f"randomize = {{{shown(name)}: {shown(bounds)}}} was given; (low, high) is "
                     "wanted"
+                )
+            usual = self[name]
+            beyond = bounds[0] > BEYOND * usual.high or bounds[1] < usual.low / BEYOND
+            if usual.low < usual.high and 0 <= usual.low and beyond:
+                warn(
+                    f"randomize = {{{shown(name)}: {shown(bounds)}}} was given, where the "
+                    f"documented range is ({usual.low:g}, {usual.high:g}); numbers of that kind "
+                    "are wanted",
+                    UserWarning,
                 )
         return {name: tuple(map(float, randomize[name])) for name in self if name in randomize}
 

@@ -56,9 +56,9 @@ class Streams:
                 f"{len(each)} seeds were given; {self.count} are wanted, one for each sub-env"
             )
         self.made()
-        for i, own in enumerate(each):
-            if own is not None and mask[i]:
-                self.generators[i], self.seeds[i] = seeding.np_random(int(own))
+        for i, begin in enumerate(each):
+            if begin is not None and mask[i]:
+                self.generators[i], self.seeds[i] = seeding.np_random(int(begin))
 
 
 def _is_seed(seed: Any) -> bool:

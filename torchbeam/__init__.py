@@ -201,7 +201,7 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return versions("torchbeam")["torchbeam"]
     if name not in __all__:
-        raise missing(__name__, name, __all__, ELSEWHERE)
+        raise missing(f"module {__name__!r}", name, __all__, ELSEWHERE)
     if name in ("CrossSection", "Material"):
         from .cross_section import public as package
     else:

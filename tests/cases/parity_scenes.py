@@ -185,7 +185,7 @@ def turning_frame(by):
     """With loads that read the frame's axes: gravity on centres off their nodes, and a flow."""
     mass = tb.PointMass(0.3, offset=0.05 * by("offset", 3))
     drag = tb.Drag(1000.0, 0.02, flow=by("flow", 3), added_mass=1.0)
-    frame = tb.Frame(by("frame velocity", 3), wave(by, "frame", 2.0))
+    frame = tb.Frame(velocity=by("frame velocity", 3), angular_velocity=wave(by, "frame", 2.0))
     return tb.Scene(beam(by), [DOWN, mass, drag], frame=frame)
 
 

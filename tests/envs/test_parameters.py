@@ -254,6 +254,26 @@ def test_motion_in_a_plane_stays_there():
     )
 
 
+@pytest.mark.parametrize(
+    "name, bounds, warns",
+    [
+        ("stiffness", (80, 120), True),
+        ("damping", (0.0, 1e-9), True),
+        ("stiffness", (2.0, 8.0), False),
+        ("mass", (1e-3, 0.5), False),
+        ("offset", (-0.5, 0.5), False),
+        ("tip_mass", (5.0, 6.0), False),  # whose range is not documented
+    ],
+)
+def test_numbers_far_beyond_the_documented_range_are_warned_of(name, bounds, warns):
+    """Per cent in place of a factor: stiffness is drawn from 0.8 to 1.2."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        TipReachVectorEnv(1, randomize={name: bounds}, **SMALL)
+    said = [w for w in seen if "documented range" in str(w.message)]
+    assert len(said) == warns and all(w.filename == __file__ for w in said)
+
+
 @refusals(
     (dict(randomize={"colour": (0, 1)}), "the parameter 'colour'"),
     (dict(randomize={"mass": (0, 1)}), r"mass = \[0.0, 1.0\] was given"),

@@ -97,9 +97,9 @@ def _add_arguments(error: TypeError, function: Callable[..., Any]) -> None:
     if "argument" not in sentence or not sentence.startswith(f"{function.__qualname__}() "):
         return
     by = {True: [], False: []}  # type: dict[bool, list[str]]
-    for name, own in inspect.signature(function).parameters.items():
+    for name, parameter in inspect.signature(function).parameters.items():
         if name not in ("self", "cls"):
-            by[own.kind is own.KEYWORD_ONLY].append(name)
+            by[parameter.kind is parameter.KEYWORD_ONLY].append(name)
     names = ", ".join(by[False] + ["by name " + ", ".join(by[True])] * bool(by[True]))
     error.args = (f"{sentence}; it takes {names or 'none'}",)
 

@@ -1,14 +1,21 @@
-"""Names that a module has not: the sentence that says which one does the same."""
+"""Names that a module, or a result, has not: the sentence that says which one does the same."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
 
 ENVS = "torchbeam_envs"
+
+
+def by_word(words: Mapping[str, str]) -> dict[str, str]:
+    """Each word -> name, of name -> "word word"."""
+    return {word: name for name, of in words.items() for word in of.split()}
+
+
 # what torchbeam calls that which engineers and other programs call so, in small letters without _
-ELSEWHERE = {
-    word: name
-    for name, words in {
+ELSEWHERE = by_word(
+    {
         "Beam": "cable cosseratrod element mesh node rod rope strip",
         "Body": "rigidbody",
         "Contact": "collision floor ground",
@@ -48,18 +55,17 @@ ELSEWHERE = {
         "view": "render viewer",
         ENVS: "env environment environments gym make",
         f"{ENVS}.baselines": "lqg lqr mpc pd pid",
-    }.items()
-    for word in words.split()
-}
+    }
+)
 
 
 def missing(
-    module: str, name: str, known: Iterable[str], elsewhere: Mapping[str, str] | None = None
+    owner: str, name: str, known: Iterable[str], elsewhere: Mapping[str, str] | None = None
 ) -> AttributeError:
-    """The error for a name that a module has not, with what is near among those `known`, or does
-    the same by `elsewhere`.
+    """The error for a name that a module, or an object of a class, has not, with what is near among
+    those `known`, or does the same by `elsewhere`.
     """
-    text = f"module {module!r} has no attribute {name!r}"
+    text = f"{owner} has no attribute {name!r}"
     if not name.startswith("_"):
         from difflib import get_close_matches
 
@@ -70,3 +76,15 @@ def missing(
         near = [same] if same else [plain[x] for x in get_close_matches(word, plain, 3, 0.75)]
         text += f"; {', '.join(near)} {'are' if len(near) > 1 else 'is'} near" if near else ""
     return AttributeError(text, name=name)
+
+
+class Named:
+    """Base of results that say which attribute does what another name stands for elsewhere."""
+
+    _elsewhere: ClassVar[Mapping[str, str]] = {}
+
+    if not TYPE_CHECKING:  # or every attribute would count as there
+
+        def __getattr__(self, name: str) -> Any:
+            known = [x for x in {*dir(type(self)), *vars(self)} if not x.startswith("_")]
+            raise missing(f"{type(self).__name__!r} object", name, known, self._elsewhere)

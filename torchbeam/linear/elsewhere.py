@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -10,9 +11,11 @@ from zipfile import ZipFile
 import numpy as np
 import torch
 from numpy.lib.format import write_array
+from torch import Tensor
 
 from ..core import files
 from ..core.validation import as_tensor, refusal, shown
+from ..nodal.coordinates.spatial import Spatial
 
 LONGEST = 31  # letters of a name that every release of MATLAB reads
 
@@ -20,10 +23,34 @@ LONGEST = 31  # letters of a name that every release of MATLAB reads
 def labels(columns: Mapping[str, slice]) -> list[str]:
     """Of each input, as "u" or "u[2]"."""
     found = []
-    for name, own in columns.items():
-        size = own.stop - own.start
+    for name, place in columns.items():
+        size = place.stop - place.start
         found += [name] if size == 1 else [f"{name}[{i}]" for i in range(size)]
     return found
+
+
+def labels_of_readings(sensors: Sequence[Any], rows: Sequence[slice]) -> tuple[str, ...]:
+    """Of each number, as "tip position z"; with its place where several are alike, as those of a
+    function, "y[2]".
+    """
+    names: list[str] = []
+    for sensor, place in zip(sensors, rows, strict=True):
+        known, size = getattr(sensor, "labels", None), place.stop - place.start
+        known = known if isinstance(known, tuple) and len(known) == size else ()
+        names += [f"{sensor.name} {label}" for label in known] or ["y"] * size
+    alike = {name for name, times in Counter(names).items() if times > 1} | {"y"}
+    return tuple(f"{name}[{k}]" if name in alike else name for k, name in enumerate(names))
+
+
+def labels_of_states(reads: Tensor, space: Spatial, nodes: int) -> list[str]:
+    """Of each state that is one move of one of the nodes, or its rate, see `Linear.to_control`."""
+    axes = space.plane or "xyz"
+    turns = [f"turn {axis}" for axis in axes] if space.dims.spin == 3 else ["turn"]
+    moves = [f"node {k} {move}" for k in range(nodes) for move in (*axes, *turns)]
+    moves += [f"{move} rate" for move in moves]
+    single = ((reads != 0).sum(-1) == 1) & (reads[:, : len(moves)] == 1).any(-1)
+    at = reads[:, : len(moves)].argmax(-1).tolist()
+    return [moves[at[k]] if known else f"z[{k}]" for k, known in enumerate(single.tolist())]
 
 
 def array_of(name: str, value: Any) -> np.ndarray:
@@ -62,9 +89,15 @@ def write(
     return path
 
 
-def state_space(A: Any, B: Any, C: Any, D: Any, dt: float | None, inputs: list[str]) -> Any:
-    """control.StateSpace of matrices without batch axes. Raises ImportError without
-    python-control.
+def state_space(
+    system: Sequence[Tensor],
+    dt: float | None,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    states: Sequence[str],
+) -> Any:
+    """control.StateSpace of A, B, C, D without batch axes, by names, in which python-control takes
+    no point. Raises ImportError without python-control.
     """
     try:
         from control import StateSpace
@@ -72,6 +105,7 @@ def state_space(A: Any, B: Any, C: Any, D: Any, dt: float | None, inputs: list[s
         raise ImportError(
             "to_control wants python-control: pip install 'torchbeam[control]'"
         ) from None
-    matrices = [X.detach().cpu().double().numpy() for X in (A, B, C, D)]
-    time = 0 if dt is None else dt
-    return StateSpace(*matrices, time, inputs=inputs, remove_useless_states=False)
+    matrices = [X.detach().cpu().double().numpy() for X in system]
+    names = dict(inputs=inputs, outputs=outputs, states=states)
+    names = {of: [x.replace(".", ",") for x in words] or None for of, words in names.items()}
+    return StateSpace(*matrices, 0 if dt is None else dt, **names, remove_useless_states=False)

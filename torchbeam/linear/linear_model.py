@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, instance, step_size
 from ..core.arguments import count as check_count
+from ..core.missing_name import ENVS, Named, by_word
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math.block_matrices import block_diagonal, of_blocks
@@ -23,7 +24,7 @@ from ..state.state import State
 from ..state.state_check import of_mesh
 from .chart import Chart, Place
 from .chart_slopes import slopes
-from .elsewhere import array_of, labels, state_space, write
+from .elsewhere import array_of, labels, labels_of_states, state_space, write
 from .relaxing import reduced_arms
 
 SYMMETRIC = 1e-6
@@ -31,7 +32,7 @@ BALANCING = 6  # sweeps over the scales of z before an exponential
 
 
 @dataclass(frozen=True)
-class Linear:
+class Linear(Named):
     """A linear state-space model: z' = A z + B du, dy = C z + D du, about an equilibrium.
 
     With `dt` it is z_{k+1} = A z_k + B du_k. du and dy are departures of inputs and sensors from
@@ -54,6 +55,7 @@ class Linear:
         mass: (..., q, q) if z = [q; q'], or [q; q'; what arms have crept by], and undamped
             frequencies follow from K - omega^2 mass; else None
         arms: how many of the last states are what arms of `Viscoelastic` have crept by
+        readings: name of each row of C and D
 
     z = [q_1; q_1'], or [q_1; q_0; q_1'] if coordinates without inertia are damped: m, rad, m/s,
     rad/s. Departures of `State.internal` follow, if loads have internal states.
@@ -84,6 +86,18 @@ class Linear:
     chart: Chart | None = None
     moves: Tensor | None = None
     arms: int = 0
+    readings: tuple[str, ...] = ()
+
+    _elsewhere = by_word(
+        {
+            "discrete": "c2d discretise discretize sample",
+            "reduced": "balred minreal modal truncate",
+            "response": "bode dcgain freqresp frequencyresponse frf nyquist tf transferfunction",
+            "to_control": "lsim simulate ss statespace step",
+            "torch.linalg.eigvals(model.A)": "eigenvalue eigval pole",
+            f"{ENVS}.baselines": "kalman lqg lqr mpc",
+        }
+    )
 
     def __repr__(self) -> str:
         time = "continuous time" if self.dt is None else f"steps of {self.dt:.4g} s"
@@ -264,18 +278,20 @@ class Linear:
             ImportError: for .mat without scipy.
             NotWritten: (an OSError) where the disk is full.
         """
-        own = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
-        own |= {"output": self.output, "reads": self.reads}
-        if twice := [name for name in more if name in own or name == "inputs"]:
+        matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
+        matrices |= {"output": self.output, "reads": self.reads}
+        if twice := [name for name in more if name in matrices or name == "inputs"]:
             raise ValueError(
                 f"{twice[0]!r} was given to save, which the model has; another is wanted"
             )
-        arrays = {name: array_of(name, value) for name, value in {**own, **more}.items()}
+        arrays = {name: array_of(name, value) for name, value in {**matrices, **more}.items()}
         return write(path, arrays, {"inputs": labels(self.inputs)})
 
     def to_control(self) -> Any:
         """The same as a `control.StateSpace` of python-control (extra `control`), in float64 and
-        without gradient; of departures du, dy. Its inputs have the names that `save` gives them.
+        without gradient; of departures du, dy. Its inputs have the names that `save` gives them,
+        its outputs those of `readings`. A state is "node 3 z", "node 3 turn y", "node 3 z rate",
+        with nodes as in `State`, or "z[0]" where it is of no node alone. A point becomes a comma.
 
         Raises ValueError for a model with batch axes, ImportError without python-control.
         """
@@ -285,7 +301,9 @@ class Linear:
                 f"to_control() of a model with the batch axes {shape} was asked for; it wants one "
                 "without"
             )
-        return state_space(self.A, self.B, self.C, self.D, self.dt, labels(self.inputs))
+        matrices, nodes = (self.A, self.B, self.C, self.D), self.state.position.shape[-2]
+        states = labels_of_states(self.reads, self.space, nodes)
+        return state_space(matrices, self.dt, labels(self.inputs), self.readings, states)
 
     def _continuous(self, what: str) -> None:
         if self.dt is not None:

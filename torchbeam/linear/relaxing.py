@@ -63,12 +63,12 @@ def reduced_arms(H: Tensor, G: Tensor) -> tuple[Tensor, Tensor]:
     rights, lefts = [], []
     for k in range(int(time.max()) + 1):
         at = (time == k).nonzero()[:, 0]
-        own = strains[..., at, :]
-        sizes = torch.linalg.svdvals(own.detach())
+        part = strains[..., at, :]
+        sizes = torch.linalg.svdvals(part.detach())
         eye = torch.eye(len(at), dtype=H.dtype, device=H.device).expand(*H.shape[:-2], -1, -1)
         if len(at) > count and (sizes[..., -1] > DEPENDENT * sizes[..., 0]).all():
-            Q, R = torch.linalg.qr(own)
-            right, left = own, torch.linalg.solve_triangular(R, Q.mT, upper=True)
+            Q, R = torch.linalg.qr(part)
+            right, left = part, torch.linalg.solve_triangular(R, Q.mT, upper=True)
         else:
             right = left = eye
         none = H.new_zeros(*H.shape[:-2], H.shape[-2], right.shape[-1])

@@ -27,6 +27,7 @@ from .whirl import whirl
 SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
 EQUAL = 1e-7
+ROUNDING = 4  # of the sum of what cancels in a coupling of two modes, in units of the last place
 ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 APERIODIC = 0.95  # damping ratio from which on a motion does not oscillate
@@ -119,10 +120,13 @@ def _finite(pairs: Pairs, count: int) -> Pairs:
 
 def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
     """(...) of an eigenvalue: the most that coefficients that change with the azimuth would move
-    one, or couple two.
+    one, or couple two, beyond their rounding.
     """
-    (M, D, _), W = spinning.constant(), spinning.speed[..., None, None]
+    (M, D, K), W = spinning.constant(), spinning.speed[..., None, None]
     v, by = right.mT, value[..., None, :]
+    a, b = v.abs(), by.abs()
+    summed = a.mT @ (K.abs() @ a + b * (D.abs() @ a) + b**2 * (M.abs() @ a))
+    rounding = ROUNDING * torch.finfo(K.dtype).eps * summed
     slope = ((v.conj() * (2 * by * (M.to(v.dtype) @ v) + D.to(v.dtype) @ v)).sum(-2)).abs()
     size = (slope[..., :, None] * slope[..., None, :]).sqrt()
     most = torch.zeros_like(value.real[..., 0])
@@ -131,7 +135,7 @@ def _periodic(spinning: SpinningModel, value: Tensor, right: Tensor) -> Tensor:
     for M, D, K in zip(*change, strict=True):
         M, D, K = (A.to(v.dtype) for A in (M, D, K))
         coupling = (v.mH @ (K @ v + by * (D @ v) + by**2 * (M @ v))).abs()
-        share = coupling / size / torch.maximum(by.abs(), W)
+        share = (coupling - rounding).clamp(min=0) / size / torch.maximum(by.abs(), W)
         share = torch.where(torch.isfinite(share), share, 0.0)
         most = torch.maximum(most, share.amax((-1, -2)))
     return most

@@ -40,6 +40,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from .chart import Chart
+from .elsewhere import labels_of_readings
 from .first_order import SmallMotions, first_order
 from .linear_model import Linear
 from .minimal_moves import following, others, pivots
@@ -185,6 +186,7 @@ def _linear(
         mass=None if model.internal_states else mass,
         moves=writes,
         arms=0 if model.internal_states else states,
+        readings=labels_of_readings(outputs, rows),
     )
 
 

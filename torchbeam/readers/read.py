@@ -23,6 +23,7 @@ FORMATS = {
     "urdf": "mjcf",
 }
 
+RECORDS = (".csv", ".tsv", ".txt")  # files of columns, of no program
 PARTS = ("blade", "tower", "damping", "section", "scene", "arguments", "timestep")
 
 
@@ -119,4 +120,7 @@ def _reader(text: Text, format: str | None) -> Any:
             return reader
     wanted = "one of BeamDyn, ElastoDyn, windIO, VABS, SwiftComp, MJCF or URDF"
     wanted = wanted if format is None else f"one of format {shown(format)}"
-    raise refusal(f"the file {text.path.name}", wanted)
+    given = f"the file {text.path.name}"
+    if text.path.suffix.lower() in RECORDS:
+        given += ", whose columns numpy.loadtxt reads for a tb.Measurement,"
+    raise refusal(given, wanted)

@@ -125,7 +125,8 @@ class Scene(Tree):
         instance("a beam", self.beam, Beam)
         super().__post_init__()
         if self.small and self.plane is not None:
-            raise refusal(f"plane = {self.plane!r} and small=True", "one of them", were=True)
+            wanted = "one of them (small=True alone keeps what lies in a plane there)"
+            raise refusal(f"plane = {self.plane!r} and small=True", wanted, were=True)
         precision(self.beam.nodes.dtype)
         asked = vars(self).pop("dtype")
         if not isinstance(asked, torch.dtype | None):

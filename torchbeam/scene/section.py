@@ -383,4 +383,14 @@ def notes(of: Any) -> list[str]:
     known += ["stiffnesses coupled"] if of.coupled else []
     known += ["centre of mass off the axis"] if of.offset else []
     known += [] if of.rotary else ["no rotary inertia"]
-    return known
+    return known + (_deep(of) if hasattr(of, "length") else [])
+
+
+def _deep(beam: Any) -> list[str]:
+    """That a solid section of the same stiffnesses would be deeper than the beam is long."""
+    S, length = (concrete(x.detach()) for x in (beam.compliance, beam.length.sum(-1)))
+    S = S.diagonal(dim1=-2, dim2=-1)
+    depth = (12 * S[..., :1] / S[..., 4:]).sqrt()
+    depth = torch.where(depth.isfinite(), depth, 0.0).flatten(-2).amax(-1)
+    deep = f"bends as a section {span(depth)} m deep, more than the length"
+    return [deep] if (depth > length).any() else []

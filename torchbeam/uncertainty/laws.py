@@ -36,4 +36,4 @@ ELSEWHERE = {
 
 
 def __getattr__(name: str) -> Any:
-    raise missing(__name__, name, __all__, ELSEWHERE)
+    raise missing(f"module {__name__!r}", name, __all__, ELSEWHERE)

@@ -108,8 +108,7 @@ def monte_carlo(
             (error, lambda samples: Estimate) for another quantity, such as (0.02, lambda samples:
             samples.quantile(0.99, 0.95)). Each check, at 8, 12, 16 ..., shortens intervals a bit
 
-    A sample with a y that is not finite has the status 1 and keeps its place. y and status are
-    detached and on the CPU.
+    A y that is not finite has the status 1 in its place. y and status are detached, on the CPU.
 
     Raises:
         ValueError: for invalid laws, a function whose y does not fit, and a folder of another run

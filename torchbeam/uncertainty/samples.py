@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..core.arguments import boolean, level_of
 from ..core.arguments import function as checked_function
+from ..core.missing_name import Named, by_word
 from ..core.status import STATUS
 from ..core.validation import Value, broadcast, converted, finite, refusal, shown
 from . import estimate
@@ -22,7 +23,7 @@ NOT_FINITE = "y is not finite"
 
 
 @dataclass(frozen=True)
-class Samples(Tables):
+class Samples(Named, Tables):
     """Samples of a Monte Carlo run: theta (n, p), with columns by `names`, y (n, ...), and status
     (n,), 0 = good. Statistics use the good samples, and tell how many failed, and why.
 
@@ -47,6 +48,16 @@ class Samples(Tables):
     replicates: int = 1
     independent: bool = False
     sentences: Mapping[int, str] = field(default_factory=dict)
+
+    _elsewhere = by_word(
+        {
+            "deviation": "sd sigma std stddev var variance",
+            "mean_interval": "ci confidenceinterval",
+            "quantile": "median percentile",
+            "theta": "input parameter x",
+            "y": "output result sample value",
+        }
+    )
 
     def __len__(self) -> int:
         return len(self.y)

@@ -71,6 +71,23 @@ def test_floquet_sees_the_frequencies_of_a_round_rotor_from_the_ground():
     assert (off < 2 * turns.error + 1e-6).all()
 
 
+@pytest.mark.parametrize("rho", [1e-6, 1e-3])
+@pytest.mark.parametrize("apart, method", [(0.0, "multiblade"), (1e-4, "floquet")])
+def test_rounding_of_a_shaft_almost_without_mass_is_no_asymmetry(rho, apart, method):
+    """Its own modes are up to 1e9 1/s, whose rounding couples the slow ones by 4e-5 of theirs. A
+    disc whose inertia differs by 1e-4 does so by more.
+    """
+    scene = tb.Scene(
+        {
+            "shaft": tb.Beam.straight(1.0, 2, tb.Section.circle(0.01, 210e9, 0.3, rho)),
+            "disc": tb.Body(2.0, inertia=(0.02, 0.01 + apart * 0.01, 0.01), position=(1.0, 0, 0)),
+        },
+        joints=[tb.Hinge(None, ("shaft", 0), axis=(1, 0, 0)), tb.Weld(("shaft", -1), "disc")],
+    )
+    diagram = tb.campbell(scene, [150.0], count=2)
+    assert diagram.method == method
+
+
 def test_columns_have_a_mode_at_each_speed():
     """All of the modes that have inertia, and so a frequency: coordinates without have none."""
     diagram = tb.campbell(overhung(), SPEED, count=9)

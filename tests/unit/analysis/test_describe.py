@@ -187,6 +187,16 @@ def test_filter_that_leaves_nothing(command, capsys):
     )
 
 
+@pytest.mark.parametrize("height, deep", [(1.9, ""), (50.0, "50 m deep, more than the length")])
+def test_a_section_deeper_than_its_beam_is_long_is_named(height, deep):
+    """Of a beam of 2 m: 50 mm in place of 0.05 m; of a part of a structure too."""
+    section = tb.Section.rectangle(0.03, height, E=210e9, nu=0.3, rho=7800.0)
+    beam = tb.Beam.straight(2.0, 4, section)
+    for scene in (tb.Scene(beam), tb.Scene({"arm": beam}, supports=tb.Support(("arm", 0)))):
+        text = said(scene)
+        assert (deep in text) and ("deep" in text) == bool(deep)
+
+
 def test_whose_a_batch_is_where_values_along_the_beam_may_have_been_meant():
     """As many samples as elements or nodes, by one of the scene's things alone."""
     of = tb.Section.from_stiffness(EA=1e3, GA=1e3, GJ=0.8, EI=torch.ones(5), mass=0.2)

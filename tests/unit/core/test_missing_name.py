@@ -1,6 +1,7 @@
 """Names that engineers type and that a module calls otherwise."""
 
 import pytest
+import torch
 import torchbeam_envs.baselines
 
 import torchbeam as tb
@@ -35,6 +36,46 @@ def test_what_is_offered_is_there():
 def test_the_sentence_says_what_is_near(owner, name, near):
     with pytest.raises(AttributeError, match=f"no attribute {name!r}; {near}"):
         getattr(owner, name)
+
+
+FORCE = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64)
+
+
+def linear():
+    beam = tb.Beam.straight(1.0, 1, tb.Section.circle(0.01, 210e9, 0.3, 7800.0))
+    return tb.linearize(tb.Scene(beam, tb.TipLoad(force=tb.Input("u", 3))), inputs={"u": (0, 0, 0)})
+
+
+def fit():
+    return tb.identify(lambda p: p["k"][..., None] * FORCE, 2.0 * FORCE + 0.1, {"k": 1.0})
+
+
+def samples():
+    return tb.monte_carlo(lambda x: x[:, 0], {"k": tb.laws.Normal(1.0, 0.1)}, 8)
+
+
+@pytest.mark.parametrize(
+    ("result", "name", "near"),
+    [
+        (linear, "poles", r"torch.linalg.eigvals\(model.A\) is near"),
+        (linear, "frequency_response", "response is near"),
+        (linear, "lqr", "torchbeam_envs.baselines is near"),
+        (samples, "std", "deviation is near"),
+        (samples, "quantiles", "quantile is near"),
+        (fit, "residuals", "readings, of each measurement's data and y, is near"),
+        (fit, "stderr", "deviation is near"),
+        (fit, "histories", "history is near"),
+    ],
+)
+def test_results_say_what_is_near(result, name, near):
+    had = result()
+    assert not hasattr(had, "__array__")
+    with pytest.raises(AttributeError, match=f"^{type(had).__name__!r} object has .*; {near}$"):
+        getattr(had, name)
+    for offered in set(had._elsewhere.values()):  # of what it has itself, or torch and the envs
+        first = offered.split(",")[0]
+        assert "torch" in first or hasattr(had, first), first
+    assert not {word for word in had._elsewhere if hasattr(had, word)}
 
 
 @pytest.mark.parametrize("name", ["__wrapped__", "qqqq"])

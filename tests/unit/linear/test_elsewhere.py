@@ -102,6 +102,35 @@ def test_python_control_answers_as_the_model_does(sampled):
     assert np.abs(theirs - ours.numpy()).max() < 1e-9 * ours.abs().max()
 
 
+@pytest.mark.parametrize("plane, turn", [(None, "turn y"), ("xz", "turn")])
+def test_python_control_knows_states_and_readings_by_name(plane, turn):
+    """What a name says is what its number is: a move of the tip along z is read by the sensor of
+    that name, one along x by another; of a reduced model, and of a function, there are places.
+    """
+    pytest.importorskip("control")
+    beam = tb.Beam.straight(1.0, 2, SECTION)
+    gauge = tb.sensors.Gauge(0.05, beam, z=0.001)
+    tip = tb.sensors.TipPosition()
+    push = tb.TipLoad(force=tb.Input("arm.push", 3))
+    linear = tb.linearize(
+        tb.Scene(beam, push, plane=plane),
+        outputs=(tip, gauge, tip["x"], lambda state: state.tip.position),
+        inputs={"arm.push": (0.0, 0, 0)},
+    )
+    system = linear.to_control()
+    assert system.input_labels == [f"arm,push[{k}]" for k in range(3)]
+    assert system.output_labels == [
+        *("tip position x[0]", "tip position y", "tip position z", "gauge at 0,05 m strain"),
+        *("tip position x[4]", "y[5]", "y[6]", "y[7]"),
+    ]
+    states = system.state_labels
+    assert f"node 2 {turn}" in states and len(set(states)) == len(states)
+    for axis, row in (("x", 0), ("z", 2)):
+        at = states.index(f"node 2 {axis}")
+        assert system.C[row, at] == 1 and system.A[at, states.index(f"node 2 {axis} rate")] == 1
+    assert linear.reduced(1).to_control().state_labels == ["z[0]", "z[1]"]
+
+
 def test_python_control_takes_no_batch():
     with pytest.raises(ValueError, match=r"batch axes \(3,\)"):
         model((3,)).to_control()

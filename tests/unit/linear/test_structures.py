@@ -306,7 +306,7 @@ def test_modes_of_a_batch_are_those_of_each():
     k = torch.tensor([0.5, 1.0, 2.0])
     for count in (2, 4):
         together = tb.modes(of(k), count=count)
-        for i, own in enumerate(k):
-            alone = tb.modes(of(own), count=count)
+        for i, stiffness in enumerate(k):
+            alone = tb.modes(of(stiffness), count=count)
             assert_close(together.frequency[i], alone.frequency, rtol=1e-9, atol=0)
             assert_close(together.shape[i].abs(), alone.shape.abs(), rtol=0, atol=1e-6)

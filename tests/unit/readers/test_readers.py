@@ -273,6 +273,11 @@ def damaged(path, old, new, count=1):
     (lambda p: p, dict(part="damping", elements=4), "elements or order for 'damping'"),
     (lambda p: p.with_name("blade.dat"), {}, "without its key points"),
     (lambda p: p.parent, {}, "where there is no file"),
+    (
+        lambda p: damaged(p, "kp_total", "kp_count").rename(p.with_name("record.CSV")),
+        {},
+        "the file record.CSV, whose columns numpy.loadtxt reads for a tb.Measurement, was given",
+    ),
 )
 def test_what_is_refused(damage, options, tmp_path):
     path = damage(straight(tmp_path, *files.of_flap_and_edge(FLAP, EDGE)))

@@ -27,7 +27,7 @@ from .profile import Profile, profiles
 from .readings import Readings
 from .refinement import refined
 from .report import write_report
-from .result import REASON, conclusions
+from .result import REASON, NamedFit, conclusions
 from .table import table
 from .transform import Transform
 
@@ -49,7 +49,7 @@ def warn_of(doubts: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(NamedFit):
     """Result of `identify`, from the best of the starts.
 
     Args:

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...core.missing_name import Named, by_word
 from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
@@ -28,6 +29,22 @@ REASON = {
     FAILED: "the model fails there",
     LEFT: "not followed",
 }
+
+
+class NamedFit(Named):
+    """What other programs call the attributes of a `Fit`."""
+
+    _elsewhere = by_word(
+        {
+            "covariance": "cov pcov",
+            "deviation": "bse error sd standarderror std stderr",
+            "interval": "ci confidenceinterval confint",
+            "misfit": "chi2 cost rmse",
+            "readings, of each measurement's data and y,": "data prediction residual",
+            "status": "converged success",
+            "theta": "estimate param parameter popt",
+        }
+    )
 
 
 def conclusions(
