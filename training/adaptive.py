@@ -114,10 +114,8 @@ HEAD = (
 def play(run: Run, folder: Path) -> None:
     """Makes a run, in its own file."""
     torch.set_num_threads(1)
-    about = {
-        **run.about,
-        "commit": commit(),
-    }  # of the code that runs, whatever is written meanwhile
+    # of the code that runs, whatever is written meanwhile
+    about = {**run.about, "commit": commit()}
     result = decisions(run) if run.first is None else episodes(run, run.first)
     about |= {**result, "measured": measured_on(dtype=None, threads=1)}
     write(folder / f"{run.name}.json", json.dumps(about, indent=2))

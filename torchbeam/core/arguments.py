@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable
 from functools import cache
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -186,6 +187,11 @@ def level_of(name: str, value: Any) -> float:
     if not 0 < level < 1:
         raise refusal(f"{name} = {level:g}", "a probability between 0 and 1")
     return level
+
+
+def quantile(name: str, value: Any) -> float:
+    """c, so that a normal number is within c deviations with this probability; see `level_of`."""
+    return -NormalDist().inv_cdf((1 - level_of(name, value)) / 2)
 
 
 def accuracy(name: str, value: Any) -> float:

@@ -90,5 +90,8 @@ class Later(NamedTuple):
         """Change (..., n) of the mean, and a root of the covariance, of what has this root."""
         change = root.mT @ (root @ self.pull[..., None])
         Q = self.push @ root.mT
-        values, vectors = torch.linalg.eigh(torch.eye(Q.shape[-1]).to(Q) - Q.mT @ Q)
+        left = torch.eye(Q.shape[-1]).to(Q) - Q.mT @ Q
+        failed = ~left.isfinite().all(-1, keepdim=True).all(-2, keepdim=True)
+        values, vectors = torch.linalg.eigh(left.masked_fill(failed, 0.0))
+        values = values.masked_fill(failed[..., 0], math.nan)
         return change[..., 0], values.clamp(min=0).sqrt()[..., None] * (vectors.mT @ root)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from ...core.arguments import choice, instance, level_of
+from ...core.arguments import choice, instance, quantile
 from ...core.status import STATUS, SUCCESS
 from ...core.summary import kind, lines
 from ...core.validation import refusal
@@ -17,9 +16,9 @@ from ...math.square_root import Conditioned
 from ...sensors.sensor import Sensor
 from ...state.state import State
 from .interval import Moved
+from .weighting import LEFT_OUT, Beyond
 
 MEMORY = 50  # intervals over which the readings' errors are judged
-LEFT_OUT = 3.0  # expected deviations: as what an error beyond the gate is judged
 DOUBT = 5.0  # deviations of their sum of squares, from which on the model is doubted
 
 
@@ -94,7 +93,7 @@ class Filtered:
         """
         own = self.filter.unknowns
         i = own.names.index(choice("name", name, own.names))
-        reach = NormalDist().inv_cdf((1 + level_of("level", level)) / 2)
+        reach = quantile("level", level)
         x, deviation = self._own(self.x), self._own(self.factor.norm(dim=-2))
         ends = torch.stack([x + side * reach * deviation for side in (-1, 1)], -2)
         return own.theta(ends)[..., i] if i < own.of_model else ends[..., i]
@@ -135,10 +134,14 @@ class Filtered:
             )
         return None
 
-    def judged(self, beyond: Tensor) -> Filtered:
-        """With the last readings' errors among those of lately; so many (...) were left out."""
-        keep, read = 1 - 1 / MEMORY, self.readings + beyond
-        now = torch.stack((self.nis + LEFT_OUT**2 * beyond, read, 2 * read), -1)
+    def judged(self, beyond: Beyond) -> Filtered:
+        """With the last readings' errors among those of lately, and what was left out. With a loss
+        a single fault is no doubt either.
+        """
+        keep, read, nis = 1 - 1 / MEMORY, self.readings + beyond.count, self.nis
+        if self.filter.weighting.loss is not None:
+            nis = nis.minimum(LEFT_OUT**2 * self.readings)
+        now = torch.stack((nis + beyond.squares, read, 2 * read), -1)
         return replace(
             self, lately=self.lately * self.lately.new_tensor([keep, keep, keep**2]) + now
         )

@@ -245,12 +245,11 @@ class KalmanFilter:
         before.of(self.size)
         if after is None:
             raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
-        error = self._readings(y, expected) - expected
-        now = self._learned(before, *self._sources(before.factor, columns, rows), error)
+        by_x, sources = self._sources(before.factor, columns, rows)
+        y = self.weighting.nearer(self._readings(y, expected), expected, sources[..., : self.read])
+        now = self._learned(before, by_x, sources, y - expected)
         now = replace(now, state=after.state, x=x, about=about)
-        change = now.learnt[1].change
-        change = change + self.limits.change(x + change, now.factor)
-        return self._changed(now, change, more, after.places[1])
+        return self._changed(now, now.learnt[1].change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
         """Estimates after each of the readings (K, ..., m). Commands u are (K, ..., inputs), or by
@@ -287,9 +286,10 @@ class KalmanFilter:
         more: Tensor | float = 0.0,
         place: Place | None = None,
     ) -> Filtered:
-        """With x (..., size) changed so, and the state with z, by `more` (..., n) beside, by which
-        x is beyond that state; place: of the state, None = not known.
+        """With x (..., size) changed so, within limits, and the state with z, by `more` (..., n)
+        beside, by which x is beyond that state; place: of the state, None = not known.
         """
+        change = change + self.limits.change(found.x + change, found.factor)
         by = change[..., : self.moves] + more
         return replace(
             found, x=found.x + change, state=self.interval.changed(found.state, by, place)
@@ -358,7 +358,6 @@ class KalmanFilter:
         errors say.
         """
         known = sources[..., : self.read]
-        error = self.weighting.clipped(known, error)
         if weight is None:
             weight = self.weighting(known, error)
         by_x, learnt = self.weighting.conditioned(by_x, sources, error, weight)
@@ -373,4 +372,4 @@ class KalmanFilter:
             log_likelihood=before.log_likelihood + learnt.log_density(read) + beyond.log_density,
             learnt=(by_x, learnt),
         )
-        return now.judged(beyond.count)
+        return now.judged(beyond)

@@ -176,8 +176,10 @@ class MovingHorizon(KalmanFilter):
         window, last = self._with(before, begin, about)
         newest = window.intervals[-1]
         sources = self._sources(before.factor, newest.columns)
+        known = sources[1][..., : self.read]
+        y = self.weighting.nearer(y, newest.expected, known)
         error = y - newest.expected
-        counts = self.weighting.within_gate(sources[1][..., : self.read], error)
+        counts = self.weighting.within_gate(known, error)
         gated = begin._replace(y=torch.where(counts, y, torch.nan))
         intervals = (*window.intervals[:-1], newest._replace(begin=gated))
         window = replace(window, intervals=intervals)
@@ -321,9 +323,11 @@ class MovingHorizon(KalmanFilter):
             v = torch.linalg.solve_triangular(R, self._bounded(R, c, window), upper=True)
             if self.weighting.loss is None:
                 break
-            before, weight = weight, self.weighting.loss((r - (G.mT @ v)[..., 0]) * seen)
-            if ((weight - before).abs() < SETTLED * weight).all():
+            after = self.weighting.loss((r - (G.mT @ v)[..., 0]) * seen)
+            moves = ((after - weight).abs() > SETTLED * after).any(-1, keepdim=True).any(0)
+            if not moves.any():
                 break
+            weight = torch.where(moves, after, weight)  # of samples that are settled no more
         places = torch.cat((x[:1], nodes)) + off + (roots.mT @ v.flip(-2))[..., 0]
         change = (places[-1] - ends[-1])[..., : self.moves] + last.more
         near, first = last.state.broadcast(tuple(lead)), None

@@ -5,31 +5,42 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ...core.arguments import choice, level_of
+from ...core.arguments import choice, quantile
 from ...math.shapes import stacked
 from ...math.square_root import Conditioned, conditioned
 from ..identification.losses import HUBER, STUDENT
 
-LOSSES: dict[str, Callable[[Tensor], Tensor]] = {  # weights of squares, by readings' deviations
-    "huber": lambda u: HUBER / u.abs().clamp(min=HUBER),
-    "student": lambda u: (STUDENT + 1) / (STUDENT + u.square()),
-}
 ROUNDS = 20  # in which weights, or what stands at a bound, are found
 SETTLED = 1e-4  # of a weight: a change that is none
 FARTHEST = 1e5  # expected deviations: an error that says no more than a larger one
+LEFT_OUT = 3.0  # expected deviations: as what an error far beyond the gate is judged
+
+
+def huber(u: Tensor) -> Tensor:
+    """Weights of squares, by readings' deviations; `student` likewise."""
+    return HUBER / u.abs().clamp(min=HUBER)
+
+
+def student(u: Tensor) -> Tensor:
+    return (STUDENT + 1) / (STUDENT + u.square())
+
+
+LOSSES: dict[str, Callable[[Tensor], Tensor]] = {"huber": huber, "student": student}
 
 
 class Beyond(NamedTuple):
-    """Of readings that a gate leaves out, (...): how many, and their log density at the gate."""
+    """Of readings that a gate leaves out, (...): how many, as which sum of squares of expected
+    deviations they are judged, and their log density at the gate.
+    """
 
     count: Tensor
+    squares: Tensor
     log_density: Tensor
 
 
@@ -50,9 +61,7 @@ class Weighting:
     def of(cls, loss: str | None, gate: float | None, noise: Tensor) -> Weighting:
         """Raises ValueError for another loss, and for a gate that is no probability."""
         law = None if loss is None else LOSSES[choice("loss", loss, tuple(LOSSES))]
-        if gate is None:
-            return cls(law, math.inf, noise)
-        return cls(law, NormalDist().inv_cdf((1 + level_of("gate", gate)) / 2), noise)
+        return cls(law, math.inf if gate is None else quantile("gate", gate), noise)
 
     def __call__(self, sources: Tensor, error: Tensor) -> Tensor:
         """0 where a reading is left out or missing (NaN), from sources (..., s, m) of unit variance
@@ -79,12 +88,14 @@ class Weighting:
             share = torch.where(moves, after, share)  # of those that are settled no more
         return weight * share
 
-    def clipped(self, sources: Tensor, error: Tensor) -> Tensor:
-        """Errors (..., m), for a loss no farther than that of a reading that says nothing."""
+    def nearer(self, y: Tensor, expected: Tensor, sources: Tensor) -> Tensor:
+        """Readings y (..., m), for a loss no farther from what was expected than one that says
+        nothing.
+        """
         if self.loss is None:
-            return error
+            return y
         far = FARTHEST * self.deviation(sources)
-        return error.minimum(far).maximum(-far)
+        return y.minimum(expected + far).maximum(expected - far)
 
     def within_gate(self, sources: Tensor, error: Tensor) -> Tensor:
         """(..., m) bool: whether a reading is neither missing nor left out."""
@@ -99,12 +110,15 @@ class Weighting:
     def beyond(self, sources: Tensor, error: Tensor, weight: Tensor) -> Beyond:
         """What weights say of readings that are left out."""
         left = ~torch.isnan(error) & (weight == 0)
-        if not left.any():
+        if self.reach == math.inf or not left.any():
             none = error.new_zeros(error.shape[:-1])
-            return Beyond(none, none)
-        spread = self.deviation(sources)
-        each = -(self.reach**2) / 2 - (spread * math.sqrt(2 * math.pi)).log()
-        return Beyond(left.sum(-1).to(error), torch.where(left, each, 0.0).sum(-1))
+            return Beyond(none, none, none)
+        c, spread, count = self.reach, self.deviation(sources), left.sum(-1).to(error)
+        each = -(c**2) / 2 - (spread * math.sqrt(2 * math.pi)).log()
+        # mean square of normal errors beyond the gate; faults are no more of a doubt than LEFT_OUT
+        square = 1 + c * math.sqrt(2 / math.pi) * math.exp(-(c**2) / 2) / math.erfc(c / 2**0.5)
+        squares = count * min(square, LEFT_OUT**2)
+        return Beyond(count, squares, torch.where(left, each, 0.0).sum(-1))
 
     def conditioned(
         self, by_x: Tensor, sources: Tensor, error: Tensor, weight: Tensor

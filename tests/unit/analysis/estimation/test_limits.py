@@ -51,6 +51,32 @@ def test_an_absurd_reading_without_a_gate_ruins_its_sample_alone(estimator):
     assert ((z.x[1] - best.x[1]) / scale).abs().max() < 1e-5
 
 
+def test_bounds_hold_for_what_is_smoothed():
+    """By all readings the most likely stiffness is beyond its bounds, at each instant."""
+    prior = LogNormal(0.0, 0.1)
+    E = tb.Parameter(1.0, transform="log", prior=prior, bounds=(0.9995, 1.0005))
+    f, free = stiff(parameters={"E": E}), stiff()
+    y = 0.01 * randn(6, 2, 1)
+    ends = []
+    for own in (f, free):
+        start = own.start(2, amplitude=0.02)
+        ends.append(torch.stack([z.unknown["E"] for z in own.smooth(start, own.run(start, y))]))
+    within, beyond = ((each.log().abs() - 5e-4) < 1e-6 for each in ends)
+    assert within.all() and not beyond.any()
+
+
+def test_a_sample_that_has_failed_smooths_alone():
+    """Its neighbour is smoothed as by itself; its own instants are no numbers."""
+    f, y = stiff(), 1e-3 * randn(4, 2, 1)
+    y[1, 0] = 1e200
+    start = f.start(2, amplitude=0.01)
+    both = f.smooth(start, f.run(start, y))
+    start = f.start(amplitude=0.01)
+    for a, b in zip(both, f.smooth(start, f.run(start, y[:, 1])), strict=True):
+        assert a.x[0].isnan().any() and not a.x[1].isnan().any()
+        assert ((a.x[1] - b.x) / b.factor.norm(dim=-2).clamp(min=1e-9)).abs().max() < 1e-5
+
+
 def test_bounds_of_an_offset():
     f = linear(bias=2e-3, bounds={"offset of tip position z": (-1e-3, 1e-3)})
     z = f.start()

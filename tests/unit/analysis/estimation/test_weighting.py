@@ -1,6 +1,7 @@
 """Readings that miss by much: left out by a gate, or of less weight by a loss."""
 
 import math
+import pickle
 
 import pytest
 import torch
@@ -106,6 +107,63 @@ def test_a_loss_weighs_each_sample_alone():
         alone = f(f.start(amplitude=0.01), y[k])
         assert (alone.weight - both.weight[k]).abs().max() < 1e-12
     assert both.weight[4, 0] == 0 and (both.weight[3] < 1e-6).all()
+
+
+@pytest.mark.parametrize("loss", ["huber", "student"])
+def test_a_window_weighs_each_sample_alone(loss):
+    """A batch, and its samples by themselves, to rounding: weights of one sample may take more
+    rounds than its neighbours'.
+    """
+    f = stiff(tb.MovingHorizon, window=3, loss=loss)
+    y = NOISE * randn(4, 2, 1)
+    y[2, 0], y[3, 1] = 0.05, -3.0
+    both = f.run(f.start(2, amplitude=0.01), y)[-1]
+    for k in range(2):
+        alone = f.run(f.start(amplitude=0.01), y[:, k])[-1]
+        scale = alone.factor.norm(dim=-2).clamp(min=1e-9)
+        assert ((alone.x - both.x[k]) / scale).abs().max() < 1e-9
+
+
+@pytest.mark.parametrize("gate", [0.8, 0.95])
+def test_a_narrow_gate_is_no_doubt(gate):
+    """Of a model that is right: errors that are judged have the mean square of a normal law, of
+    20000 readings to four of its deviations; readings far off are a doubt.
+    """
+    f, B = linear(gate=gate), 20000
+    before = f.predict(f.start(amplitude=0.01))
+    spread = NOISE / f.update(before, before.readings + NOISE).nis.sqrt()
+    z = f.update(before, before.readings + spread * randn(B, 1))
+    assert abs(1 - z.weight.mean() - (1 - gate)) < 4 * (gate * (1 - gate) / B) ** 0.5
+    squares = z.lately[..., 0].mean()
+    assert abs(squares - 1) < 4 * (2 / B) ** 0.5
+    z = f.start(amplitude=0.01)
+    for _ in range(20):
+        z = f(z, [0.1])
+    assert z.doubt is not None and z.weight == 0
+
+
+@pytest.mark.parametrize("loss", ["huber", "student"])
+@pytest.mark.parametrize("estimator", [tb.KalmanFilter, tb.MovingHorizon])
+def test_the_largest_number_is_a_reading_that_says_little(estimator, loss):
+    """What files have in place of a number that is missing, whose square is infinite: no doubt, if
+    it is not the first.
+    """
+    f = stiff(estimator, loss=loss, **{"window": 4} if estimator is tb.MovingHorizon else {})
+    y = NOISE * randn(6, 1)
+    y[3] = torch.finfo(y.dtype).max
+    z = f.run(f.start(amplitude=0.01), y)[-1]
+    assert z.x.isfinite().all() and z.log_likelihood.isfinite() and z.doubt is None
+
+
+def test_a_filter_with_a_loss_is_saved():
+    f = linear(loss="huber", gate=0.999)
+    again, y = pickle.loads(pickle.dumps(f)), [0.02]
+    assert torch.equal(again(again.start(amplitude=0.01), y).x, f(f.start(amplitude=0.01), y).x)
+
+
+def test_a_gate_next_to_one_is_wide():
+    """8.2 deviations: of the largest number below 1."""
+    assert 8.2 < linear(gate=math.nextafter(1.0, 0.0)).weighting.reach < 8.4
 
 
 @pytest.mark.parametrize(
