@@ -122,9 +122,10 @@ class Perturbation:
         inputs: dict[str, Tensor],
         z: Tensor | None = None,
         force: Tensor | None = None,
+        a: Tensor | None = None,
     ) -> State:
-        """The state after a small move q with rates v, z of internal states, and a change of the
-        joints' forces (..., m), under these inputs; exact to first order.
+        """The state after a small move q with rates v and accelerations a, z of internal states,
+        and a change of the joints' forces (..., m), under these inputs; exact to first order.
         """
         model, state, problem = self.model, self.state, self.problem(inputs, z)
         start = Configuration(state.position, state.rotation, state.stress)
@@ -149,10 +150,12 @@ class Perturbation:
         space, p = model.space, model.space.dims.position
         spin = space.to_frame(state.rotation, state.spin)  # absolute, frame a
 
-        def rates() -> tuple[Tensor, Tensor]:
-            return rate[..., :p], rate[..., p:]
+        def rates(of: Tensor = rate) -> tuple[Tensor, Tensor]:
+            return of[..., :p], of[..., p:]
 
         motion = problem.node_motion(x)._replace(state=state, moving=rates)
+        if a is not None:
+            motion = motion._replace(acceleration=lambda: rates(self.nodes(a)))
         return space.to_public(
             replace(
                 state,
@@ -223,21 +226,22 @@ class Perturbation:
 
     def by_moves(
         self, outputs: tuple[Sensor, ...]
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[slice, ...]]:
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, tuple[slice, ...]]:
         """Output (..., p), Y and Y_v (..., p, n + Z) by moves and internal states and by their
-        rates, Y_force (..., p, m) by the forces of joints; each sensor's rows.
+        rates, Y_force (..., p, m) by the forces of joints, Y_a (..., p, n) by accelerations; each
+        sensor's rows.
         """
         zero = self.zero()
         still = zero.new_zeros(*self.shape, self.model.lag_count)
         slack = zero.new_zeros(*self.shape, self.model.multipliers.held_count)
         rows: tuple[slice, ...] = ()
 
-        def read(q: Tensor, v: Tensor, z: Tensor, force: Tensor) -> Tensor:
+        def read(q: Tensor, v: Tensor, z: Tensor, force: Tensor, a: Tensor) -> Tensor:
             nonlocal rows
-            value, rows = self.read(outputs, self.at(q, v, self.inputs, z, force))
+            value, rows = self.read(outputs, self.at(q, v, self.inputs, z, force, a))
             return value
 
-        value, back = vjp(read, zero, zero, still, slack)
+        value, back = vjp(read, zero, zero, still, slack, zero)
         slopes = [
             back(
                 torch.zeros_like(value).index_fill(-1, torch.tensor([i], device=value.device), 1.0)
@@ -246,10 +250,11 @@ class Perturbation:
         ]
         if not slopes:
             none = torch.cat((zero, still), -1)[..., None, :][..., :0, :]
-            return value, none, none, slack[..., None, :][..., :0, :], rows
-        Y, Y_v, Y_z, Y_force = (torch.stack(s, -2) for s in zip(*slopes, strict=True))
+            no_force, no_move = (x[..., None, :][..., :0, :] for x in (slack, zero))
+            return value, none, none, no_force, no_move, rows
+        Y, Y_v, Y_z, Y_force, Y_a = (torch.stack(s, -2) for s in zip(*slopes, strict=True))
         Y, Y_v = torch.cat((Y, Y_z), -1), torch.cat((Y_v, torch.zeros_like(Y_z)), -1)
-        return value, Y, Y_v, Y_force, rows
+        return value, Y, Y_v, Y_force, Y_a, rows
 
     def read(self, outputs: tuple[Sensor, ...], state: State) -> tuple[Tensor, tuple[slice, ...]]:
         """Readings (..., p) of all sensors, and the rows of each."""

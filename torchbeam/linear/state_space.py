@@ -149,7 +149,7 @@ def _linear(
     M, K = unmapped("linearize", T.mT @ M @ T), unmapped("linearize", T.mT @ K @ T)
     D = torch.zeros_like(K) if D is None else T.mT @ D @ T
     loads, Y_u = near.by_inputs(outputs)
-    value, Y, Y_v, Y_force, rows = near.by_moves(outputs)
+    value, Y, Y_v, Y_force, Y_a, rows = near.by_moves(outputs)
     names, columns = {}, 0
     for name, size in scene.inputs.items():
         names[name] = slice(columns, columns + size)
@@ -161,11 +161,12 @@ def _linear(
     A, B, C, D, creeps, mass = first_order(small, massless, states)
     _refuse_rates(model, small.G, massless, creeps)
     if forces is not None and sensed:
-        by_z, by_u = _out_of_balance(nodal, T, loads, A, B, C[..., sensed:, :], D[..., sensed:, :])
-        Y_force = pad(Y_force @ forces, (0, 0, 0, free))
+        moved = C[..., sensed:, :]
+        by_z, by_u = _out_of_balance(nodal, T, loads, A, B, moved, D[..., sensed:, :])
+        Y_force, Y_a = (pad(Y, (0, 0, 0, free)) for Y in (Y_force @ forces, Y_a @ moved @ A))
         C, D = (
-            C + Y_force @ by_z[..., : forces.shape[-1], :],
-            D + Y_force @ by_u[..., : forces.shape[-1], :],
+            C + Y_force @ by_z[..., : forces.shape[-1], :] + Y_a @ A,
+            D + Y_force @ by_u[..., : forces.shape[-1], :] + Y_a @ B,
         )
     reads, writes = _by_moves(moves, near.moves() @ C[..., sensed:, :], A, massless, creeps, states)
     if model.internal_states:

@@ -41,6 +41,7 @@ class NodeMotion(NamedTuple):
     rates   velocity and spin (..., N+1, *) before the step and after it, absolute, frame a; None =
             they are not known
     by_move  derivatives of those after it by the nodes' moves (..., N+1, w, w)
+    acceleration  at an instant: of nodes, as `moving`; None = none, or not known
     told    by the last iteration
     """
 
@@ -60,6 +61,7 @@ class NodeMotion(NamedTuple):
     half: Callable[[], Tensor] | None = None
     rates: Callable[[], tuple[Where, Where]] | None = None
     by_move: Callable[[], Tensor] | None = None
+    acceleration: Rates | None = None
     told: Told = NOTHING
 
     @property

@@ -108,6 +108,7 @@ class DrivenJoints(InertialJoints):
         if of.dt is None:
             after = self.coordinate(motion.end, near)
             step = CoordinateStep(after, after, self.angles > 0, None, None)
+            inertial = self.inertial_at(motion.end, after, of.acceleration)
         else:
             before = self.coordinate(motion.start, near)
             after = self.coordinate(motion.end, before)

@@ -30,7 +30,7 @@ import torch
 from torch import Tensor
 
 from ..math.quaternions import skew
-from .between_nodes import NodeMotion, Placed, Where
+from .between_nodes import NodeMotion, Placed, Rates, Where
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, Pose, columns
 from .joints import Joints, along
@@ -71,6 +71,13 @@ class InertialJoints(Joints):
         means = self._coordinates_by(motion.acting, torch.zeros_like(step.after))
         means = self.travels[..., None] * means + self.angles[..., None] * (start + end) / 2
         return Inertial(self.laws.inertia * gain / step.dt, means)
+
+    def inertial_at(self, pose: Pose, at: Tensor, acceleration: Rates | None) -> Inertial | None:
+        """What it does at rest; None = there is none, or no acceleration is known."""
+        if not self.has_inertia or acceleration is None:
+            return None
+        by = self._coordinates_by(pose, at)
+        return Inertial(self.laws.inertia * self._rates(by, acceleration()), by)
 
     def _coordinates_by(self, pose: Pose, coordinate: Tensor) -> Tensor:
         """(..., J, w, 12) the derivative by displacement and spin of both ends of closed joints."""

@@ -189,8 +189,8 @@ def apart(*effects):
     return tb.Scene(beams, [load, *effects], joints=HALVES, supports=[tb.Support(("a", 0))])
 
 
-def four_bar(stiffness=5.0, foot=(0.0, 0.0, 0.0)):
-    """A loop in a plane, of a crank on a spring, a beam and a rocker."""
+def four_bar(stiffness=5.0, foot=(0.0, 0.0, 0.0), inertia=None):
+    """A loop in a plane, of a crank on a spring and with a rotor, a beam and a rocker."""
     rod = tb.Beam.straight(0.5, 2, tb.Section.from_stiffness(**SECTION), root=(0, 0, 0.2))
     parts = {
         "crank": tb.Body(0.5, 0.02, position=(0, 0, 0.1)),
@@ -204,7 +204,7 @@ def four_bar(stiffness=5.0, foot=(0.0, 0.0, 0.0)):
         [tb.Gravity((0, 0, -9.81)), tb.PointLoad("crank", force=tb.Input("F", 3))],
         plane="xz",
         joints=[
-            tb.Hinge(*pair, at=at, stiffness=stiffness if k == 0 else None)
+            tb.Hinge(*pair, at=at, **(dict(stiffness=stiffness, inertia=inertia) if k == 0 else {}))
             for k, (pair, at) in enumerate(zip(ends, pins, strict=True))
         ],
     )
@@ -212,8 +212,8 @@ def four_bar(stiffness=5.0, foot=(0.0, 0.0, 0.0)):
 
 @pytest.mark.parametrize(
     "scene",
-    [arm(), apart(), apart(tb.Damping(0.01)), four_bar()],
-    ids=["arm", "massless", "massless, damped", "four-bar"],
+    [arm(), apart(), apart(tb.Damping(0.01)), four_bar(), arm(inertia=0.02), four_bar(inertia=0.1)],
+    ids=["arm", "massless", "massless, damped", "four-bar", "rotor", "four-bar, rotor"],
 )
 def test_a_linear_model_steps_as_the_structure(scene):
     """Two midpoint steps of the linear model are the derivative of those of the structure by its
@@ -256,16 +256,17 @@ def test_a_linear_model_steps_as_the_structure(scene):
 
 
 def test_derivatives_of_a_linear_model_of_a_structure():
-    """By the stiffness and the place of a hinge, of a batch, against differences."""
-    sensors, given = (tb.sensors.JointLoad(1),), {"F": torch.tensor([0.1, 0.0, 0.3])}
-    weight = torch.linspace(0.1, 1, 18).view(6, 3)
+    """By stiffness, place and inertia of a hinge, of a batch, against differences."""
+    sensors = tb.sensors.JointLoad(0), tb.sensors.JointLoad(1)
+    given = {"F": torch.tensor([0.1, 0.0, 0.3])}
+    weight = torch.linspace(0.1, 1, 36).view(12, 3)
 
-    def response(k, at):
-        scene = four_bar(k, torch.stack((0 * at, 0 * at, at), -1))
+    def response(k, at, inertia):
+        scene = four_bar(k, torch.stack((0 * at, 0 * at, at), -1), inertia)
         found = tb.linearize(scene, outputs=sensors, inputs=given).response(3.0).abs()
         return (found * weight).sum((-1, -2))
 
-    values = torch.tensor([2.0, 5.0]), torch.tensor([0.01, -0.02])
+    values = torch.tensor([[2.0, 5.0], [0.01, -0.02], [0.1, 0.05]]).unbind()
     traced = [x.clone().requires_grad_() for x in values]
     slopes = torch.autograd.grad(response(*traced).sum(), traced)
     for k, slope in enumerate(slopes):
