@@ -352,7 +352,7 @@ def _ratios(scene: Scene, each: Any) -> str:
     rates = [(getattr(e, "tau", 0.0), getattr(e, "alpha", 0.0)) for e in damping]
     numbers = (*each, *(x for pair in rates for x in pair))
     many = any(torch.as_tensor(x).numel() > 1 for x in numbers)
-    if not rates or many or any(e.on is not None for e in damping):
+    if not rates or many or scene.viscoelastic or any(e.on is not None for e in damping):
         return ""
     tau, alpha = (sum(column) for column in zip(*rates, strict=True))
     ratios = ", ".join(f"{float(tau * w / 2 + alpha / (2 * w)):.2g}" for w in each)

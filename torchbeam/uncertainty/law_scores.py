@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, distributions
 
@@ -73,7 +74,13 @@ def as_own(law: Any) -> Any:
 
 
 def why_none(law: Any) -> str | None:
-    """Why a law with `icdf` is not of one number, as a distribution of torch may be; or None."""
+    """Why a law with quantiles is not of one number, as one of torch or SciPy may be; or None."""
+    if hasattr(law, "ppf"):
+        try:
+            middle = law.ppf(np.full(1, 0.5))
+        except TypeError:
+            return "has parameters that are not given"
+        return None if np.size(middle) == 1 else f"has {np.shape(middle)} numbers, not one"
     if not isinstance(law, distributions.Distribution):
         return None
     if law.event_shape or law.batch_shape.numel() != 1:

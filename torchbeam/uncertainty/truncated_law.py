@@ -42,6 +42,10 @@ class Truncated(TwoTails):
     def __post_init__(self) -> None:
         pair = isinstance(self.law, (tuple, list)) and len(self.law) == 2
         law = Uniform(*self.law) if pair else self.law
+        if why := why_none(law):
+            raise ValueError(
+                f"the law {shown(law)} was given to Truncated, which {why}; another is wanted"
+            )
         law = as_own(law) if hasattr(law, "ppf") else law
         if not hasattr(law, "icdf") or not hasattr(law, "cdf"):
             raise ValueError(
@@ -56,10 +60,6 @@ class Truncated(TwoTails):
         if not self.least < self.largest:
             raise refusal(
                 f"Truncated from {self.least:g} to {self.largest:g}", "least below largest"
-            )
-        if why := why_none(law):
-            raise ValueError(
-                f"the law {shown(law)} was given to Truncated, which {why}; another is wanted"
             )
         within = probability_between(*self._ends(torch.ones(1, dtype=torch.float64)))
         if not within > (0.0 if has_tails(law) else LEAST):

@@ -232,7 +232,9 @@ def test_what_remembers():
 
 
 def test_damping_ratios_are_those_of_the_modes():
-    """tau w/2 + alpha/(2 w), to two digits; nothing where damping differs along the beam."""
+    """tau w/2 + alpha/(2 w), to two digits; nothing where damping differs along the beam,
+    and where other things damp it.
+    """
     section = tb.Section.rectangle(0.03, 0.002, E=69e9, nu=0.33, rho=2700.0)
     damping = [tb.Damping(2e-3), tb.MassDamping(1.0)]
     scene = tb.Scene(tb.Beam.straight(1.0, 8, section), damping)
@@ -240,6 +242,7 @@ def test_damping_ratios_are_those_of_the_modes():
     ratios = line.partition("damping ratios ")[2].partition(" (")[0].split(", ")
     found = tb.modes(scene, count=3).damping_ratio
     assert [float(x) for x in ratios] == pytest.approx(found.tolist(), rel=0.02)  # two digits
-    for other in ([], [tb.Damping([0.1] * 6)], [tb.Damping(torch.tensor([0.1, 0.2]))]):
+    relaxing = [tb.MassDamping(1.0), tb.Viscoelastic([0.5], [0.1])]
+    for other in ([], [tb.Damping([0.1] * 6)], [tb.Damping(torch.tensor([0.1, 0.2]))], relaxing):
         (line,) = tb.describe(tb.Scene(scene.beam, other)).lines["frequencies"]
         assert "ratios" not in line

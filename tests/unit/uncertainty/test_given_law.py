@@ -49,3 +49,18 @@ def test_scipys_laws_have_both_tails():
     mean = tb.monte_carlo(lambda a: a, {"a": between}, 4096, by_name=True).mean
     # a scrambled sequence's error: about 1/n of the range
     assert_close(float(mean), gamma.expect(lb=1.0, ub=9.0, conditional=True), rtol=1e-3, atol=0)
+
+
+@pytest.mark.parametrize(
+    "law, why",
+    [
+        (stats.norm(torch.linspace(0, 1, 64).numpy(), 1.0), r"which has \(64,\) numbers, not one"),
+        (stats.gamma, "which has parameters that are not given"),
+    ],
+)
+def test_a_law_of_scipy_that_is_not_of_one_number_is_refused(law, why):
+    """Also where it has as many numbers as there are samples: each would have a law of its own."""
+    with pytest.raises(ValueError, match=why):
+        tb.monte_carlo(lambda a: a, {"a": law}, 64, by_name=True)
+    with pytest.raises(ValueError, match=why):
+        tb.laws.Truncated(law, 0.1, 0.9)

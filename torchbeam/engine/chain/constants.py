@@ -18,6 +18,7 @@ from ...nodal.acting import ActingLoad
 from ...nodal.balance import same_law
 from ...nodal.conditions import conditions, supports
 from ...nodal.coordinates.planar import Planar
+from ...nodal.discretise import is_shared
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Inputs, Pose
@@ -316,8 +317,8 @@ class Constants:
         return external(model, still, now), advanced(model, still, now)
 
     def _held(self, name: str, value: Callable[[], Any]) -> Any:
-        """A value that is the same at all steps, and at rest: kept by the model, unless a
-        derivative by what it is made from is recorded.
+        """A value that is the same at all steps, and at rest: kept, also by a model that others
+        share, unless a derivative by what it is made from is recorded.
         """
         if torch.is_grad_enabled() and any([x.requires_grad for x in self.sources]):
             return value()
@@ -330,7 +331,9 @@ class Constants:
             last = held.get(name)
             if seen is None or last is None or last[0] != seen:
                 with lasting():
-                    last = held[name] = seen, value()
+                    last = seen, value()
+                if is_shared(self.model):
+                    held[name] = last
             self._cache[name] = last[1]
         return self._cache[name]
 
