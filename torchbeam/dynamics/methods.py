@@ -43,7 +43,7 @@ class GeneralizedAlphaMethod(Method):
             "a mass off its node": _off_its_node(model),
             "a load with internal states": model.internal_states > 0,
             "a joint with damping or friction": model.joints.dissipative,
-            "a joint with inertia": model.joints.has_inertia,
+            "a joint with inertia": model.joints.inertia is not None,
             "a Tendon with friction": model.tendons.dissipative,
             "contact of beams with friction or damping": model.touching.dissipative,
         }

@@ -102,7 +102,7 @@ class BetweenNodes(Tree):
     dissipative  whether energy is lost; smooth: whether residuals fall as smooth ones do
     has_friction whether there is friction that is taken at a step's end; limited: whether there
                  are limits
-    has_inertia  whether there is inertia between nodes
+    inertia      of what is between nodes, see `JointInertia`; None = there is none
     """
 
     present = False
@@ -111,7 +111,7 @@ class BetweenNodes(Tree):
     dissipative = False
     smooth = True
     has_friction = False
-    has_inertia = False
+    inertia = None
     limited = False
     stretches = ()  # see `Tendons`
 

@@ -31,9 +31,10 @@ from ..state.instant import READINGS
 from .balls import BallLaws, Balls, BallStep
 from .between_nodes import NodeMotion, Placed, Rates
 from .coordinate_laws import CoordinateLaws
-from .joint_inertia import Inertial, InertialJoints
+from .joint_inertia import Inertial, JointInertia
 from .joint_laws import CoordinateStep, JointLaws
 from .joint_motion import Factor, JointValues, Pose, Vector
+from .joints import Joints
 from .multipliers import CLOSED
 from .rotation_vector import Turn
 
@@ -56,13 +57,25 @@ class Driven(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DrivenJoints(InertialJoints):
-    """Prescribed (J, w) 1 where a coordinate is, which `held` counts in; own_laws:
+class DrivenJoints(Joints):
+    """With `laws`; prescribed (J, w) 1 where a coordinate is, which `held` counts in; own_laws:
     of coordinates, that say by themselves what they resist by, None = there are none.
     """
 
+    laws: JointLaws
     prescribed: Tensor = leaf(2)
     own_laws: CoordinateLaws | None = None
+
+    @property
+    def inertia(self) -> JointInertia | None:
+        """Of their coordinates; None = there is none."""
+        return None if self.laws.inertia is None else JointInertia(self, self.laws.inertia)
+
+    def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Tensor:
+        return self.inertia.kinetic_energy(position, rotation, *moving)
+
+    def mass(self, matrix: Any, motion: NodeMotion) -> Any:
+        return matrix if self.inertia is None else self.inertia.mass(matrix, motion)
 
     @property
     def dissipative(self) -> bool:
@@ -108,13 +121,13 @@ class DrivenJoints(InertialJoints):
         if of.dt is None:
             after = self.coordinate(motion.end, near)
             step = CoordinateStep(after, after, self.angles > 0, None, None)
-            inertial = self.inertial_at(motion.end, after, of.acceleration)
+            inertial = self.inertia and self.inertia.at(motion.end, after, of.acceleration)
         else:
             before = self.coordinate(motion.start, near)
             after = self.coordinate(motion.end, before)
             rate = None if self.laws.friction is None else self.rate(motion.start, *of.moving())
             step = CoordinateStep(before, after, self.angles > 0, of.dt[..., None, None], rate)
-            inertial = self.inertial(motion, step)
+            inertial = self.inertia and self.inertia.over(motion, step)
         effort, by, memory = *self.laws.effort(step), None
         if self.own_laws is not None:
             resistance, slope, memory = self._resistance(step, of)
@@ -216,14 +229,14 @@ class DrivenJoints(InertialJoints):
         def more(v: Vector, push: Tensor) -> Tensor:
             """By the coordinate after the step: of the effort, and of the forces' direction."""
             middle = self._middle(driven.step) + torch.pi / 2 * self.angles
-            across = self._gradient(v, self.turned(middle).at(placed.acting))
+            across = self.gradient(v, self.turned(middle).at(placed.acting))
             turning = force[..., None] * (self.angles[..., None] * across)
             return (turning - rate * driven.effort_by[..., None] * push).mT @ by_end
 
         added = None if self.acting_balls is None else self._ball_stiffness(placed, rate)
         along = None
         if inertial is not None:
-            tilt, force_by = self.inertial_by(placed, driven.step.after, inertial.force)
+            tilt, force_by = self.inertia.by_moves(placed, driven.step.after, inertial.force)
             added, along = tilt if added is None else added + tilt, (inertial.along, force_by)
         return self._blocks(motion, driven.acting, driven.closing, force, more, added, along)
 
@@ -273,6 +286,14 @@ class DrivenJoints(InertialJoints):
             blocks = blocks + self.balls.to_joints(of_balls, -5, self.count)
         return None if isinstance(blocks, float) else self.tied(matrix(), blocks)
 
+    def between_ends(self, rows: Tensor, weight: Tensor) -> Tensor:
+        """(..., J, 2, 2, w, w): rows^T weight rows of rows (..., J, n, 12) by displacement and spin
+        of both ends, with a weight (..., J, n) of each.
+        """
+        w, by = self.space.unknowns, rows @ torch.block_diag(self.moves, self.moves).mT
+        blocks = by.mT @ (weight[..., None] * by)
+        return blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
+
     def acting(self, stress: Tensor, motion: Placed) -> tuple[Tensor, Factor]:
         driven = self.driven(motion)
         force = self._forces(stress, driven)
@@ -285,7 +306,7 @@ class DrivenJoints(InertialJoints):
         return stacked(*parts), driven.acting
 
     def wrench(self, motion: Placed, w: Factor, force: Tensor, more: Any = None) -> Tensor:
-        inertial = self.driven(motion).inertial if self.has_inertia else None
+        inertial = self.driven(motion).inertial if self.inertia else None
         more = None if inertial is None else inertial.wrenches
         wrench = super().wrench(motion, w, (1 - self.turning_rows) * force, more)
         if self.acting_balls is None:
@@ -294,7 +315,7 @@ class DrivenJoints(InertialJoints):
         return wrench - torch.cat((torch.zeros_like(M), M), -1)
 
     def held_rows(self, pose: Pose) -> Tensor:
-        by = self._gradient(self.v.at(pose), self.w.at(pose))
+        by = self.gradient(self.v.at(pose), self.w.at(pose))
         coordinate_by = self.coordinate_by(pose, self.coordinate(pose))
         return self._at_nodes(
             self.held, torch.where(self.prescribed[..., None] > 0, coordinate_by, by)

@@ -31,7 +31,7 @@ from torch import Tensor
 
 from ..math.quaternions import skew
 from .between_nodes import NodeMotion, Placed, Rates, Where
-from .joint_laws import CoordinateStep, JointLaws
+from .joint_laws import CoordinateStep
 from .joint_motion import Factor, Pose, columns
 from .joints import Joints, along
 
@@ -51,95 +51,84 @@ class Inertial(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InertialJoints(Joints):
-    """With `laws`, of which some may have an inertia."""
+class JointInertia:
+    """Of joints, of their coordinates (..., J, w) kg m^2 or kg."""
 
-    laws: JointLaws
+    joints: Joints
+    inertia: Tensor
 
-    @property
-    def has_inertia(self) -> bool:
-        return self.laws.inertia is not None
-
-    def inertial(self, motion: Placed, step: CoordinateStep) -> Inertial | None:
-        """What inertia does over a step; None = there is none."""
-        if not self.has_inertia:
-            return None
-        before, after = motion.of.rates()
+    def over(self, motion: Placed, step: CoordinateStep) -> Inertial:
+        """What it does over a step."""
+        joints, (before, after) = self.joints, motion.of.rates()
         ends = (motion.start, step.before, before), (motion.end, step.after, after)
         start, end = (self._coordinates_by(pose, q) for pose, q, _ in ends)
         gain = self._rates(end, after) - self._rates(start, before)
         means = self._coordinates_by(motion.acting, torch.zeros_like(step.after))
-        means = self.travels[..., None] * means + self.angles[..., None] * (start + end) / 2
-        return Inertial(self.laws.inertia * gain / step.dt, means)
+        angles, travels = joints.angles[..., None], joints.travels[..., None]
+        means = travels * means + angles * (start + end) / 2
+        return Inertial(self.inertia * gain / step.dt, means)
 
-    def inertial_at(self, pose: Pose, at: Tensor, acceleration: Rates | None) -> Inertial | None:
-        """What it does at rest; None = there is none, or no acceleration is known."""
-        if not self.has_inertia or acceleration is None:
+    def at(self, pose: Pose, at: Tensor, acceleration: Rates | None) -> Inertial | None:
+        """What it does at rest; None = no acceleration is known."""
+        if acceleration is None:
             return None
         by = self._coordinates_by(pose, at)
-        return Inertial(self.laws.inertia * self._rates(by, acceleration()), by)
+        return Inertial(self.inertia * self._rates(by, acceleration()), by)
 
     def _coordinates_by(self, pose: Pose, coordinate: Tensor) -> Tensor:
         """(..., J, w, 12) the derivative by displacement and spin of both ends of closed joints."""
-        w = self.turned(coordinate * self.angles).at(pose)
-        rows = (self.angles + self.travels)[..., None]
-        return rows * self._gradient(self.v.at(pose), w)
+        joints = self.joints
+        w = joints.turned(coordinate * joints.angles).at(pose)
+        return (joints.angles + joints.travels)[..., None] * joints.gradient(joints.v.at(pose), w)
 
     def _rates(self, by: Tensor, moving: Where) -> Tensor:
         """(..., J, w) of nodes with velocity and spin (..., N+1, *), by such derivatives."""
-        return (by @ self._moving(*moving).flatten(-2)[..., None])[..., 0]
+        return (by @ self.joints.moving(*moving).flatten(-2)[..., None])[..., 0]
 
-    def inertial_by(self, motion: Placed, after: Tensor, force: Tensor) -> tuple[Tensor, Tensor]:
+    def by_moves(self, motion: Placed, after: Tensor, force: Tensor) -> tuple[Tensor, Tensor]:
         """(..., J, 12, 12): what the wrenches of a step change by where forces stay as they are, by
         half the moves of ends; (..., J, 2, w, w) by what these change, by the moves of both nodes.
         """
-        of, end, rate = motion.of, motion.end, motion.of.rate
-        moving, half = self._moving(*of.rates()[1]).flatten(-2), of.half_turns()
-        angle, right = after * self.angles, torch.pi / 2 * self.angles
-        v, v_by, speed, speed_by = _moved(self.v, end, moving)
-        w, w_by, turning, turning_by = _moved(self.turned(angle), end, moving)
-        across = self.angles[..., None] * self._coordinates_by(end, after + right)
-        by_end = self.coordinate_by(end, after)
+        joints, of, end, rate = self.joints, motion.of, motion.end, motion.of.rate
+        moving, half = joints.moving(*of.rates()[1]).flatten(-2), of.half_turns()
+        angle, right = after * joints.angles, torch.pi / 2 * joints.angles
+        turned = joints.turned(angle)
+        v, v_by, speed, speed_by = _moved(joints.v, end, moving)
+        w, w_by, turning, turning_by = _moved(turned, end, moving)
+        across = joints.angles[..., None] * self._coordinates_by(end, after + right)
+        by_end = joints.coordinate_by(end, after)
         # of an angle what acts along the derivative at the end turns with it, of a travel at mid
-        sides = ((motion.acting, self.w, self.travels), (end, self.turned(angle), self.angles))
+        sides = ((motion.acting, joints.w, joints.travels), (end, turned, joints.angles))
         tilt = (force[..., None] * across).mT @ by_end
         for pose, factor, rows in sides:
-            at = self.v.at(pose), factor.at(pose)
-            ends = self.v.at(end), factor.at(end)
-            by = self.v.by_moves(ends[0].turning), factor.by_moves(ends[1].turning)
-            tilt = tilt + self._curvature(*at, *by, *ends, rows * force)
+            at = joints.v.at(pose), factor.at(pose)
+            ends = joints.v.at(end), factor.at(end)
+            by = joints.v.by_moves(ends[0].turning), factor.by_moves(ends[1].turning)
+            tilt = tilt + joints.curvature(*at, *by, *ends, rows * force)
         by = along(w.value, speed_by) + along(speed, w_by)
         by = by + along(v.value, turning_by) + along(turning, v_by)
         by = by + (across @ moving[..., None]) * by_end
-        E = torch.block_diag(self.moves, self.moves)
-        moves = self.framework.at_joints(of.by_move().flatten(-2))
-        moves = moves.unflatten(-1, (self.space.unknowns, -1))
-        by = rate * columns(by, E, None if half is None else self._spins(half))
+        E = torch.block_diag(joints.moves, joints.moves)
+        moves = joints.framework.at_joints(of.by_move().flatten(-2))
+        moves = moves.unflatten(-1, (joints.space.unknowns, -1))
+        by = rate * columns(by, E, None if half is None else joints.spins(half))
         by = by + columns(self._coordinates_by(end, after), E, moves)
-        mass = (self.angles + self.travels) * self.laws.inertia / of.dt[..., None, None]
+        mass = (joints.angles + joints.travels) * self.inertia / of.dt[..., None, None]
         return tilt, mass[..., None, :, None] * by
 
     def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Tensor:
         """(...) J of nodes that move with velocity and spin (..., N+1, *), axes of sections."""
-        pose, (velocity, spin) = self.pose(position, rotation), moving
-        spin = self.space.to_frame(rotation, spin)
-        rate = self._rates(self.coordinate_by(pose, self.coordinate(pose)), (velocity, spin))
-        return (self.laws.inertia * rate**2).sum((-1, -2)) / 2
+        joints, (velocity, spin) = self.joints, moving
+        pose, spin = joints.pose(position, rotation), joints.space.to_frame(rotation, spin)
+        rate = self._rates(joints.coordinate_by(pose, joints.coordinate(pose)), (velocity, spin))
+        return (self.inertia * rate**2).sum((-1, -2)) / 2
 
     def mass(self, matrix: Any, motion: NodeMotion) -> Any:
-        if not self.has_inertia:
-            return matrix
-        pose = motion.placed(self.pose).end
-        by = self.coordinate_by(pose, self.coordinate(pose))
-        return self.tied(matrix, self.between_ends(by, self.laws.inertia))
-
-    def between_ends(self, rows: Tensor, weight: Tensor) -> Tensor:
-        """(..., J, 2, 2, w, w): rows^T weight rows of rows (..., J, n, 12) by displacement and spin
-        of both ends, with a weight (..., J, n) of each.
-        """
-        w, by = self.space.unknowns, rows @ torch.block_diag(self.moves, self.moves).mT
-        blocks = by.mT @ (weight[..., None] * by)
-        return blocks.unflatten(-1, (2, w)).unflatten(-3, (2, w)).transpose(-3, -2)
+        """A mass matrix with its own, at rest."""
+        joints = self.joints
+        pose = motion.placed(joints.pose).end
+        by = joints.coordinate_by(pose, joints.coordinate(pose))
+        return joints.tied(matrix, joints.between_ends(by, self.inertia))
 
 
 def _moved(factor: Factor, pose: Pose, moving: Tensor) -> tuple[Any, Tensor, Tensor, Tensor]:

@@ -183,7 +183,7 @@ class Joints(BetweenNodes):
         wrenches (..., J, 12) that nodes' balances have beside these.
         """
         pose, apart = motion.acting, self.w.at(motion.acting)  # row 0: of the points
-        by, arms = self._gradient(self.v.at(pose), w.at(pose)), apart.turning[..., 0, :]
+        by, arms = self.gradient(self.v.at(pose), w.at(pose)), apart.turning[..., 0, :]
         both = torch.einsum("...jmk,...jm->...jk", by, -force)
         both = both if more is None else both - more
         push, moment = both.unflatten(-1, (2, 2, 3)).unbind(-2)
@@ -232,7 +232,7 @@ class Joints(BetweenNodes):
             torch.where(turns, (v.value * self.w.at(pose).value).sum(-1), 0.0),
             torch.where(turns, (v.value * across).sum(-1), 1.0),
         )
-        return ((self.angles + self.travels) / size)[..., None] * self._gradient(v, w)
+        return ((self.angles + self.travels) / size)[..., None] * self.gradient(v, w)
 
     def coordinate_rows(self, pose: Pose) -> Tensor:
         """(..., c, w nodes) derivatives by the nodes' moves of all c coordinates of joints."""
@@ -242,7 +242,7 @@ class Joints(BetweenNodes):
 
     def held_rows(self, pose: Pose) -> Tensor:
         """(..., m, w nodes) derivatives by the nodes' moves of all m constraints."""
-        return self._at_nodes(self.held, self._gradient(self.v.at(pose), self.w.at(pose)))
+        return self._at_nodes(self.held, self.gradient(self.v.at(pose), self.w.at(pose)))
 
     def gaps(self, pose: Pose, joints: Tensor) -> Tensor:
         """(..., m) m or rad by which they are open; prescribed ones are to be as in `joints`."""
@@ -266,15 +266,15 @@ class Joints(BetweenNodes):
 
     def rate(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., J, w) m/s or rad/s of nodes that move so, frame a; 0 in rows of others."""
-        motion = self._moving(velocity, spin)
+        motion = self.moving(velocity, spin)
         by = self.coordinate_by(pose, self.coordinate(pose))
         return (by @ motion.flatten(-2)[..., None])[..., 0]
 
     def spin(self, pose: Pose, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., B, 3) rad/s of balls' second parts against the first, axes of these."""
-        return self.balls.spin(pose, self._moving(velocity, spin)[..., 3:])
+        return self.balls.spin(pose, self.moving(velocity, spin)[..., 3:])
 
-    def _moving(self, velocity: Tensor, spin: Tensor) -> Tensor:
+    def moving(self, velocity: Tensor, spin: Tensor) -> Tensor:
         """(..., J, 2, 6) velocity and spin of both ends, in space."""
         return self.framework.at_joints(torch.cat((velocity, spin), -1)) @ self.moves
 
@@ -293,7 +293,7 @@ class Joints(BetweenNodes):
         """total (..., N+1, w) with what the joints' forces (..., J, w) add to the nodes' balances:
         (dg/dq)^T lambda.
         """
-        by = self._gradient(self.v.at(pose), w.at(pose))
+        by = self.gradient(self.v.at(pose), w.at(pose))
         wrench = torch.einsum("...jmk,...jm->...jk", by, force).unflatten(-1, (2, 6))
         return self.framework.from_joints(wrench @ self.moves.mT, total)
 
@@ -324,8 +324,8 @@ class Joints(BetweenNodes):
         v, w, v_end = self.v.at(acting), w_acting.at(acting), self.v.at(end)
         w_end = w_acting.at(end)
         by_v, by_w = self.v.by_moves(v_end.turning), w_acting.by_moves(w_end.turning)
-        push = self._gradient(v, w)
-        stiffness = self._curvature(v, w, by_v, by_w, v_end, w_end, force)
+        push = self.gradient(v, w)
+        stiffness = self.curvature(v, w, by_v, by_w, v_end, w_end, force)
         if more is not None:
             stiffness = stiffness + more(v, push)
         stiffness = stiffness if added is None else stiffness + added
@@ -334,7 +334,7 @@ class Joints(BetweenNodes):
             by_w = w_closing.by_moves(w_end.turning)
         closed = rate * (along(w_end.value, by_v) + along(v_end.value, by_w))  # (..., J, m, 12)
         E = torch.block_diag(self.moves, self.moves)  # (2 w, 12)
-        spin = None if half is None else self._spins(half)
+        spin = None if half is None else self.spins(half)
         held = self.held[..., None]
         constraint = columns(held * closed, E, spin)
         stiffness = columns(E @ stiffness, E, spin)
@@ -348,12 +348,12 @@ class Joints(BetweenNodes):
         last_row = stacked(constraint, none, axis=-3)
         return stacked(rows, last_row[..., None, :, :, :], axis=-4)
 
-    def _spins(self, half: Tensor) -> Tensor:
+    def spins(self, half: Tensor) -> Tensor:
         """(..., J, 2, w, w): what of a node's move its end takes, over `rate`."""
         half_turns = self.framework.at_joints(half.flatten(-2)).unflatten(-1, half.shape[-2:])
         return end_moves(half_turns, self.space.dims.position)
 
-    def _gradient(self, v: Vector, w: Vector) -> Tensor:
+    def gradient(self, v: Vector, w: Vector) -> Tensor:
         """dg/dq (..., J, m, 12): by displacement and spin of the first node, then of the second."""
         apart = self.v.shift * w.value + self.w.shift * v.value
         a, b = (
@@ -362,7 +362,7 @@ class Joints(BetweenNodes):
         )
         return torch.cat((-apart, a, apart, b), -1)
 
-    def _curvature(
+    def curvature(
         self,
         v: Vector,
         w: Vector,

@@ -252,7 +252,7 @@ class Rows(Tree):
     def kinetic_energy(self, position: Tensor, rotation: Tensor, *moving: Tensor) -> Tensor:
         """(...) J of nodes that move with velocity and spin (section axes)."""
         energy = self.inertia.kinetic_energy(rotation, *moving)
-        if self.joints.has_inertia:
+        if self.joints.inertia is not None:
             energy = energy + self.joints.kinetic_energy(position, rotation, *moving)
         return energy
 

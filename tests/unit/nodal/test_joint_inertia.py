@@ -72,7 +72,7 @@ def test_is_that_of_lagranges_equations(scene, accelerations):
     exact = solve_ivp(rates, (0, 1), np.zeros(4), rtol=1e-12, atol=1e-12, t_eval=T.numpy())
 
     def error(method: str, step: float) -> float:
-        joints = tb.simulate(scene(), T, method=method, step=step).joint
+        joints = tb.simulate(scene(), T, method=method, step=step, engine="compiled").joint
         q = np.array([joint.coordinate.numpy() for joint in joints])
         return np.abs(q - exact.y[:2]).max()
 
@@ -85,7 +85,7 @@ def test_is_that_of_lagranges_equations(scene, accelerations):
 def test_hinges_keep_the_energy_over_ten_thousand_steps():
     """Of a chaotic motion of 15 J, to rounding."""
     t = torch.linspace(0, 200, 101, dtype=torch.float64)
-    energy = tb.simulate(two_links(), t, step=0.02).energy
+    energy = tb.simulate(two_links(), t, step=0.02, engine="compiled").energy
     assert energy.kinetic.max() > 10
     total = energy.kinetic + energy.strain - energy.work
     assert_close(total, torch.zeros_like(total), rtol=0, atol=1e-8)
@@ -94,7 +94,7 @@ def test_hinges_keep_the_energy_over_ten_thousand_steps():
 def test_a_slider_on_a_link_that_turns_keeps_the_energy_to_second_order():
     """Its error does not grow over 200 s: 3e-3 of 7 J with steps of 20 ms."""
     t = torch.linspace(0, 200, 101, dtype=torch.float64)
-    energy = tb.simulate(slides(), t, step=0.02).energy
+    energy = tb.simulate(slides(), t, step=0.02, engine="compiled").energy
     off = (energy.kinetic + energy.strain - energy.work).abs()
     assert off.max() < 5e-3 and off[50:].max() < 2 * off[:50].max()
 
@@ -157,7 +157,10 @@ def hung(kind: str) -> tb.Scene:
 )
 def test_two_coordinates_are_a_chain_of_two_joints(joint, chain):
     """In space, to 1e-6 m of a motion of 1 m: the body between has 2e-7 of the mass."""
-    x, y = (tb.simulate(hung(k), T, method="midpoint4", step=0.01) for k in (joint, chain))
+    x, y = (
+        tb.simulate(hung(k), T, method="midpoint4", step=0.01, engine="compiled")
+        for k in (joint, chain)
+    )
     assert (x["hub"].position - x["hub"].position[0]).abs().max() > 1
     assert_close(x["hub"].position, y["hub"].position, rtol=0, atol=1e-6)
 
@@ -233,9 +236,11 @@ def test_in_a_frame_that_turns():
     spin = omega.expand(2, 3).clone()
     start = replace(rest, spin=spin, velocity=torch.linalg.cross(spin, rest.position))
     t = T / 2
-    there = tb.simulate(still, t, start, method="midpoint4", step=0.01)["hub"].position
+    there = tb.simulate(still, t, start, method="midpoint4", step=0.01, engine="compiled")[
+        "hub"
+    ].position
     turning = replace(still, frame=tb.Frame(angular_velocity=omega))
-    here = tb.simulate(turning, t, method="midpoint4", step=0.01)["hub"].position
+    here = tb.simulate(turning, t, method="midpoint4", step=0.01, engine="compiled")["hub"].position
     c, s = torch.cos(2 * t), torch.sin(2 * t)
     x, y, z = here.unbind(-1)
     assert_close(torch.stack((c * x - s * y, s * x + c * y, z), -1), there, rtol=0, atol=1e-9)

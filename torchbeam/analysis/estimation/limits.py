@@ -79,8 +79,8 @@ class Limits:
         """(..., size) by which x (..., size) of this factor (..., s, size) comes within the bounds:
         the most likely one there (Simon 2010, IET Control Theory and Applications 4, 1303).
         """
-        change, own, (least, largest) = torch.zeros_like(x), x[..., self.places], self.ends
-        out = ((own < least) | (own > largest)).any(-1)
+        change, values, (least, largest) = torch.zeros_like(x), x[..., self.places], self.ends
+        out = ((values < least) | (values > largest)).any(-1)
         if not out.any():
             return change
         best, root = own[out], factor.expand(*x.shape[:-1], *factor.shape[-2:])[out]

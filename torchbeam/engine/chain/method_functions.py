@@ -70,7 +70,7 @@ class ConservingFunctions(LocalFunctions):
         outputs = super().finished(sort, kind, **fields)
         if sort in (NODE, ELEMENT):
             return outputs
-        if sort is not JOINT or not self.model.joints.has_inertia:
+        if sort is not JOINT or self.model.joints.inertia is None:
             return outputs | {"rise": -outputs["work"]}
         before, kinetic = self.of(sort).kinetic_energies(kind, **fields)
         return outputs | {"kinetic": kinetic, "rise": kinetic - before - outputs["work"]}
