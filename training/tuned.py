@@ -236,6 +236,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("student", "ik"): 400_000,
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
+    ("shac-gru", "track-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
 
@@ -361,6 +362,7 @@ SHAC_GRU["slew-uncertain"] |= dict(horizon=50)
 # at twice the rate one of two seeds lost what was taught on track; on flutter one of two learned
 # nothing by the discount of the others
 SHAC_GRU["flutter-uncertain"] |= dict(rate=2e-3, discount=0.99)
+SHAC_GRU["track-uncertain"] |= dict(falling=budget("shac-gru", "track-uncertain"))
 # of libraries, over their own, on all tasks
 SB3: dict[str, dict[str, Any]] = {
     "ppo": dict(
