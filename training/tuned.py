@@ -217,7 +217,7 @@ BUDGETS = {
     "sb3-sac": 20_000,
     "skrl-ppo": 300_000,
 }
-# by (algorithm, task), where a task wants others: up to 140 seconds
+# by (algorithm, task), where a task wants others: up to 140 seconds, with a memory 230
 TASK_BUDGETS: dict[tuple[str, str], int] = {
     # learned to the end of as many
     ("shac", "reach"): 750_000,

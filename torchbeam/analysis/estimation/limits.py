@@ -83,7 +83,7 @@ class Limits:
         out = ((values < least) | (values > largest)).any(-1)
         if not out.any():
             return change
-        best, root = own[out], factor.expand(*x.shape[:-1], *factor.shape[-2:])[out]
+        best, root = values[out], factor.expand(*x.shape[:-1], *factor.shape[-2:])[out]
         by = root.mT @ root[..., self.places]
         H = torch.linalg.inv_ex(by[..., self.places, :])[0]
         inside = within(H, best, least, largest)
