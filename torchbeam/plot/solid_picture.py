@@ -12,14 +12,15 @@ from torch import Tensor
 from ..core.arguments import instance
 from ..core.leaves import sent, with_values
 from ..math import quaternions as quat
+from ..scene.effects.contact import Contact
 from ..scene.effects.obstacle import Obstacle
-from ..scene.effects.obstacles import Cylinder, Plane
+from ..scene.effects.obstacles import Cylinder, Plane, Sphere
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .axis import PLANES, axis_curve, nodes_of, rows_of
 from .canvas import Axes, numbers
-from .obstacles import cut, in_axes, standing, surface_of
+from .obstacles import cut, in_axes, radius_of, standing, surface_of
 from .sections import Sections, across
 from .solids import Mesh, rounds, surface_mesh, tube_mesh
 
@@ -82,6 +83,8 @@ class SolidPicture:
         for shade, axis, sides, corners in self._beams(state):
             outline = numbers(_outline(axis[:, seen], sides[:, seen], corners))
             self.ax.fill(*outline.T, fc=_mixed(shade, 0.3), ec=_mixed(shade, 0.3, "k"), lw=0.8)
+        for shade, pose, ball in self._round_nodes(state):
+            cut(self.ax, plane, pose[0], in_axes(ball, *pose), _mixed(shade, 0.3))
         for shade, pose, surface in self._bodies(state):
             if surface is None:
                 self.ax.plot(*pose[0][seen], "s", ms=9, color=shade)
@@ -117,6 +120,8 @@ class SolidPicture:
             layer.append((mesh, SOLID))
         for shade, axis, sides, corners in self._beams(state):
             solid.append((_tube(axis, sides, corners), shade))
+        for shade, pose, ball in self._round_nodes(state):
+            solid.append((surface_mesh(ball, size).moved(*pose), shade))
         for shade, pose, surface in self._bodies(state):
             if surface is None:
                 ax.plot(*pose[0], "s", ms=9, color=shade)
@@ -160,6 +165,19 @@ class SolidPicture:
             axis = axis_curve(x[None, beam_rows], R[None, beam_rows, :, 0])[0]
             corners = self.sections.corners(k, part, len(axis), state.position.shape[:-2], i)
             yield shade, axis, across(R[beam_rows, :, 1:], len(axis)), corners
+
+    def _round_nodes(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle]]:
+        """Of nodes that touch as balls: colour, centre and axes, the ball."""
+        touching = [load.node for load in self.scene.effects if isinstance(load, Contact)]
+        for shade, i, k, part, x, R in self._each(state, body=False):
+            rows = range(len(x))[rows_of(state)[k]]
+            for node in touching:
+                if isinstance(node, int) and node % len(x) in rows:
+                    none = x.new_zeros(1)
+                    radius = radius_of(self.scene, part, none, state.position.shape[:-2], i)
+                    if radius is not None:
+                        ball = _plain_tree(Sphere(torch.zeros(3).to(radius), radius[0]))
+                        yield shade, (x[node], R[node]), ball
 
     def _bodies(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle | None]]:
         """Colour, centre and axes, surface, None = it has none."""

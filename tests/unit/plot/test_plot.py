@@ -308,6 +308,25 @@ def test_what_is_solid_is_as_large_as_it_is():
     assert min(x.sum() for x in (ball, rod, brick, thread)) > 20
 
 
+def test_a_node_that_touches_is_round():
+    """A rod of 0.5 m and the radius 20 mm, in a structure: its last node is a ball, the first is
+    not, nor are the other beam's.
+    """
+    section = tb.Section.circle(0.01, E=1e9, nu=0.3, rho=1e3)
+    rods = {name: tb.Beam.straight(0.5, 2, section, (0, 0, 1)) for name in ("a", "b")}
+    floor = tb.Plane((0, 0, -1.0), (0, 0, 1.0))
+    touching = tb.Contact(floor, node=("b", -1), radius=0.02, thickness=1e-3, force=1.0)
+    scene = tb.Scene(rods, [touching])
+    ax = tb.plot.shape(tb.rest(scene), tb.plot.axes(three=True), scene=scene)
+    *_, solid = (torch.from_numpy(np.asarray(c._faces)).flatten(0, 1) for c in ax.collections)
+    x, y, z = solid.double().T
+    assert z.min() > -1e-9
+    assert_close(z.max(), torch.tensor(0.52, dtype=torch.float64), rtol=0, atol=1e-9)
+    ball = z > 0.5 + 1e-9
+    off = (x**2 + y**2 + (z - 0.5) ** 2).sqrt()[ball] - 0.02
+    assert ball.sum() > 20 and off.abs().max() < 1e-9
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_what_tapers_is_drawn_so(order):
     """By the radius of contacts at each place, of each sample its own, and by the section there:
