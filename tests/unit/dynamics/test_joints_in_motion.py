@@ -38,7 +38,7 @@ def test_hinge_holds_its_axis_at_any_angle():
     joints, stepper, least = discretise(scene).joints, tb.Stepper(scene, 0.04), []
     for _ in range(12):  # up to 3 rad
         pose = joints.pose(state.position, state.rotation)
-        turning = joints._gradient(joints.v.at(pose), joints.w.at(pose))[0, :, 9:][
+        turning = joints.gradient(joints.v.at(pose), joints.w.at(pose))[0, :, 9:][
             joints.held[0] > 0
         ][3:]
         least.append(torch.linalg.svdvals(turning)[-1])

@@ -124,5 +124,5 @@ def test_a_contact_of_a_scene_is_copied_with_other_numbers():
     copied = replace(scene, effects=[replace(taken, thickness=2e-3)])
     assert copied.effects[0].thickness == 2e-3
     assert_close(copied.effects[0].radius, taken.radius, rtol=0, atol=0)
-    with pytest.raises(ValueError, match="Contact with a radius of 'ball', which has a surface"):
+    with pytest.raises(ValueError, match="Contact with the radius of 'ball', which has a surface"):
         replace(scene, effects=[replace(taken, radius=0.2)])
