@@ -173,16 +173,9 @@ def scene(case: Case, elements: int) -> tb.Scene:
             supports.append(tb.Support(node(x, elements, case), s.position, s.rotation, **moved))
         else:  # the place of an elastic clamp
             root = tb.RootMotion(moved["displacement"], moved["turn"])
-    frame = (
-        None
-        if case.spin is None and case.velocity is None
-        else tb.Frame(
-            **{
-                name: None if x is None else tensor(x)
-                for name, x in (("velocity", case.velocity), ("angular_velocity", case.spin))
-            }
-        )
-    )
+    moving = {"velocity": case.velocity, "angular_velocity": case.spin}
+    moving = {name: tensor(x) for name, x in moving.items() if x is not None}
+    frame = tb.Frame(**moving) if moving else None
     held = tuple(supports) if supports else None
     return tb.Scene(beam(case, elements), effects(case, elements), frame, root, case.plane, held)
 

@@ -96,7 +96,7 @@ def _add_arguments(error: TypeError, function: Callable[..., Any]) -> None:
     sentence = str(error)
     if "argument" not in sentence or not sentence.startswith(f"{function.__qualname__}() "):
         return
-    by = {True: [], False: []}  # type: dict[bool, list[str]]
+    by: dict[bool, list[str]] = {True: [], False: []}
     for name, parameter in inspect.signature(function).parameters.items():
         if name not in ("self", "cls"):
             by[parameter.kind is parameter.KEYWORD_ONLY].append(name)

@@ -78,6 +78,17 @@ def missing(
     return AttributeError(text, name=name)
 
 
+def near_names(module: dict[str, Any], elsewhere: Mapping[str, str]) -> None:
+    """For `globals()` of a module with `__all__`: a name that it has not raises `missing`. Type
+    checkers, which do not see it, go on telling misspelt names.
+    """
+
+    def of_module(name: str) -> Any:
+        raise missing(f"module {module['__name__']!r}", name, module["__all__"], elsewhere)
+
+    module["__getattr__"] = of_module
+
+
 class Named:
     """Base of results that say which attribute does what another name stands for elsewhere."""
 

@@ -305,10 +305,11 @@ class DrivenJoints(Joints):
         parts = stress.narrow(-2, 0, last - self.count), force, stress.narrow(-2, last, self.behind)
         return stacked(*parts), driven.acting
 
-    def wrench(self, motion: Placed, w: Factor, force: Tensor, more: Any = None) -> Tensor:
+    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
+        wrench = super().wrench(motion, w, (1 - self.turning_rows) * force)
         inertial = self.driven(motion).inertial if self.inertia else None
-        more = None if inertial is None else inertial.wrenches
-        wrench = super().wrench(motion, w, (1 - self.turning_rows) * force, more)
+        if inertial is not None:
+            wrench = wrench - self.on_second(motion, inertial.wrenches)
         if self.acting_balls is None:
             return wrench
         M = self._ball_moment(motion)

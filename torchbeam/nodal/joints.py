@@ -177,19 +177,20 @@ class Joints(BetweenNodes):
         """The stress with all forces of joints, and w where they act."""
         return stress, self.w
 
-    def wrench(self, motion: Placed, w: Factor, force: Tensor, more: Any = None) -> Tensor:
-        """Force N and moment N m (..., J, 6) on second parts, at the joints' points there, frame
-        a: on the ground, which has no gradient, the opposite of what the first part gets. more:
-        wrenches (..., J, 12) that nodes' balances have beside these.
+    def wrench(self, motion: Placed, w: Factor, force: Tensor) -> Tensor:
+        """Force N and moment N m (..., J, 6) of the joints' forces on second parts."""
+        by = self.gradient(self.v.at(motion.acting), w.at(motion.acting))
+        return self.on_second(motion, torch.einsum("...jmk,...jm->...jk", by, -force))
+
+    def on_second(self, motion: Placed, both: Tensor) -> Tensor:
+        """Of wrenches (..., J, 12) on nodes: that on second parts, at the joints' points there,
+        frame a; on the ground, which has no gradient, the opposite of what the first part gets.
         """
-        pose, apart = motion.acting, self.w.at(motion.acting)  # row 0: of the points
-        by, arms = self.gradient(self.v.at(pose), w.at(pose)), apart.turning[..., 0, :]
-        both = torch.einsum("...jmk,...jm->...jk", by, -force)
-        both = both if more is None else both - more
-        push, moment = both.unflatten(-1, (2, 2, 3)).unbind(-2)
+        apart = self.w.at(motion.acting)  # row 0: of the points
+        arms, (push, moment) = apart.turning[..., 0, :], both.unflatten(-1, (2, 2, 3)).unbind(-2)
         moment = moment - cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor(
-            [pair[1] is None for pair in self.framework.joints], device=force.device
+            [pair[1] is None for pair in self.framework.joints], device=both.device
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
         moved = cross(apart.value[..., 0, :], first[..., :3])

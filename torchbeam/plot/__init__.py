@@ -8,10 +8,8 @@
 Figures belong to nobody but the caller: pyplot, its state and its windows are not used.
 """
 
-from typing import Any
-
 from ..core.entry_point import entry_points
-from ..core.missing_name import missing
+from ..core.missing_name import by_word, near_names
 from .animation import animate
 from .canvas import axes, grid, save
 from .cross_sections import cross_section
@@ -39,19 +37,12 @@ __all__ = [
 entry_points(globals(), __all__)
 
 # what others call so
-ELSEWHERE = {
-    "film": "animate",
-    "movie": "animate",
-    "moment": "diagram",
-    "bendingmoment": "diagram",
-    "shear": "diagram",
-    "plot": "shape",
-    "deflection": "shape",
-    "deformed": "shape",
-    "show": "save",
-    "savefig": "save",
-}
-
-
-def __getattr__(name: str) -> Any:
-    raise missing(f"module {__name__!r}", name, __all__, ELSEWHERE)
+ELSEWHERE = by_word(
+    {
+        "animate": "film movie",
+        "diagram": "bendingmoment moment shear",
+        "save": "savefig show",
+        "shape": "deflection deformed plot",
+    }
+)
+near_names(globals(), ELSEWHERE)

@@ -116,7 +116,14 @@ def surface_of(
     surface = scene.beam.surface(body.name)
     if surface is not None:
         return map_leaves(lambda x, axes: _sample(x, axes, batch, sample), surface)
-    radius = radius_of(scene, body, scene.beam.nodes.new_zeros(1), batch, sample)
+    return ball_of(scene, body, batch, sample)
+
+
+def ball_of(
+    scene: Scene, part: Part | None, batch: Sequence[int] = (), sample: int = 0
+) -> Sphere | None:
+    """By which contacts take a body, or the first node of a beam; None = none names a radius."""
+    radius = radius_of(scene, part, scene.beam.nodes.new_zeros(1), batch, sample)
     return None if radius is None else Sphere(torch.zeros(3).to(radius), radius[0])
 
 

@@ -14,13 +14,13 @@ from ..core.leaves import sent, with_values
 from ..math import quaternions as quat
 from ..scene.effects.contact import Contact
 from ..scene.effects.obstacle import Obstacle
-from ..scene.effects.obstacles import Cylinder, Plane, Sphere
+from ..scene.effects.obstacles import Cylinder, Plane
 from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .axis import PLANES, axis_curve, nodes_of, rows_of
 from .canvas import Axes, numbers
-from .obstacles import cut, in_axes, radius_of, standing, surface_of
+from .obstacles import ball_of, cut, in_axes, standing, surface_of
 from .sections import Sections, across
 from .solids import Mesh, rounds, surface_mesh, tube_mesh
 
@@ -173,11 +173,9 @@ class SolidPicture:
             rows = range(len(x))[rows_of(state)[k]]
             for node in touching:
                 if isinstance(node, int) and node % len(x) in rows:
-                    none = x.new_zeros(1)
-                    radius = radius_of(self.scene, part, none, state.position.shape[:-2], i)
-                    if radius is not None:
-                        ball = _plain_tree(Sphere(torch.zeros(3).to(radius), radius[0]))
-                        yield shade, (x[node], R[node]), ball
+                    ball = ball_of(self.scene, part, state.position.shape[:-2], i)
+                    if ball is not None:
+                        yield shade, (x[node], R[node]), _plain_tree(ball)
 
     def _bodies(self, state: State) -> Iterator[tuple[Any, tuple[Tensor, Tensor], Obstacle | None]]:
         """Colour, centre and axes, surface, None = it has none."""

@@ -14,10 +14,8 @@ in what it was made of. Each has
     shape   of a reading, (3,) for a vector         size    numbers in it
 """
 
-from typing import Any
-
 from ..core.entry_point import entry_points
-from ..core.missing_name import missing
+from ..core.missing_name import by_word, near_names
 from .acceleration import NodeAcceleration
 from .along import Curvature, Gauge, Strain, Stress
 from .contact import (
@@ -58,19 +56,16 @@ __all__ = [
 entry_points(globals(), __all__)
 
 # what others call so
-ELSEWHERE = {
-    "accelerometer": "NodeAcceleration",
-    "straingauge": "Gauge",
-    "gyroscope": "Spin",
-    "gyro": "Spin",
-    "displacement": "NodePosition",
-    "loadcell": "RootReaction",
-    "marker": "Position",
-    "laser": "Position",
-    "moment": "SectionForces",
-    "encoder": "JointCoordinate",
-}
-
-
-def __getattr__(name: str) -> Any:
-    raise missing(f"module {__name__!r}", name, __all__, ELSEWHERE)
+ELSEWHERE = by_word(
+    {
+        "Gauge": "straingauge",
+        "JointCoordinate": "encoder",
+        "NodeAcceleration": "accelerometer",
+        "NodePosition": "displacement",
+        "Position": "laser marker",
+        "RootReaction": "loadcell",
+        "SectionForces": "moment",
+        "Spin": "gyro gyroscope",
+    }
+)
+near_names(globals(), ELSEWHERE)

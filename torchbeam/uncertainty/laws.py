@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..core.entry_point import entry_points
-from ..core.missing_name import missing
+from ..core.missing_name import by_word, near_names
 from .empirical_law import Empirical
 from .parametric_laws import Constant, Gumbel, LogNormal, Normal, Triangular, Uniform, Weibull
 from .random_field import RandomField
@@ -26,14 +26,13 @@ entry_points(globals(), __all__)
 Law = Any
 
 # what others call so
-ELSEWHERE = {
-    "gaussian": "Normal",
-    "histogram": "Empirical",
-    "gaussianprocess": "RandomField",
-    "deterministic": "Constant",
-    "exponential": "Weibull",
-}
-
-
-def __getattr__(name: str) -> Any:
-    raise missing(f"module {__name__!r}", name, __all__, ELSEWHERE)
+ELSEWHERE = by_word(
+    {
+        "Constant": "deterministic",
+        "Empirical": "histogram",
+        "Normal": "gaussian",
+        "RandomField": "gaussianprocess",
+        "Weibull": "exponential",
+    }
+)
+near_names(globals(), ELSEWHERE)
