@@ -156,7 +156,7 @@ class Contact(ContactTerms):
     def _check_node(self) -> None:
         place = getattr(self.node, "given", self.node)  # a scene has a row in place of a name
         check_node("node", place)
-        if place == self.on:  # of a body
+        if isinstance(self.on, str) and place == self.on:  # of a body
             return
         if self.on is not None:
             raise refusal(f"Contact of {shown(self.on)} with the node {place!r}", "one of them")
