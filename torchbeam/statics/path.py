@@ -28,7 +28,7 @@ from ..equations.steady import Configuration, Past
 from ..math.shapes import largest
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
-from ..scene.effects import Inputs
+from ..scene.effects import Contact, Inputs, RootSpring, Spring
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State, rest
@@ -161,7 +161,8 @@ def path(
 
     Args:
         highest: the path of a sample ends where its factor reaches this, or `lowest`
-        load: name of the input that the factor multiplies, beside constant loads; None = all loads
+        load: name of the input that the factor multiplies, beside constant loads; None = all loads,
+            also the forces of springs and obstacles, of which a warning tells
         step: first and longest step along the path. A length of 1 is a mean move of nodes by L, a
             mean turn by 1 rad, or the whole `highest`. A step is halved where Newton's method fails
             or a node turns by more than 1 rad
@@ -203,6 +204,8 @@ def path(
     inputs = scene.tensors(inputs)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     _check(load, inputs, control, target, branch)
+    if load is None:
+        _warn_of_resistance(scene)
     factors = _range(lowest, highest)
     target = None if target is None else instants("target", target, scene.beam.nodes)
     steps = check_count("steps", steps)
@@ -236,6 +239,17 @@ def _check(
         )
     if control is not None and branch:
         raise ValueError("branch with control was given; it goes by the length of the path")
+
+
+def _warn_of_resistance(scene: Scene) -> None:
+    """Warns of loads by which something else resists, where the factor multiplies all."""
+    resisting = [x.called for x in scene.loads if isinstance(x, Contact | RootSpring | Spring)]
+    if resisting:
+        warn(
+            f"a {resisting[0]} was given to path, whose force the load factor multiplies too; "
+            "load=, an input that grows alone, is wanted",
+            UserWarning,
+        )
 
 
 def _range(lowest: float, highest: float) -> tuple[float, float]:

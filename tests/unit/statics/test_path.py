@@ -77,6 +77,37 @@ def test_a_named_input_alone_is_scaled():
     assert_close(path.state.tip.position[-1], want, rtol=0, atol=1e-6)  # 1e-8 of the load, times 12
 
 
+RESISTING = {
+    "Spring": tb.Spring(-1, 3.0),
+    "RootSpring": tb.RootSpring((1e6, 1e3)),
+    "Contact": tb.Contact(tb.Plane((0, 0, -1.0), (0, 0, 1.0)), thickness=0.1, force=1.0),
+}
+
+
+@pytest.mark.parametrize("name", RESISTING)
+def test_what_resists_is_a_load_and_a_warning_tells(name):
+    """load=None multiplies the force of a spring, k w, as it does P: a tip at f P/(3 EI/L^3 + f k),
+    not f P/(3 EI/L^3 + k), which a named input gives. EI = L = 1, k = 3 N/m; of eight elements with
+    linked interpolation 1e-3, of small displacements (5e-5 m) nothing.
+    """
+    section = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=1.0, EI=1.0, mass=1.0)
+    beam, P = tb.Beam.straight(1.0, 8, section).linked(), torch.tensor([0.0, 0, 1e-3])
+
+    def tip(force, **options):
+        scene = tb.Scene(beam, [tb.TipLoad(force=force), RESISTING[name]])
+        path = tb.path(scene, step=0.3, steps=8 if name == "Spring" else 1, **options)
+        return path.factor[1:-1], path.state.tip.position[1:-1, 2]
+
+    with pytest.warns(UserWarning, match=f"a {name} was given to path, whose force"):
+        f, scaled = tip(P)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        g, named = tip(tb.Input("P", 3), load="P", inputs={"P": P})
+    if name == "Spring":
+        assert_close(scaled, f * P[2] / (3 + 3 * f), rtol=2e-3, atol=0)
+        assert_close(named, g * P[2] / 6, rtol=2e-3, atol=0)
+
+
 def test_supports_and_eigenstrain_go_with_the_factor():
     """A displaced end, an actuated beam under a load: each point is the equilibrium of that share
     of all of it, to Newton's tolerance (1e-8 of the loads, 6 N, beside the softest stiffness, 1 N
