@@ -1,7 +1,7 @@
 """What tests cost, in CPU seconds, which other work on the machine changes little: the dearest
 files at the end of a run; all of them, each by its last run of many, in `out/test_costs.json`; and
-a sentence for each folder that took more than `cost_bounds.json` says. A plugin of `conftest.py`;
-no test fails by it.
+a sentence for each unit that took more than `MOST`, and for each folder that took more than
+`cost_bounds.json` says. A plugin of `conftest.py`; no test fails by it.
 
 After a change that is meant: `.ci/run`, then `python -m tests.costs` makes the bounds anew, and
 adds to `in_turn.json` what is dear: one claim over many scenes, of which each turn runs some, or
@@ -22,6 +22,7 @@ HERE = Path(__file__).parent
 BOUNDS, COSTS = HERE / "cost_bounds.json", HERE.parent / "out" / "test_costs.json"
 DEAREST = 15  # files that are shown
 LEAST = 60.0  # CPU seconds of a run that is told of
+MOST = 20.0  # CPU seconds of a unit: units step eagerly, where a long motion takes minutes
 IN_TURN = HERE / "in_turn.json"
 DEAR, ALONE, ROWS = 1.2, 2.5, 3  # CPU seconds of so many rows together, or of fewer
 ROOM = 1.3  # by which a bound is more than what was measured, for another processor
@@ -34,6 +35,7 @@ def cpu_seconds():
 
 SPENT = Counter(cpu=cpu_seconds(), compiled=0)  # by this process up to the last report
 FILES, TESTS, PROCESSES = {}, {}, []  # costs by reports; CPU seconds of whole processes
+LONG = {}  # CPU seconds of units beyond their bound
 
 
 def counted(make):
@@ -66,6 +68,8 @@ def pytest_runtest_logreport(report):
     cost = dict(cpu=report.cpu, compiled=report.compiled, tests=report.when == "call")
     for sums, end in ((FILES, "::"), (TESTS, "[")):
         sums.setdefault(report.nodeid.partition(end)[0], Counter()).update(cost)
+    if report.cpu > MOST and report.nodeid.startswith("tests/unit/"):
+        LONG[report.nodeid] = report.cpu
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -115,6 +119,9 @@ def with_others(found, kind="files"):
 
 def pytest_terminal_summary(terminalreporter):
     """Programs that were found on disk are not compiled."""
+    for name, cpu in LONG.items():
+        sentence = f"{name} took {cpu:.0f} CPU s, and {MOST:.0f} is the bound of a unit"
+        terminalreporter.line(f"{sentence}: fewer steps, or native ones (steps)", yellow=True)
     total = sum(FILES.values(), Counter())
     if total["cpu"] < LEAST:
         return

@@ -492,8 +492,8 @@ def all_joints(by):
         torque=torch.stack((torque, 0.2 + none, none), -1),
     )  # fmt: skip
     universal = tb.Universal(
-        ("fore", -1), "hub", (0, 1.0, 0), (0, 0, 1.0), stiffness=torch.stack((pair, 2 * pair), -1),
-        damping=torch.stack((damped, damped), -1), second_angle=lambda t: second * t**2,
+        ("fore", -1), "hub", (0, 1.0, 0), (0, 0, 1.0), stiffness=torch.stack((pair, none), -1),
+        damping=torch.stack((damped, none), -1), second_angle=lambda t: second * t**2,
     )  # fmt: skip
     parts = {"arm": fore, "fore": rest, "hub": tb.Body(0.1, 1e-3, position=(1.0, 0, 0))}
     return tb.Scene(parts, [tb.Gravity((0, 1.0, -9.81))], joints=[ball, universal],

@@ -35,6 +35,22 @@ def test_a_run_of_some_files_keeps_what_is_known_of_others(tmp_path, monkeypatch
     assert costs.with_others(again) == again
 
 
+def test_a_unit_that_takes_long_is_named(monkeypatch):
+    """After any run, however short; what is no unit may take longer."""
+    for name in ("LONG", "FILES", "TESTS"):
+        monkeypatch.setattr(costs, name, {})
+    for file, cpu in (("unit/a.py", 21.0), ("unit/b.py", 19.0), ("verification/c.py", 99.0)):
+        nodeid = f"tests/{file}::test[x]"
+        costs.pytest_runtest_logreport(
+            SimpleNamespace(nodeid=nodeid, cpu=cpu, compiled=0, when="call")
+        )
+    lines, short = [], Counter(cpu=1.0)
+    monkeypatch.setattr(costs, "FILES", {"tests/unit/a.py": short})
+    costs.pytest_terminal_summary(SimpleNamespace(line=lambda x, **_: lines.append(x)))
+    (line,) = lines
+    assert line.startswith("tests/unit/a.py::test[x] took 21 CPU s, and 20 is the bound of a unit")
+
+
 def test_what_runs_in_turn_is_there():
     for test in conftest.IN_TURN:
         file, _, name = test.partition("::")

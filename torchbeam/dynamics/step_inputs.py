@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ..core.functions_of_time import at_time, taken
+from ..core.numbers import Numbers
 from ..nodal.coordinates.planar import Planar
 from ..nodal.coordinates.spatial import Spatial
 from ..scene.effects import Inputs, PerInterval, first_of, inputs_at, inputs_over
@@ -194,41 +195,41 @@ def in_line(x: Tensor, shape: torch.Size, axes: int = 0) -> Tensor:
 
 
 class StateCache(NamedTuple):
-    """The public state; how often its fields had been written to; itself in the space's
+    """The public state; names of its fields whose numbers count, and these; itself in the space's
     coordinates, None = it is; whether it is known that no sample of it has failed.
     """
 
     state: Callable[[], State | None]
-    versions: tuple[int, ...]
+    names: list[str]
+    numbers: Numbers
     reduced: State | None
     well: bool
 
     @classmethod
     def of(cls, state: State, reduced: State, space: Spatial, well: bool) -> StateCache | None:
         """From a public state and itself in the coordinates of a space; None where these do not
-        come back from it as they were, or it does not tell whether it is written to.
+        come back from it as they were, or nothing tells whether it is written to.
         """
         same = state is reduced
-        reusable = same or (
+        if not same and not (
             isinstance(space, Planar) and space.reversible and not state.position.requires_grad
-        )
-        versions = _versions(state) if reusable else None
-        return (
-            None
-            if versions is None
-            else cls(weakref.ref(state), versions, None if same else reduced, well)
-        )
+        ):
+            return None
+        names = ["status"]
+        if not same:  # fields that both share are read where they are
+            there = vars(reduced)
+            names += [
+                k for k, x in vars(state).items() if x is not there[k] and isinstance(x, Tensor)
+            ]
+        numbers = Numbers.of([getattr(state, name) for name in names])
+        if numbers is None:
+            return None
+        return cls(weakref.ref(state), names, numbers, None if same else reduced, well)
 
     def if_same(self, state: State) -> StateCache | None:
         """This, with `reduced`, if the state is this one, as it was."""
-        if self.state() is not state or self.versions != _versions(state):
+        if self.state() is not state or not self.numbers.stand(
+            [getattr(state, name) for name in self.names]
+        ):
             return None
         return self if self.reduced is not None else self._replace(reduced=state)
-
-
-def _versions(state: State) -> tuple[int, ...] | None:
-    """How often each field was written to in place; None = not known, where one was made in
-    inference mode (views of a scene's tensors, made there, are not).
-    """
-    fields = [x for x in vars(state).values() if isinstance(x, Tensor)]
-    return None if any(x.is_inference() for x in fields) else tuple([x._version for x in fields])

@@ -68,15 +68,6 @@ def discretise(scene: Scene, lumped: bool = False, topology: Topology | None = N
     return model
 
 
-def is_shared(model: Model) -> bool:
-    """Whether `discretise` gives this model to all that ask, and its scene has the numbers that it
-    was made of.
-    """
-    last = vars(model.scene).get(LAST)
-    mine = last is not None and last.model() is model
-    return mine and all(map(torch.equal, last.numbers, model.scene.numbers))
-
-
 def _discretised(scene: Scene, lumped: bool, topology: Topology | None) -> Model:
     if scene.plane == "auto":
         return _in_a_plane(scene, lumped, topology)

@@ -77,7 +77,7 @@ class DrivenJoint(Joint):
 
     Raises:
         ValueError: for a negative number, friction without a slip speed, limits without a stiffness
-            or in the wrong order, or an effort along a prescribed coordinate.
+            or in the wrong order, or what acts along a prescribed coordinate.
     """
 
     axis: Value = leaf(1, default=(1.0, 0.0, 0.0), size=3, copied=True, name=VECTOR)
@@ -109,14 +109,23 @@ class DrivenJoint(Joint):
                     "the highest, is wanted"
                 )
         together(self, ("friction", "slip_speed"), ("limits", "limit_stiffness"))
-        for effort, prescribed in self.GIVEN:
-            others = [effort] if len(self.GIVEN) > 1 else self.acts.keys() - {prescribed}
-            others = [name for name in self.acts if name in others]
+        for k, (effort, prescribed) in enumerate(self.GIVEN):
+            others = [name for name in self.acts if self._acts_along(k, name, effort, prescribed)]
             if prescribed in self.acts and others:
                 raise ValueError(
                     f"a {self.called} with {prescribed} and {', '.join(others)} was given; one of "
                     "them is wanted, for nothing acts along a coordinate that is prescribed"
                 )
+
+    def _acts_along(self, k: int, name: str, effort: str, prescribed: str) -> bool:
+        """Whether what has a name acts along coordinate k."""
+        if not _second(self):
+            return name != prescribed
+        if name not in LAWS:
+            return name == effort
+        # without what goes with others, where 0 is not none
+        alone = name not in ("slip_speed", "limits")
+        return alone and bool(concrete(torch.as_tensor(getattr(self, name)[..., k])).any())
 
     def law(self, coordinate: int) -> CoordinateLaw:
         if coordinate not in self.coordinates:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.validation import shown
 from . import laws
-from .law_scores import as_own, why_none
+from .law_scores import as_own, is_of_scipy, why_none
 from .laws import Constant, Law
 
 # fmt: off
@@ -86,5 +86,5 @@ def of_uniform(law: Law, u: Tensor) -> Tensor:
     """Values (N,) of u (N,), uniform in (0, 1)."""
     if isinstance(law, (tuple, list)):
         return law[0] + (law[1] - law[0]) * u
-    law = as_own(law) if hasattr(law, "ppf") else law
+    law = as_own(law) if is_of_scipy(law) else law
     return law.icdf(u) if hasattr(law, "icdf") else law(u)

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, distributions
 
@@ -27,9 +26,13 @@ class ExpTransformed:
         return self.law.score(x.clamp_min(0).log())
 
 
+# what SciPy's newer classes call quantiles and probabilities, from below and from above
+NEWER = {"ppf": "icdf", "isf": "iccdf", "cdf": "cdf", "sf": "ccdf"}
+
+
 @dataclass(frozen=True)
 class OfScipy:
-    """A frozen distribution of SciPy, which has both tails of its own."""
+    """A distribution of SciPy, frozen or of its newer classes, which has both tails of its own."""
 
     frozen: Any
 
@@ -47,6 +50,7 @@ class OfScipy:
         return score_of_tails(self._of("cdf", x), self._of("sf", x))
 
     def _of(self, name: str, x: Tensor) -> Tensor:
+        name = name if hasattr(self.frozen, "ppf") else NEWER[name]
         value = getattr(self.frozen, name)(x.detach().cpu().numpy())
         return torch.as_tensor(value, dtype=x.dtype, device=x.device)
 
@@ -67,20 +71,24 @@ def as_own(law: Any) -> Any:
     """
     if isinstance(law, (tuple, list)):
         return Uniform(*law)
-    if hasattr(law, "ppf"):
+    if is_of_scipy(law):
         return OfScipy(law)
     make = TORCHS.get(type(law))
     return law if make is None or law.batch_shape else make(law)
 
 
+def is_of_scipy(law: Any) -> bool:
+    return hasattr(law, "ppf") or hasattr(law, NEWER["isf"])
+
+
 def why_none(law: Any) -> str | None:
     """Why a law with quantiles is not of one number, as one of torch or SciPy may be; or None."""
-    if hasattr(law, "ppf"):
+    if is_of_scipy(law):
         try:
-            middle = law.ppf(np.full(1, 0.5))
+            middle = OfScipy(law).icdf(torch.full((1,), 0.5))
         except TypeError:
             return "has parameters that are not given"
-        return None if np.size(middle) == 1 else f"has {np.shape(middle)} numbers, not one"
+        return None if middle.numel() == 1 else f"has {tuple(middle.shape)} numbers, not one"
     if not isinstance(law, distributions.Distribution):
         return None
     if law.event_shape or law.batch_shape.numel() != 1:

@@ -89,8 +89,8 @@ def monte_carlo(
             function returns (y, status (N,)), with a status other than 0 for failed samples
         laws: by name, in the order of theta's columns. A law is (least, largest) for a uniform law,
             a law of `tb.laws`, or any object with `icdf` or `ppf`, as those of torch.distributions
-            and scipy.stats. It may also be a function of u (N,), uniform in (0, 1), that returns
-            (N,). A `RandomField` has a column for each place
+            and scipy.stats, old and new. It may also be a function of u (N,), uniform in (0, 1),
+            that returns (N,). A `RandomField` has a column for each place
         n: number of samples of a scrambled Sobol sequence (Matousek 1998), best a power of two. A
             longer run with the same seed has the same first n samples. (y differs by rounding if
             the longer run uses native code)

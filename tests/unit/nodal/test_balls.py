@@ -354,6 +354,8 @@ def test_a_ball_in_a_plane_is_a_hinge():
     (lambda: tb.Universal(None, "a", stiffness=1.0), r"stiffness of shape \(\) was given"),
     (lambda: tb.Universal(None, "a", torque=1.0, angle=0.2), "with angle and torque"),
     (lambda: tb.Universal(None, "a", second_torque=1.0, second_angle=0.2), "second_angle and"),
+    (lambda: tb.Universal(None, "a", angle=0.2, inertia=(1.0, 0.0)), "with angle and inertia"),
+    (lambda: tb.Universal(None, "a", second_angle=0.2, stiffness=(1.0, 2.0)), "and stiffness"),
 )
 def test_refusals(make):
     make()

@@ -399,6 +399,7 @@ def test_a_cylindrical_joint_is_a_hinge_and_a_slider(given, engine):
         ),
         (lambda: tb.Cylindrical(None, "a", angle=0.1, torque=1.0), "with angle and torque"),
         (lambda: tb.Cylindrical(None, "a", travel=0.1, force=1.0), "with travel and force"),
+        (lambda: tb.Cylindrical(None, "a", angle=0.1, damping=(1.0, 0.0)), "angle and damping"),
     ],
 )
 def test_what_cylindrical_joints_refuse(make, words):

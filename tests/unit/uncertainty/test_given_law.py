@@ -9,6 +9,8 @@ import torchbeam as tb
 from torchbeam.uncertainty.given_law import KINDS, of_text
 from torchbeam.uncertainty.law_scores import of_score, score
 
+NEWER = hasattr(stats, "Normal")
+
 
 def test_from_text():
     """What a file may say."""
@@ -30,12 +32,21 @@ def test_from_text():
             of_text("EI", given)
 
 
-def test_scipys_laws_have_both_tails():
+@pytest.mark.parametrize(
+    "law",
+    [
+        stats.norm(2.0, 0.5),
+        pytest.param(
+            stats.Normal(mu=2.0, sigma=0.5) if NEWER else None,
+            marks=pytest.mark.skipif(not NEWER, reason="SciPy 1.15 and later have these"),
+        ),
+    ],
+)
+def test_scipys_laws_have_both_tails(law):
     """As torchbeam's own normal law, to ten deviations, also under a copula and truncated; their
     mean between 1 and 9 is SciPy's.
     """
     z = torch.linspace(-10, 10, 41, dtype=torch.float64)
-    law = stats.norm(2.0, 0.5)
     assert_close(of_score(law, z), 2 + 0.5 * z, rtol=1e-12, atol=1e-12)
     assert_close(score(law, 2 + 0.5 * z), z, rtol=1e-9, atol=1e-12)
     options = dict(by_name=True, correlation={("a", "b"): 0.5})
@@ -56,6 +67,10 @@ def test_scipys_laws_have_both_tails():
     [
         (stats.norm(torch.linspace(0, 1, 64).numpy(), 1.0), r"which has \(64,\) numbers, not one"),
         (stats.gamma, "which has parameters that are not given"),
+    ]
+    + [
+        (stats.Normal(mu=numbers, sigma=1.0), r"which has \(64,\) numbers, not one")
+        for numbers in [torch.linspace(0, 1, 64).numpy()] * NEWER
     ],
 )
 def test_a_law_of_scipy_that_is_not_of_one_number_is_refused(law, why):

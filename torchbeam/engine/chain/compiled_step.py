@@ -15,6 +15,7 @@ from ...core.derivatives import lasting, no_derivatives
 from ...core.function_dependencies import Dependencies
 from ...core.functions_of_time import past_hooks
 from ...core.leaves import functions, wants_gradient
+from ...core.numbers import Numbers
 from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...nodal.multipliers import stacked
@@ -109,7 +110,7 @@ class CompiledStep:
         self._sizes = [Field("common", name, x, 0) for name, x in sizes(model).items()]
         self.sources = [*[field.value for field in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
-        self._seen: tuple[int, ...] | None = None
+        self._seen = Numbers.of(self.sources)
         self._checked = not by_function(model)  # whether these keep samples apart
         self._forms: dict[tuple, Form] = {}
 
@@ -332,17 +333,12 @@ class CompiledStep:
         """Take afresh what was looked up, where a tensor that it came from has been written to
         since.
         """
-        try:
-            seen = tuple([x._version for x in self.sources])
-        except RuntimeError:  # tensors of inference mode do not count
-            seen = None
-        if seen is None or seen != self._seen:
-            if self._seen is not None:
-                with lasting(), past_hooks():
-                    self.constant = self._constant()
+        if self._seen is None or not self._seen.stand(self.sources):
+            with lasting(), past_hooks():
+                self.constant = self._constant()
             self.constants.forget()
             self._forms.clear()
-            self._seen = seen
+            self._seen = Numbers.of(self.sources)
 
     def _form(
         self, tensors: list[Tensor], K: int | None, dims: int, options: tuple[Any, ...]

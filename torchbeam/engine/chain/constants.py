@@ -12,13 +12,13 @@ from torch.nn.functional import pad
 from ...core.derivatives import cached, lasting
 from ...core.function_dependencies import Dependencies
 from ...core.leaves import detached, functions, with_values
+from ...core.numbers import Numbers
 from ...core.validation import concrete
 from ...math.shapes import broadcast_shapes
 from ...nodal.acting import ActingLoad
 from ...nodal.balance import same_law
 from ...nodal.conditions import conditions, supports
 from ...nodal.coordinates.planar import Planar
-from ...nodal.discretise import is_shared
 from ...nodal.loads import Nodes, advanced, external
 from ...nodal.model import Model
 from ...scene.effects import Inputs, Pose
@@ -323,16 +323,13 @@ class Constants:
         if torch.is_grad_enabled() and any([x.requires_grad for x in self.sources]):
             return value()
         if name not in self._cache:
-            try:
-                seen = [x._version for x in self.sources]
-            except RuntimeError:  # tensors of inference mode do not count
-                seen = None
             held = vars(self.model).setdefault(OF_MODEL, {})
             last = held.get(name)
-            if seen is None or last is None or last[0] != seen:
+            if last is None or not last[0].stand(self.sources):
+                numbers = Numbers.of(self.sources)
                 with lasting():
-                    last = seen, value()
-                if is_shared(self.model):
+                    last = numbers, value()
+                if numbers is not None and self.model.scene.numbers is not None:
                     held[name] = last
             self._cache[name] = last[1]
         return self._cache[name]

@@ -23,6 +23,7 @@ from torch._C import _functorch as functorch
 from ...core.derivatives import lasting
 from ...core.functions_of_time import past_hooks
 from ...core.leaves import leaves
+from ...core.numbers import Numbers
 from ...core.remembered import keep
 from ...core.status import SUCCESS
 from ...nodal.model import Model
@@ -86,11 +87,11 @@ class TouchingStep:
         self._compiled: set[Any] = set()  # for these samples and lanes, see `_compile_ahead`
         laws = [contact.contact for contact in model.touching.each]
         self._numbers = [x.value for x in leaves(laws) if isinstance(x.value, Tensor)]
-        self._seen = self._written()
+        self._seen = Numbers.of(self._numbers)
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies, also in other processes, make their own list."""
-        return vars(self) | {"_list": None}
+        return vars(self) | {"_list": None, "_seen": None}
 
     batch = property(lambda self: self.far.batch)
     around = property(lambda self: self.far.around)
@@ -116,10 +117,9 @@ class TouchingStep:
             return None
         if start.position.device.type != "cpu":  # which is refused there
             return self.far(start, dt, t, inputs, moving, tolerance, least, limit, K, lanes)
-        seen = self._written()
-        if seen != self._seen:
+        if self._seen is None or not self._seen.stand(self._numbers):
             self._steps.clear()
-            self._list, self._seen = None, seen
+            self._list, self._seen = None, Numbers.of(self._numbers)
         axes = start.status.ndim if moving is None else moving.ndim
         first, parts, at_once, whole = 0, [], K or 1, Whole(K) if K else None
         changing = None
@@ -178,11 +178,6 @@ class TouchingStep:
     def _places(self, x: Tensor) -> Tensor:
         """Positions, or velocities, (..., nodes, 3)."""
         return self.model.space.public_position(x).detach()
-
-    def _written(self) -> list[Any]:
-        """What tells whether a number of the laws has been written to."""
-        # tensors of inference mode do not count how often they were
-        return [x.tolist() if x.is_inference() else x._version for x in self._numbers]
 
     def _listed(
         self, position: Tensor, velocity: Tensor, dt: Tensor, move: float = 0.0

@@ -1,0 +1,48 @@
+"""What tells whether numbers of tensors are what they were, by whatever way they are written to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from ctypes import Array, c_char
+from typing import NamedTuple
+
+from torch import Tensor
+
+
+class Numbers(NamedTuple):
+    """Of some tensors: where they lie, a look at these places, and what stood there. NumPy, `.data`
+    and fused optimizers leave a tensor's version as it was.
+    """
+
+    places: list[int]
+    looks: list[Array[c_char]]
+    values: bytes
+
+    @classmethod
+    def of(cls, tensors: Sequence[Tensor]) -> Numbers | None:
+        """Of tensors on one device; None where nothing tells: off the CPU, and in torch.func."""
+        try:
+            places = [x.data_ptr() for x in tensors]
+        except RuntimeError:
+            return None
+        if tensors and not tensors[0].is_cpu:
+            return None
+        pairs = zip(tensors, places, strict=True)
+        looks = [(c_char * _extent(x)).from_address(place) for x, place in pairs if place]
+        return cls(places, looks, b"".join(looks))
+
+    def stand(self, tensors: Iterable[Tensor]) -> bool:
+        """Whether these are tensors at the same places, with the same numbers to the bit."""
+        # places first: what lay elsewhere may be gone
+        return [x.data_ptr() for x in tensors] == self.places and self.values == b"".join(
+            self.looks
+        )
+
+
+def _extent(x: Tensor) -> int:
+    """Bytes from its first number to its last."""
+    if x.is_contiguous():
+        return x.nbytes
+    return x.element_size() * (
+        1 + sum((size - 1) * stride for size, stride in zip(x.shape, x.stride(), strict=True))
+    )
