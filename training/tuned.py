@@ -233,6 +233,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("ppo", "track-3d"): 250_000,
     ("shac", "follow"): 600_000,
     ("shac", "follow-3d"): 600_000,
+    ("sac", "follow-3d"): 5_000_000,  # as published
     ("student", "ik"): 400_000,
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
@@ -324,7 +325,11 @@ SHAC["flutter-uncertain"]["frames"] = FRAMES_UNSTABLE
 SHAC["flutter-3d-uncertain"] = dict(frames=FRAMES_UNSTABLE)
 # in space as in the plane
 PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
-SAC["follow-3d"] = SAC["follow"]
+# as many environments, updates and transitions in one as published (Choi and Tong 2025)
+SAC["follow-3d"] = dict(
+    **dict(discount=0.95, num_envs=500, horizon=1, updates=4, minibatch=1024, target=0.005),
+    **dict(hidden=(128, 128), memory=500_000, warmup=10_000),
+)
 SHAC["reach-3d"] = SHAC["reach"]
 # in as many steps as budgets have, whatever the budget of a run is, rates of SHAC fall to a tenth
 for (_algorithm, _task), _steps in TASK_BUDGETS.items():
