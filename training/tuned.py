@@ -237,6 +237,8 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("student", "ik"): 400_000,
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
+    ("student", "reach-behind"): 4 * 8 * 510,
+    ("student", "reach-nest"): 14 * 8 * 510,
     ("shac-gru", "track-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
@@ -347,10 +349,16 @@ LONG: dict[str, Any] = dict(
     memory=0, hidden=(128, 128), num_envs=256, pace=5, horizon=72, lessons=6, updates=800
 )
 LONGER: dict[str, Any] = {**LONG, "horizon": 204, "lessons": 4, "updates": 1600}
+# of one episode, in which nothing is random
+ALONE: dict[str, Any] = dict(
+    memory=0, hidden=(128, 128), num_envs=8, horizon=510, lessons=7, updates=400
+)
 STUDENT: dict[str, dict[str, Any]] = {
     "ik": dict(teacher=_led("ik"), memory=0, hidden=(128, 128), lessons=50, horizon=20, updates=80),
     "track-target": dict(teacher=_led("track-target", standing=0.01), **LONGER),
     "reach-pose": dict(teacher=_led("reach-pose", standing=0.01), **LONG),
+    "reach-behind": dict(teacher=_called("Waypoints", WAYS["reach-behind"]), **ALONE),
+    "reach-nest": dict(teacher=_led("reach-nest"), **ALONE),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
