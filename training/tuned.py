@@ -238,7 +238,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
     ("student", "reach-behind"): 4 * 8 * 510,
-    ("student", "reach-nest"): 8 * 2 * 3571,
+    ("student", "reach-nest"): 5 * 8 * 510,
     ("shac-gru", "track-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
@@ -358,9 +358,8 @@ STUDENT: dict[str, dict[str, Any]] = {
     "track-target": dict(teacher=_led("track-target", standing=0.01), **LONGER),
     "reach-pose": dict(teacher=_led("reach-pose", standing=0.01), **LONG),
     "reach-behind": dict(teacher=_called("Waypoints", WAYS["reach-behind"]), **ALONE),
-    "reach-nest": dict(  # a lesson is an episode: most go astray on the way, at first
-        {**ALONE, "num_envs": 2, "horizon": 3571, "lessons": 2, "updates": 800},
-        teacher=_called("Waypoints", WAYS["reach-nest"]),
+    "reach-nest": dict(
+        {**ALONE, "updates": 800}, teacher=_called("Waypoints", WAYS["reach-nest"])
     ),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
