@@ -358,9 +358,7 @@ STUDENT: dict[str, dict[str, Any]] = {
     "track-target": dict(teacher=_led("track-target", standing=0.01), **LONGER),
     "reach-pose": dict(teacher=_led("reach-pose", standing=0.01), **LONG),
     "reach-behind": dict(teacher=_called("Waypoints", WAYS["reach-behind"]), **ALONE),
-    "reach-nest": dict(
-        {**ALONE, "updates": 800}, teacher=_called("Waypoints", WAYS["reach-nest"])
-    ),
+    "reach-nest": dict({**ALONE, "updates": 800}, teacher=_called("Waypoints", WAYS["reach-nest"])),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
