@@ -238,7 +238,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
     ("student", "reach-behind"): 4 * 8 * 510,
-    ("student", "reach-nest"): 5 * 8 * 510,
+    ("student", "reach-nest"): 4 * 8 * 510,
     ("shac-gru", "track-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
