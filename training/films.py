@@ -36,7 +36,7 @@ PLAYERS = {
     "track-target": ("resolved-rate", 0.2),
     "reach-pose": ("resolved-rate", 0.4),
     "reach-behind": ("waypoints", 0.15),
-    "reach-nest": ("resolved-rate", 0.35),
+    "reach-nest": ("waypoints", 0.15),
 }
 
 

@@ -233,9 +233,12 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("ppo", "track-3d"): 250_000,
     ("shac", "follow"): 600_000,
     ("shac", "follow-3d"): 600_000,
+    ("sac", "follow-3d"): 5_000_000,  # as published
     ("student", "ik"): 400_000,
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
+    ("student", "reach-behind"): 4 * 8 * 510,
+    ("student", "reach-nest"): 4 * 8 * 510,
     ("shac-gru", "track-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
@@ -324,7 +327,11 @@ SHAC["flutter-uncertain"]["frames"] = FRAMES_UNSTABLE
 SHAC["flutter-3d-uncertain"] = dict(frames=FRAMES_UNSTABLE)
 # in space as in the plane
 PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
-SAC["follow-3d"] = SAC["follow"]
+# as many environments, updates and transitions in one as published (Choi and Tong 2025)
+SAC["follow-3d"] = dict(
+    **dict(discount=0.95, num_envs=500, horizon=1, updates=4, minibatch=1024, target=0.005),
+    **dict(hidden=(128, 128), memory=500_000, warmup=10_000),
+)
 SHAC["reach-3d"] = SHAC["reach"]
 # in as many steps as budgets have, whatever the budget of a run is, rates of SHAC fall to a tenth
 for (_algorithm, _task), _steps in TASK_BUDGETS.items():
@@ -342,10 +349,16 @@ LONG: dict[str, Any] = dict(
     memory=0, hidden=(128, 128), num_envs=256, pace=5, horizon=72, lessons=6, updates=800
 )
 LONGER: dict[str, Any] = {**LONG, "horizon": 204, "lessons": 4, "updates": 1600}
+# of one episode, in which nothing is random
+ALONE: dict[str, Any] = dict(
+    memory=0, hidden=(128, 128), num_envs=8, horizon=510, lessons=7, updates=400
+)
 STUDENT: dict[str, dict[str, Any]] = {
     "ik": dict(teacher=_led("ik"), memory=0, hidden=(128, 128), lessons=50, horizon=20, updates=80),
     "track-target": dict(teacher=_led("track-target", standing=0.01), **LONGER),
     "reach-pose": dict(teacher=_led("reach-pose", standing=0.01), **LONG),
+    "reach-behind": dict(teacher=_called("Waypoints", WAYS["reach-behind"]), **ALONE),
+    "reach-nest": dict({**ALONE, "updates": 800}, teacher=_called("Waypoints", WAYS["reach-nest"])),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
