@@ -413,7 +413,7 @@ def test_a_body_does_not_step_through_an_obstacle(engine):
     (
         lambda: tb.Scene(
             {"ball": tb.Body(0.1, 1e-4)},
-            tb.Contact("ball", FLOOR, radius=0.1, force=1.0, points=5),
+            tb.Contact("ball", tb.Plane((0, 0, 0), UP), radius=0.1, force=1.0, points=5),
         ),
         "Contact of 'ball' with points = 5 was given",
     ),
