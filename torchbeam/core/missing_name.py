@@ -16,7 +16,8 @@ def by_word(words: Mapping[str, str]) -> dict[str, str]:
 # what torchbeam calls that which engineers and other programs call so, in small letters without _
 ELSEWHERE = by_word(
     {
-        "Beam": "cable chain cosseratrod element hose mesh mooringline node rod rope strip wire yarn",
+        "Beam": "cable chain cosseratrod element hose mesh mooringline node rod rope strip wire "
+        "yarn",
         "Body": "rigidbody",
         "Contact": "collision floor ground hook obstacle ring seabed torus",
         "CrossSection": "crosssectionanalysis warping",

@@ -13,10 +13,7 @@ def test_a_cable_that_falls_on_a_bar_hangs_over_it():
     beam = tb.Beam.straight(1.0, 12, cable, root=(-0.5, 0, 0.06))
     law = dict(radius=0.004, points=4, thickness=1e-3, force=100.0)
     bar = tb.Contact(tb.Cylinder((0, 0, 0), (0, 1, 0), 0.05), **law)
-    ends = [
-        tb.Support(0, rotation="xz"),
-        tb.Support(-1, rotation="xz", displacement=(-0.3, 0, 0)),
-    ]
+    ends = [tb.Support(0, rotation="xz"), tb.Support(-1, rotation="xz", displacement=(-0.3, 0, 0))]
     scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81)), bar], supports=ends, plane="xz")
     state = tb.equilibrium(scene, relax=True, engine="eager")
     over = state.position[state.position[:, 0].abs() < 0.04]
@@ -25,7 +22,8 @@ def test_a_cable_that_falls_on_a_bar_hangs_over_it():
     gap = tb.sensors.ContactGap(scene)(state)
     assert 0 < gap.item() < 1e-3  # m: half of the weight on one point is 15 N/m
     weight = 1200.0 * torch.pi * 0.004**2 * 9.81
-    held = sum(state.reaction_of(k).force[2] for k in range(2)) + tb.sensors.ContactForce(scene)(
-        state
-    )[..., 2].sum()
+    held = (
+        sum(state.reaction_of(k).force[2] for k in range(2))
+        + tb.sensors.ContactForce(scene)(state)[..., 2].sum()
+    )
     assert abs(held.item() / weight - 1) < 1e-6
