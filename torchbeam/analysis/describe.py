@@ -26,6 +26,7 @@ from ..nodal.rates import Rates
 from ..scene.effects import (
     POSITION,
     Along,
+    Contact,
     Damping,
     DynamicStall,
     Effect,
@@ -37,6 +38,7 @@ from ..scene.effects import (
     Polar,
     WindField,
 )
+from ..scene.parts import part_of
 from ..scene.scene import Scene
 from ..scene.section import notes
 from ..scene.stations import Table
@@ -209,6 +211,10 @@ def _effect(effect: Effect, scene: Scene) -> str:
         and f.name not in ("node", "on")
         and _named(v := getattr(effect, f.name), f.default)
     ]
+    if isinstance(effect, Contact) and effect.radius is None:
+        names = [name for name in (effect.on, effect.partner) if name is not None]
+        along = not any(part_of(beam.parts, name).body for name in names)
+        said += ["no radius: axes touch"] * (along and node is None)
     return f"{effect.called}{at}" + (f": {', '.join(said)}" if said else "")
 
 

@@ -16,10 +16,12 @@ def by_word(words: Mapping[str, str]) -> dict[str, str]:
 # what torchbeam calls that which engineers and other programs call so, in small letters without _
 ELSEWHERE = by_word(
     {
-        "Beam": "cable cosseratrod element mesh node rod rope strip",
+        "Beam": "cable chain cosseratrod element hose mesh mooringline node rod rope strip wire "
+        "yarn",
         "Body": "rigidbody",
-        "Contact": "collision floor ground",
+        "Contact": "collision floor ground hook obstacle ring seabed torus",
         "CrossSection": "crosssectionanalysis warping",
+        "Cylinder": "drum pulley sheave tube",
         "Frame": "rotatingframe",
         "Hinge": "joint pinjoint revolute revolutejoint",
         "Input": "actuator control",
@@ -33,13 +35,13 @@ ELSEWHERE = by_word(
         "Slider": "prismatic prismaticjoint",
         "Stepper": "integrator step",
         "StripAir": "aerodynamics airfoil aerofoil lift wing",
-        "Support": "bc boundary boundarycondition clamp clamped constraint encastre fixed pin "
-        "pinned roller simplesupport",
+        "Support": "anchor bc boundary boundarycondition clamp clamped constraint encastre fixed "
+        "grasp grip gripper pin pinned roller simplesupport",
         "Tendon": "actuationcable cabletendon string",
         "Weld": "fixedjoint rigidjoint",
         "campbell": "campbelldiagram rotor whirl",
         "critical_load": "buckle buckling bucklingload eulerload",
-        "equilibrium": "solve solvestatic static staticsolve",
+        "equilibrium": "catenary drape hang relax solve solvestatic static staticsolve",
         "identify": "calibrate curvefit fit leastsquares parameterestimation",
         "laws": "distribution distributions lognormal normal uniform",
         "linearize": "linearise lti statespace transferfunction",

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.validation import concrete
-from ..scene.effects.contact_terms import ContactTerms
+from ..scene.effects.contact_terms import POINTS, ContactTerms
 from ..scene.effects.load_point import ROTATION, SPIN, VELOCITY
 from ..scene.effects.obstacle import Obstacle
 from ..scene.parts import part_of
@@ -24,8 +24,6 @@ from .surface_pairs import SurfacePairs, numbers_of
 from .touching import Nearby, PairLaw, PartContact
 from .touching_forces import ScenePairs
 from .touching_pairs import TouchingPairs
-
-POINTS = 2  # places in a piece of a beam, as of an obstacle
 
 
 @dataclass(frozen=True)

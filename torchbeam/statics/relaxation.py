@@ -31,6 +31,7 @@ from ..core.validation import concrete
 from ..equations.load_steps import WOUND, turn_of_supports
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.balance import Residual
+from ..nodal.element_loads import Way, body_passed_through, passed_through
 from ..nodal.model import Model
 from ..solvers.newton import newton
 from ..topology.protocols import Matrix, total
@@ -144,6 +145,7 @@ def relax(
                     still, still.apply_supports(x), calm, tolerance, LIMIT, foresee=~calm
                 )
                 at_rest = calm & (outcome.status == 0) & (_turned(model, x, outcome.x) < CALM)
+                at_rest = at_rest & ~_through(still, x, outcome.x)
                 factor, drag = whole.load_factor, NEUTRAL * viscosity
                 held = replace(fluid, model=model, load_factor=factor, drag=drag, before=outcome.x)
                 # what hardly anything resists moves far by the last update, which leaves something
@@ -168,13 +170,22 @@ def advance(
     """
     outcome = newton(fluid, fluid.apply_supports(x), going, tolerance, LIMIT)
     turned = _turned(fluid.model, x, outcome.x)
-    good = going & (outcome.status == 0) & (turned < TURN)
+    good = going & (outcome.status == 0) & (turned < TURN) & ~_through(fluid, x, outcome.x)
     downhill = conservative(fluid, outcome.x)
     if concrete(downhill & good).any():
         saddle = good & downhill & ~_minimum(fluid, outcome.x)
         x, good = where(saddle, _disturbed(fluid, x), x), good & ~saddle
     longer = torch.where(good, (EASY / turned).clamp(*GROWTH), 1 / 4)
     return where(good, outcome.x, x), good, turned, longer
+
+
+def _through(problem: SteadyProblem, x: Configuration, after: Configuration) -> Tensor:
+    """(...) whether straight ways of points lead through an obstacle, as it stands."""
+    model, now, still = problem.model, problem.conditions, torch.zeros_like(problem.load_factor)
+    way = Way((x.position + after.position) / 2, (after.position - x.position) / 2, still)
+    through = body_passed_through(model, way, now)
+    through = still > 0 if through is None else through
+    return through | passed_through(model, way, now) if now.between else through
 
 
 def near(model: Model, x: Configuration, known: Configuration) -> Tensor:

@@ -246,3 +246,23 @@ def test_damping_ratios_are_those_of_the_modes():
     for other in ([], [tb.Damping([0.1] * 6)], [tb.Damping(torch.tensor([0.1, 0.2]))], relaxing):
         (line,) = tb.describe(tb.Scene(scene.beam, other)).lines["frequencies"]
         assert "ratios" not in line
+
+
+def test_a_contact_without_a_radius_says_that_axes_touch():
+    """Of two beams, and of one with an obstacle; not where a radius or a body's surface is."""
+    floor, ball = tb.Plane((0, 0, -0.1), (0, 0, 1)), tb.Sphere((0, 0, 0), 0.01)
+    rod = tb.Section.circle(0.005, E=1e8, nu=0.35, rho=1200.0)
+    parts = {
+        "a": tb.Beam.straight(0.2, 1, rod),
+        "b": tb.Beam.straight(0.2, 1, rod, root=(0, 0, 0.1)),
+        "ball": tb.Body(0.1, 1e-4, position=(0, 0, 0.3), surface=ball),
+    }
+    contacts = [
+        tb.Contact("a", floor),
+        tb.Contact("a", "b"),
+        tb.Contact("a", floor, radius=0.005),
+        tb.Contact("ball", "b"),
+    ]
+    scene = tb.Scene(parts, contacts, supports=[tb.Support(("a", 0)), tb.Support(("b", 0))])
+    lines = tb.describe(scene).lines["effects"]
+    assert [line.endswith("no radius: axes touch") for line in lines] == [True, True, False, False]

@@ -27,6 +27,8 @@ def test_what_is_offered_is_there():
         (tb, "DistributedLoads", "LineLoad is near"),
         (tb, "buckling_load", "critical_load is near"),
         (tb, "Hnge", "Hinge is near"),
+        (tb, "Gripper", "Support is near"),
+        (tb, "Torus", "Contact is near"),
         (tb, "lqr", "torchbeam_envs.baselines is near"),
         (tb.plot, "show", "save is near"),
         (tb.sensors, "Accelerometer", "NodeAcceleration is near"),

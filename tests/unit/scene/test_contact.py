@@ -410,6 +410,13 @@ def test_a_body_does_not_step_through_an_obstacle(engine):
         ),
         "Contact with a radius of the beam's that has no room in the cylinder",
     ),
+    (
+        lambda: tb.Scene(
+            {"ball": tb.Body(0.1, 1e-4)},
+            tb.Contact("ball", tb.Plane((0, 0, 0), UP), radius=0.1, force=1.0, points=5),
+        ),
+        "Contact of 'ball' with points = 5 was given",
+    ),
     (lambda: tb.Sphere((0, 0, 0), 0.0), "Sphere's radius = 0 was given"),
     (lambda: tb.Plane((0, 0, 0), (0, 0, 0)), "Plane's normal of length 0 was given"),
     (

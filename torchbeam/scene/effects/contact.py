@@ -15,7 +15,7 @@ from ...math.quaternions import cross
 from ..parts import Place, check_node, part_of
 from ..stations import Table
 from .contact_law import damped, leads_through, pressure, rubbing, telling
-from .contact_terms import AtPoints, ContactTerms, radius_value, widest
+from .contact_terms import POINTS, AtPoints, ContactTerms, radius_value, widest
 from .load_point import POSITION, ROTATION, SPIN, VELOCITY, LoadPoint, Wrench, at_instant
 from .obstacle import Obstacle, each
 from .obstacles import Plane
@@ -81,7 +81,7 @@ class Contact(ContactTerms):
             approach)/thickness, which never pulls; None or the number 0: none
         points: number of places of an element at which surfaces may meet. A smaller thing can slip
             through between two of them. None = two Gauss points against obstacles; between beams
-            equal parts, enough for the patch of two beams that cross
+            equal parts, enough for the patch of two beams that cross. Bodies alone have none
         node: a node that touches the obstacle, in a structure (name of a beam, number). None: all
             along the beam. Beside a contact along the beam it counts once more where the beam
             lies: with both default forces each end of a stiff rod bears a third of the weight
@@ -151,7 +151,7 @@ class Contact(ContactTerms):
                     "a smaller one",
                 )
         if self.points is None and self.between_nodes:
-            vars(self).update(points=2)
+            vars(self).update(points=POINTS)
 
     def _check_node(self) -> None:
         place = getattr(self.node, "given", self.node)  # a scene has a row in place of a name
@@ -190,6 +190,12 @@ class Contact(ContactTerms):
                     f"Contact of {part.name!r} with a radius as a Table",
                     "that is a body, and a number",
                 )
+        usual = (None, None if self.partner is not None else POINTS)
+        if parts and all(part.body for part in parts) and self.points not in usual:
+            raise refusal(
+                f"Contact of {parts[0].name!r} with points = {shown(self.points)}",
+                "None (a body touches as a ball, or in its corners)",
+            )
         if any(shape is not None for shape in shapes):
             return self._of_surface(shapes)
         if self.partner is not None or self.on is None or not parts[0].body:

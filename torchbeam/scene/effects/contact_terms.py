@@ -17,6 +17,7 @@ from ..stations import Table
 from .load_point import LoadEffect
 
 Self = TypeVar("Self", bound="ContactTerms")
+POINTS = 2  # places in an element, or a piece of a beam, that touches a solid
 
 
 @dataclass(frozen=True)
