@@ -56,6 +56,7 @@ class Filtered:
     weight: Tensor
     log_likelihood: Tensor
     lately: Tensor  # (..., 3): of the readings' errors, sum of squares, its mean, its variance
+    missed: Tensor  # (..., m): of each reading, how many in a row were beyond the gate
     # of the last interval: readings and x' by x, and what the readings said
     learnt: tuple[Tensor, Conditioned] | None = None
     about: Tensor | None = None  # (..., p): parameters' coordinates at which the structure stands
