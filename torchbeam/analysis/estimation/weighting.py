@@ -129,16 +129,17 @@ class Weighting:
         return (sources.square().sum(-2) + self.noise.square()).sqrt()
 
     def beyond(self, sources: Tensor, error: Tensor, weight: Tensor) -> Beyond:
-        """What weights say of readings that are left out."""
-        left = ~torch.isnan(error) & (weight == 0)
-        if self.reach == math.inf or not left.any():
+        """What weights say of readings that are left out, and of those that count at the gate."""
+        c, spread = self.reach, self.deviation(sources)
+        left, at = ~torch.isnan(error) & (weight == 0), error.abs() == c * spread
+        if c == math.inf or not (left | at).any():
             none = error.new_zeros(error.shape[:-1])
             return Beyond(none, none, none)
-        c, spread, count = self.reach, self.deviation(sources), left.sum(-1).to(error)
         each = -(c**2) / 2 - (spread * math.sqrt(2 * math.pi)).log()
         # mean square of normal errors beyond the gate; faults are no more of a doubt than LEFT_OUT
         square = 1 + c * math.sqrt(2 / math.pi) * math.exp(-(c**2) / 2) / math.erfc(c / 2**0.5)
-        squares = count * min(square, LEFT_OUT**2)
+        square, count = min(square, LEFT_OUT**2), left.sum(-1).to(error)
+        squares = square * count + max(square - c**2, 0.0) * at.sum(-1)
         return Beyond(count, squares, torch.where(left, each, 0.0).sum(-1))
 
     def log_density(self, learnt: Conditioned, weight: Tensor) -> Tensor:

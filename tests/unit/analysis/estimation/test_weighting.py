@@ -14,6 +14,7 @@ from torchbeam.analysis.identification.losses import HUBER, STUDENT
 from .test_kalman_filter import DT, NAN, TIP, randn, strip, up
 
 NOISE = 1e-3
+WINDOWS = {tb.MovingHorizon: {"window": 4}}
 ROOT = -math.log(2 * math.pi) / 2  # log density of a normal law at 0
 
 
@@ -38,7 +39,7 @@ def test_an_absurd_reading_is_none(estimator, absurd):
     """What is known after it, and later, is to rounding what is known without, and neighbours' is;
     it is told.
     """
-    f = stiff(estimator, gate=1 - 1e-9, **{"window": 4} if estimator is tb.MovingHorizon else {})
+    f = stiff(estimator, gate=1 - 1e-9, **WINDOWS.get(estimator, {}))
     y = NOISE * randn(6, 2, 1)
     lost = y.clone()
     y[3, 0], lost[3, 0] = absurd, NAN
@@ -59,11 +60,9 @@ def test_a_gate_finds_back(monkeypatch, estimator):
     estimate is within four deviations of noise. The other has single absurd readings, which are
     missing. Each is what it is alone.
     """
-    window = {"window": 4} if estimator is tb.MovingHorizon else {}
-    process = {"u": (up(0.05), 0.5)}
-    f = estimator(
-        strip(), TIP, dt=DT, noise=NOISE, process=process, gate=1 - 1e-9, **window
-    )
+    model = tb.linearize(strip(), inputs={"u": up(0)}).reduced(2)
+    given = dict(dt=DT, noise=NOISE, process={"u": (up(0.05), 0.5)}, gate=1 - 1e-9, model=model)
+    f = estimator(strip(), TIP, **given, **WINDOWS.get(estimator, {}))
     step, true, tip = tb.Stepper(strip(), DT), f.start(2).state, []
     pushed = torch.tensor([up(0.5), up(0.0)])
     for k in range(36):
@@ -80,7 +79,7 @@ def test_a_gate_finds_back(monkeypatch, estimator):
     assert left_out == weighting.AGAIN and [z.weight[1, 0] for z in found].count(0) == 3
     for k, each in enumerate((y[:, 0], lost[:, 1])):
         alone = f.run(f.start(), each)[-1]
-        scale = alone.factor.norm(dim=-2).clamp(min=1e-9)
+        scale = alone.factor.norm(dim=-2)
         assert ((alone.x - found[-1].x[k]) / scale).abs().max() < 1e-9
     monkeypatch.setattr(weighting, "AGAIN", math.inf)
     z = f.run(f.start(), y[:, 0])[-1]
@@ -128,29 +127,27 @@ def test_a_loss_finds_the_most_likely_motion(loss):
 
 @pytest.mark.parametrize("loss", ["huber", "student"])
 def test_a_likelihood_is_that_of_the_loss(loss):
-    """Of one reading, whose noise has the density of the loss: to 0.1 what the trapezoidal rule has
-    over the motion, near and far off, where least squares miss by more than 1e5; of an absurd
-    reading models of other deviations differ by what the rule has, to 1e-3 of it.
+    """Of one reading, whose noise has the density of the loss: near, to the 0.2 of Laplace's
+    approximation, and far off to 0.05, what the trapezoidal rule has over the motion; least squares
+    miss by 1e4. The likelihoods that an absurd reading gives to models of other deviations differ
+    by what the rule has, to 1e-3.
     """
-    start, far = 3 * NOISE, 500 * NOISE
     law = {"huber": weighting.log_huber, "student": weighting.log_student}[loss]
+    f, plain = linear(loss=loss), linear()
 
     def both(error, amplitude):
-        plain = linear()
-        before = plain.start(amplitude=amplitude)
-        expected = plain.predict(before).readings
-        P = NOISE**2 * (1 / plain(before, expected + NOISE).nis - 1)
-        x = torch.linspace(-12, 12, 200001) * P.sqrt()
-        density = law((error - x) / NOISE) - x.square() / (2 * P) - (2 * math.pi * P).log() / 2
-        best = (density.logsumexp(-1) + (x[1] - x[0]).log()) - math.log(NOISE) + ROOT
-        f = linear(loss=loss)
-        return f(f.start(amplitude=amplitude), expected + error).log_likelihood, best
+        before = plain.predict(plain.start(amplitude=amplitude))
+        P = NOISE**2 * (1 / plain.update(before, before.readings + NOISE).nis - 1)
+        x = torch.linspace(-40, 40, 400001) * P.sqrt()
+        density = law((error - x) / NOISE) - x.square() / (2 * P)
+        best = density.logsumexp(-1) + (x[1] - x[0]).log() + 2 * ROOT - (P.sqrt() * NOISE).log()
+        return f(f.start(amplitude=amplitude), before.readings + error).log_likelihood, best
 
-    for error in (0.0, 0.7 * NOISE, far):
-        found, best = both(error, start)
-        assert abs(found - best) < 0.1
-    (a, b), (c, d) = both(1e5 * NOISE, start), both(1e5 * NOISE, 1.5 * start)
-    assert abs((c - a) - (d - b)) < 1e-3 * abs(d - b) + 1e-6
+    for error, within in ((0.0, 0.2), (0.7, 0.2), (500.0, 0.05)):
+        log_likelihood, best = both(error * NOISE, 3 * NOISE)
+        assert abs(log_likelihood - best) < within
+    (a, b), (c, d) = both(100.0, 3 * NOISE), both(100.0, 4.5 * NOISE)
+    assert abs((c - a) - (d - b)) < 1e-3
 
 
 def test_densities_of_losses_have_an_integral_of_one():
@@ -220,7 +217,7 @@ def test_the_largest_number_is_a_reading_that_says_little(estimator, loss):
     """What files have in place of a number that is missing, whose square is infinite: no doubt, if
     it is not the first.
     """
-    f = stiff(estimator, loss=loss, **{"window": 4} if estimator is tb.MovingHorizon else {})
+    f = stiff(estimator, loss=loss, **WINDOWS.get(estimator, {}))
     y = NOISE * randn(6, 1)
     y[3] = torch.finfo(y.dtype).max
     z = f.run(f.start(amplitude=0.01), y)[-1]
