@@ -33,6 +33,7 @@ SETTLING = 10  # intervals in which a plant is left to itself
 STARTS = 64  # draws of the task's, where its episodes start differently
 LATENCIES = 4  # candidates, evenly over their range, each of which is estimated from there
 GATE = 1 - 1e-9  # probability of an error that is no fault of a sensor
+ROWS = {"x": 1, "factor": 2, "log_likelihood": 0, "lately": 1, "missed": 1}  # axes of a sample's
 LASTING = 8.0  # lags, for which an action is remembered
 
 
@@ -224,7 +225,7 @@ class Estimated(Controller):
             )
         rows = {
             name: torch.where(fresh.reshape(-1, *axes * [1]), a, b)
-            for name, axes in (("x", 1), ("factor", 2), ("log_likelihood", 0), ("lately", 1))
+            for name, axes in ROWS.items()
             for a, b in [(getattr(first, name), getattr(self.z, name))]
         }
         if (about := self.z.about) is not None:

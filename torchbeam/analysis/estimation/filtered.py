@@ -35,8 +35,9 @@ class Filtered:
             of their expected deviations. The mean is `readings` if the model is right
         readings: (...) number of readings that count
         weight: (..., m) how much each of the last readings counts: 1 fully, 0 if it is missing or
-            beyond the gate
-        log_likelihood: (...) of all readings: compares models and delays
+            left out by the gate
+        log_likelihood: (...) of all readings, with a loss by its density (Laplace's approximation):
+            compares models and delays
 
     Examples:
         >>> pushed = tb.Scene(beam, [tb.TipLoad(force=tb.Input("push", 3)), tb.Damping(0.01)])
@@ -56,6 +57,7 @@ class Filtered:
     weight: Tensor
     log_likelihood: Tensor
     lately: Tensor  # (..., 3): of the readings' errors, sum of squares, its mean, its variance
+    missed: Tensor  # (..., m): of each reading, how many in a row were beyond the gate
     # of the last interval: readings and x' by x, and what the readings said
     learnt: tuple[Tensor, Conditioned] | None = None
     about: Tensor | None = None  # (..., p): parameters' coordinates at which the structure stands

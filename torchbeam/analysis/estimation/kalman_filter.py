@@ -65,7 +65,9 @@ class KalmanFilter:
             rest follows. None = `linearize` about equilibrium, by mean parameters, without inputs
         method: as in `Stepper`, except methods with a memory beyond z
         gate: probability, e.g. 0.999999. A reading is left out if it is beyond the interval in
-            which it is expected with this probability. None = none is left out
+            which it is expected with this probability. After five in a row the estimate is wrong,
+            not the sensor: further ones count as if they were at the interval's end (Fang, Haile
+            and Wang 2019). None = none is left out
         loss: "huber" or "student", in place of squares: large residuals (outliers) have less weight
         bounds: name of an offset or a force -> (least, largest). Those of a parameter are its own,
             `tb.Parameter(bounds=)`, and ten first deviations. They hold for the estimate; its
@@ -208,7 +210,8 @@ class KalmanFilter:
             x[..., n + k :] = torch.cat([y] * self.delay, -1)
             factor[..., n + k :] = torch.cat([factor[..., :n] @ by.mT] * self.delay, -1)
         zero, none = z.new_zeros(shape), z.new_zeros(*shape, self.read)
-        return Filtered(self, state, x, factor, zero, zero, none, zero, z.new_zeros(*shape, 3))
+        lately = z.new_zeros(*shape, 3)
+        return Filtered(self, state, x, factor, zero, zero, none, zero, lately, none)
 
     def __call__(self, before: Filtered, y: Any = None, u: Any = None) -> Filtered:
         """What is known an interval later.
@@ -246,9 +249,10 @@ class KalmanFilter:
         if after is None:
             raise refusal("a prediction of a MovingHorizon", "one of this filter's predict")
         by_x, sources = self._sources(before.factor, columns, rows)
-        y = self.weighting.nearer(self._readings(y, expected), expected, sources[..., : self.read])
-        now = self._learned(before, by_x, sources, y - expected)
-        now = replace(now, state=after.state, x=x, about=about)
+        known, error = sources[..., : self.read], self._readings(y, expected) - expected
+        error, missed = self.weighting.clipped(known, error, before.missed)
+        now = self._learned(before, by_x, sources, error)
+        now = replace(now, state=after.state, x=x, about=about, missed=missed)
         return self._changed(now, now.learnt[1].change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
@@ -363,13 +367,14 @@ class KalmanFilter:
         by_x, learnt = self.weighting.conditioned(by_x, sources, error, weight)
         read = (weight > 0).sum(-1).to(error)
         beyond = self.weighting.beyond(known, error, weight)
+        density = self.weighting.log_density(learnt, weight)
         now = replace(
             before,
             factor=learnt.root[..., : self.size, :],
             nis=(learnt.unit**2).sum(-1),
             readings=read,
             weight=weight,
-            log_likelihood=before.log_likelihood + learnt.log_density(read) + beyond.log_density,
+            log_likelihood=before.log_likelihood + density + beyond.log_density,
             learnt=(by_x, learnt),
         )
         return now.judged(beyond)

@@ -177,9 +177,10 @@ class MovingHorizon(KalmanFilter):
         newest = window.intervals[-1]
         sources = self._sources(before.factor, newest.columns)
         known = sources[1][..., : self.read]
-        y = self.weighting.nearer(y, newest.expected, known)
-        error = y - newest.expected
+        off = y - newest.expected
+        error, missed = self.weighting.clipped(known, off, before.missed)
         counts = self.weighting.within_gate(known, error)
+        y = y if error is off else y.where(error == off, newest.expected + error)
         gated = begin._replace(y=torch.where(counts, y, torch.nan))
         intervals = (*window.intervals[:-1], newest._replace(begin=gated))
         window = replace(window, intervals=intervals)
@@ -197,6 +198,7 @@ class MovingHorizon(KalmanFilter):
             state=window.end.state,
             x=window.end.x,
             factor=window.end.factor(-1),
+            missed=missed,
             window=window,
             about=about,
         )

@@ -18,7 +18,8 @@ from ..identification.losses import HUBER, STUDENT
 
 ROUNDS = 20  # in which weights, or what stands at a bound, are found
 SETTLED = 1e-4  # of a weight: a change that is none
-FARTHEST = 1e5  # expected deviations: an error that says no more than a larger one
+FARTHEST = 1e9  # of its noise: an error that says no more than a larger one
+AGAIN = 5  # readings in a row that are left out; those that follow count
 LEFT_OUT = 3.0  # expected deviations: as what an error far beyond the gate is judged
 
 
@@ -31,7 +32,20 @@ def student(u: Tensor) -> Tensor:
     return (STUDENT + 1) / (STUDENT + u.square())
 
 
+def log_huber(u: Tensor) -> Tensor:
+    """Log density over that of a normal law at 0; `log_student` likewise."""
+    normal, tails = math.erf(HUBER / 2**0.5), math.exp(-(HUBER**2) / 2) * 2 / HUBER
+    corner = u.abs().clamp(max=HUBER)
+    return corner * (corner / 2 - u.abs()) - math.log(normal + tails / (2 * math.pi) ** 0.5)
+
+
+def log_student(u: Tensor) -> Tensor:
+    peak = math.gamma((STUDENT + 1) / 2) / math.gamma(STUDENT / 2) * (2 / STUDENT) ** 0.5
+    return math.log(peak) - (STUDENT + 1) / 2 * (u.square() / STUDENT).log1p()
+
+
 LOSSES: dict[str, Callable[[Tensor], Tensor]] = {"huber": huber, "student": student}
+LOG_DENSITIES = {huber: log_huber, student: log_student}
 
 
 class Beyond(NamedTuple):
@@ -88,14 +102,21 @@ class Weighting:
             share = torch.where(moves, after, share)  # of those that are settled no more
         return weight * share
 
-    def nearer(self, y: Tensor, expected: Tensor, sources: Tensor) -> Tensor:
-        """Readings y (..., m), for a loss no farther from what was expected than one that says
-        nothing.
+    def clipped(self, sources: Tensor, error: Tensor, missed: Tensor) -> tuple[Tensor, Tensor]:
+        """Errors (..., m): at the gate where so many readings before, missed (..., m), were beyond
+        it in a row that the estimate is wrong, not they; for a loss no farther than one that says
+        nothing. And how many are beyond it now.
+
+        A gate without recovery keeps a wrong estimate for ever (Berman 2014, IEEE/ION PLANS, 1008).
+        Here errors are saturated (Fang, Haile and Wang 2019, arXiv:1904.00335).
         """
-        if self.loss is None:
-            return y
-        far = FARTHEST * self.deviation(sources)
-        return y.minimum(expected + far).maximum(expected - far)
+        if self.loss is None and self.reach == math.inf:
+            return error, missed
+        gate = self.reach * self.deviation(sources)
+        far = self.noise * (math.inf if self.loss is None else FARTHEST)
+        beyond, limit = error.abs() > gate, gate.where(missed >= AGAIN, far)
+        missed = (missed + 1).where(beyond, 0.0).where(~torch.isnan(error), missed)
+        return error.minimum(limit).maximum(-limit), missed
 
     def within_gate(self, sources: Tensor, error: Tensor) -> Tensor:
         """(..., m) bool: whether a reading is neither missing nor left out."""
@@ -108,17 +129,32 @@ class Weighting:
         return (sources.square().sum(-2) + self.noise.square()).sqrt()
 
     def beyond(self, sources: Tensor, error: Tensor, weight: Tensor) -> Beyond:
-        """What weights say of readings that are left out."""
-        left = ~torch.isnan(error) & (weight == 0)
-        if self.reach == math.inf or not left.any():
+        """What weights say of readings that are left out, and of those that count at the gate."""
+        c, spread = self.reach, self.deviation(sources)
+        left, at = ~torch.isnan(error) & (weight == 0), error.abs() == c * spread
+        if c == math.inf or not (left | at).any():
             none = error.new_zeros(error.shape[:-1])
             return Beyond(none, none, none)
-        c, spread, count = self.reach, self.deviation(sources), left.sum(-1).to(error)
         each = -(c**2) / 2 - (spread * math.sqrt(2 * math.pi)).log()
         # mean square of normal errors beyond the gate; faults are no more of a doubt than LEFT_OUT
         square = 1 + c * math.sqrt(2 / math.pi) * math.exp(-(c**2) / 2) / math.erfc(c / 2**0.5)
-        squares = count * min(square, LEFT_OUT**2)
+        square, count = min(square, LEFT_OUT**2), left.sum(-1).to(error)
+        squares = square * count + max(square - c**2, 0.0) * at.sum(-1)
         return Beyond(count, squares, torch.where(left, each, 0.0).sum(-1))
+
+    def log_density(self, learnt: Conditioned, weight: Tensor) -> Tensor:
+        """(...) of the readings of these weights that count; with a loss by Laplace's approximation
+        about what they said (Tierney and Kadane 1986, JASA 81, 82).
+        """
+        seen = weight > 0
+        normal = learnt.log_density(seen.sum(-1).to(weight))
+        if self.loss is None:
+            return normal
+        own = torch.linalg.solve_triangular(learnt.own, learnt.unit[..., None], upper=True)[..., 0]
+        share = torch.where(seen, weight, 1.0)
+        u = torch.where(seen, self.noise * own / share, 0.0)
+        more = LOG_DENSITIES[self.loss](u) + (share * u.square() - share.log()) / 2
+        return normal + torch.where(seen, more, 0.0).sum(-1)
 
     def conditioned(
         self, by_x: Tensor, sources: Tensor, error: Tensor, weight: Tensor

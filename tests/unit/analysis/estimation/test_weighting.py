@@ -8,11 +8,14 @@ import torch
 from torch.distributions import LogNormal
 
 import torchbeam as tb
+from torchbeam.analysis.estimation import weighting
 from torchbeam.analysis.identification.losses import HUBER, STUDENT
 
 from .test_kalman_filter import DT, NAN, TIP, randn, strip, up
 
 NOISE = 1e-3
+WINDOWS = {tb.MovingHorizon: {"window": 4}}
+ROOT = -math.log(2 * math.pi) / 2  # log density of a normal law at 0
 
 
 def linear(estimator=tb.KalmanFilter, **options):
@@ -36,7 +39,7 @@ def test_an_absurd_reading_is_none(estimator, absurd):
     """What is known after it, and later, is to rounding what is known without, and neighbours' is;
     it is told.
     """
-    f = stiff(estimator, gate=1 - 1e-9, **{"window": 4} if estimator is tb.MovingHorizon else {})
+    f = stiff(estimator, gate=1 - 1e-9, **WINDOWS.get(estimator, {}))
     y = NOISE * randn(6, 2, 1)
     lost = y.clone()
     y[3, 0], lost[3, 0] = absurd, NAN
@@ -47,6 +50,40 @@ def test_an_absurd_reading_is_none(estimator, absurd):
     assert found[3].weight.tolist() == [[0.0], [1.0]] and found[3].readings.tolist() == [0, 1]
     assert found[-1].log_likelihood.isfinite().all() and found[-1].doubt is None
     assert (found[-1].log_likelihood - best[-1].log_likelihood).abs()[1] < 1e-9
+
+
+@pytest.mark.steps
+@pytest.mark.parametrize("estimator", [tb.KalmanFilter, tb.MovingHorizon])
+def test_a_gate_finds_back(monkeypatch, estimator):
+    """Of two strips, one is pushed by ten deviations of the force that is expected: a gate alone
+    leaves out its readings to the end, and is 0.1 m off; with the readings that count again the
+    estimate is within four deviations of noise. The other has single absurd readings, which are
+    missing. Each is what it is alone.
+    """
+    model = tb.linearize(strip(), inputs={"u": up(0)}).reduced(2)
+    given = dict(dt=DT, noise=NOISE, process={"u": (up(0.05), 0.5)}, gate=1 - 1e-9, model=model)
+    f = estimator(strip(), TIP, **given, **WINDOWS.get(estimator, {}))
+    step, true, tip = tb.Stepper(strip(), DT), f.start(2).state, []
+    pushed = torch.tensor([up(0.5), up(0.0)])
+    for k in range(36):
+        true = step(true, inputs={"u": pushed * (k > 2)})
+        tip.append(true.tip.position[..., 2:])
+    y = torch.stack(tip) + NOISE * randn(36, 2, 1)
+    y[[4, 14, 24], 1, 0] = torch.tensor([1e6, -math.inf, 10.0])
+    lost = y.clone()
+    lost[[4, 14, 24], 1] = NAN
+    found = f.run(f.start(2), y)
+    off = (found[-1].state.tip.position[..., 2:] - true.tip.position[..., 2:])[:, 0].abs()
+    assert (off < 4 * NOISE).all() and (found[-1].weight == 1).all()
+    left_out = [z.weight[0, 0].item() for z in found].count(0)
+    assert left_out == weighting.AGAIN and [z.weight[1, 0] for z in found].count(0) == 3
+    for k, each in enumerate((y[:, 0], lost[:, 1])):
+        alone = f.run(f.start(), each)[-1]
+        scale = alone.factor.norm(dim=-2)
+        assert ((alone.x - found[-1].x[k]) / scale).abs().max() < 1e-9
+    monkeypatch.setattr(weighting, "AGAIN", math.inf)
+    z = f.run(f.start(), y[:, 0])[-1]
+    assert z.weight == 0 and (z.state.tip.position - true.tip.position[0]).norm() > 0.1
 
 
 def test_a_reading_beyond_the_gate_counts_as_at_it():
@@ -86,6 +123,38 @@ def test_a_loss_finds_the_most_likely_motion(loss):
         assert (z.weight < 0.1) == (error > NOISE)
     far = plain.interval.slope_of(TIP.flat, f(start, [1e9]).state)[0] - expected
     assert abs(far) < 1e-4 * NOISE if loss == "student" else abs(far - x) < 1e-3 * x
+
+
+@pytest.mark.parametrize("loss", ["huber", "student"])
+def test_a_likelihood_is_that_of_the_loss(loss):
+    """Of one reading, whose noise has the density of the loss: near, to the 0.2 of Laplace's
+    approximation, and far off to 0.05, what the trapezoidal rule has over the motion; least squares
+    miss by 1e4. The likelihoods that an absurd reading gives to models of other deviations differ
+    by what the rule has, to 1e-3.
+    """
+    law = {"huber": weighting.log_huber, "student": weighting.log_student}[loss]
+    f, plain = linear(loss=loss), linear()
+
+    def both(error, amplitude):
+        before = plain.predict(plain.start(amplitude=amplitude))
+        P = NOISE**2 * (1 / plain.update(before, before.readings + NOISE).nis - 1)
+        x = torch.linspace(-40, 40, 400001) * P.sqrt()
+        density = law((error - x) / NOISE) - x.square() / (2 * P)
+        best = density.logsumexp(-1) + (x[1] - x[0]).log() + 2 * ROOT - (P.sqrt() * NOISE).log()
+        return f(f.start(amplitude=amplitude), before.readings + error).log_likelihood, best
+
+    for error, within in ((0.0, 0.2), (0.7, 0.2), (500.0, 0.05)):
+        log_likelihood, best = both(error * NOISE, 3 * NOISE)
+        assert abs(log_likelihood - best) < within
+    (a, b), (c, d) = both(100.0, 3 * NOISE), both(100.0, 4.5 * NOISE)
+    assert abs((c - a) - (d - b)) < 1e-3
+
+
+def test_densities_of_losses_have_an_integral_of_one():
+    """By the trapezoidal rule, to what is left beyond: Student's falls by the fourth power."""
+    u = torch.linspace(-1e3, 1e3, 2000001)
+    for law in weighting.LOG_DENSITIES.values():
+        assert abs(torch.trapezoid((law(u) + ROOT).exp(), u) - 1) < 1e-9
 
 
 @pytest.mark.steps
@@ -137,9 +206,9 @@ def test_a_narrow_gate_is_no_doubt(gate):
     squares = z.lately[..., 0].mean()
     assert abs(squares - 1) < 4 * (2 / B) ** 0.5
     z = f.start(amplitude=0.01)
-    for _ in range(20):
-        z = f(z, [0.1])
-    assert z.doubt is not None and z.weight == 0
+    for k in range(20):
+        z = f(z, [0.1 * (-1) ** k])
+    assert z.doubt is not None
 
 
 @pytest.mark.parametrize("loss", ["huber", "student"])
@@ -148,7 +217,7 @@ def test_the_largest_number_is_a_reading_that_says_little(estimator, loss):
     """What files have in place of a number that is missing, whose square is infinite: no doubt, if
     it is not the first.
     """
-    f = stiff(estimator, loss=loss, **{"window": 4} if estimator is tb.MovingHorizon else {})
+    f = stiff(estimator, loss=loss, **WINDOWS.get(estimator, {}))
     y = NOISE * randn(6, 1)
     y[3] = torch.finfo(y.dtype).max
     z = f.run(f.start(amplitude=0.01), y)[-1]
