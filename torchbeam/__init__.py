@@ -21,6 +21,7 @@ from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.campbell import campbell
 from .analysis.campbell_diagram import Campbell
+from .analysis.unbalance_response import unbalance_response
 from .analysis.convergence.converge import converge
 from .analysis.convergence.convergence import Convergence
 from .analysis.convergence.on_request import equilibrium, modes, simulate
@@ -156,7 +157,8 @@ __all__ = [
     "laws", "linearize", "load", "modal_assurance", "modes", "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "pose_from_points",
     "rare_event", "rayleigh", "read", "remesh", "rest", "rollout", "rollout_jacobian", "save",
-    "sensors", "simulate", "sobol_indices", "tornado", "view",
+    "sensors", "simulate", "sobol_indices", "tornado", "unbalance_response",
+    "view",
 ]
 # fmt: on
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import instance, instant
 from ..core.validation import as_tensor, axis_last, concrete, finite, refusal, shown
-from ..linear.bearing import ON_AXIS, Bearing
+from ..linear.bearing import ON_AXIS, Axis, Bearing
 from ..linear.spinning_modes import EQUAL, constant_modes
 from ..math.dense import solve_unchecked
 from ..scene.effects import Inputs
@@ -24,7 +24,7 @@ def unbalance_response(
     speeds: Any,
     unbalance: Mapping[Any, Any],
     *,
-    bearing: int | list[int] | tuple[int, ...] | None = None,
+    bearing: int | Sequence[int] | None = None,
     t: float = 0.0,
     inputs: dict[str, Any] | None = None,
 ) -> Tensor:
@@ -96,7 +96,8 @@ def _response(spin: Spin, vectors: dict[int, Tensor]) -> Tensor:
             "a rotor that looks different from different sides was given to unbalance_response; "
             "a round one, or three or more equal blades, is wanted"
         )
-    space, axis = bearing.model.space, bearing.axis(space_start(spin))
+    space = bearing.model.space
+    axis = bearing.axis(space.to_reduced(state))
     _refuse_off_axis(bearing, axis, state.position, vectors)
     speed = spinning.speed[..., None, None]
     moves = spinning.moves.unflatten(-2, (spinning.nodes, space.unknowns))
@@ -115,3 +116,14 @@ def _response(spin: Spin, vectors: dict[int, Tensor]) -> Tensor:
         eye = torch.eye(space.unknowns, dtype=M.dtype, device=M.device)
         nodal = nodal @ space.embed(eye).to(nodal.dtype)
     return nodal
+
+
+def _refuse_off_axis(bearing: Bearing, axis: Axis, position: Tensor, rows: Iterable[int]) -> None:
+    """ValueError for nodes that are not on the axis of the rotor."""
+    extent = concrete(bearing.model.scene.beam.extent).detach()
+    for row in rows:
+        apart = position[..., row, :] - axis.point
+        off = torch.linalg.cross(*torch.broadcast_tensors(apart, axis.direction))
+        far = concrete(off).detach().abs().amax(-1) > ON_AXIS * extent
+        if not bearing.rotor[row] or bool(far.any()):
+            raise refusal(f"unbalance of {row!r}", "a node of the rotor, on its axis")

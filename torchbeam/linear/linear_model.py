@@ -94,7 +94,7 @@ class Linear(Named):
             "reduced": "balred minreal modal truncate",
             "response": "bode dcgain freqresp frequencyresponse frf nyquist tf transferfunction",
             "to_control": "lsim simulate ss statespace step",
-            "torch.linalg.eigvals(model.A)": "eigenvalue eigval pole",
+            "poles": "eigenvalue eigval pole",
             f"{ENVS}.baselines": "kalman lqg lqr mpc",
         }
     )
@@ -108,6 +108,11 @@ class Linear(Named):
             counted(self.C.shape[-2], "output"),
         )
         return lines("Linear", time, ", ".join(sizes), kind(shape, self.A))
+
+    @property
+    def poles(self) -> Tensor:
+        """(..., n) eigenvalues of A, complex: 1/s, of a model in discrete time a factor a step."""
+        return torch.linalg.eigvals(self.A)
 
     @property
     def charted(self) -> Chart:
