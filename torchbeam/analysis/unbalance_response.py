@@ -71,7 +71,7 @@ def unbalance_response(
     vectors = {scene.beam.row(k): _vector(scene, k, v) for k, v in unbalance.items()}
 
     def response(
-        scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor, vectors: Inputs
+        scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor, vectors: Any
     ) -> Tensor:
         return _response(spin_of(Bearing.of(scene, bearing), speeds, values, time), vectors)
 
@@ -91,14 +91,14 @@ def _response(spin: Spin, vectors: dict[int, Tensor]) -> Tensor:
             "act along its axis, are wanted, and unbalance= alone"
         )
     bearing, spinning, state = spin.bearing, spin.model, spin.state
-    if constant_modes(spinning, 1)[1] > EQUAL:
+    space = bearing.model.space
+    axis = bearing.axis(space.to_reduced(state))
+    _refuse_off_axis(bearing, axis, state.position, vectors)
+    if spinning.mechanical.M.shape[-1] and constant_modes(spinning, 1)[1] > EQUAL:
         raise ValueError(
             "a rotor that looks different from different sides was given to unbalance_response; "
             "a round one, or three or more equal blades, is wanted"
         )
-    space = bearing.model.space
-    axis = bearing.axis(space.to_reduced(state))
-    _refuse_off_axis(bearing, axis, state.position, vectors)
     speed = spinning.speed[..., None, None]
     moves = spinning.moves.unflatten(-2, (spinning.nodes, space.unknowns))
     force: Tensor | float = 0.0

@@ -159,5 +159,6 @@ def _within(times: Tensor, t: Tensor) -> None:
         raise ValueError(
             f"times from {times.min().item():g} to {times.max().item():g} s were given to observe; "
             f"the solution goes from {t[0].item():g} to {t[-1].item():g} s"
-            + " (are they in ms?)" * bool(times.abs().max() > MILLI * t[-1].abs())
+            + " (are they in ms?)"
+            * bool(times.abs().max() > MILLI * t[-1].abs())
         )

@@ -222,7 +222,9 @@ def test_reduced_beside_a_rigid_motion():
         joints=[motor, tb.Weld("hub", ("arm", 0))],
         plane="xy",
     )
-    outputs = tb.sensors.Stack((tb.sensors.JointCoordinate(0), tb.sensors.NodePosition(("arm", -1))))
+    outputs = tb.sensors.Stack(
+        (tb.sensors.JointCoordinate(0), tb.sensors.NodePosition(("arm", -1)))
+    )
     model = tb.linearize(arm, outputs=outputs, inputs={"motor": [0.0]})
     small, bare, w = model.reduced(3, static=True), model.reduced(3), torch.tensor([1.0, 2.0, 5.0])
     beside = (small.response(w) - model.response(w)).abs().amax((0, 2))
