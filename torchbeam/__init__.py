@@ -21,7 +21,6 @@ from . import plot, sensors
 from .analysis.advise import Advice, advise
 from .analysis.campbell import campbell
 from .analysis.campbell_diagram import Campbell
-from .analysis.unbalance_response import unbalance_response
 from .analysis.convergence.converge import converge
 from .analysis.convergence.convergence import Convergence
 from .analysis.convergence.on_request import equilibrium, modes, simulate
@@ -46,6 +45,7 @@ from .analysis.identification.slow_baseline import SlowBaseline
 from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
 from .analysis.saved import load, save
+from .analysis.unbalance_response import unbalance_response
 from .core.entry_point import entry_points
 from .core.missing_name import ELSEWHERE, missing
 from .core.results import versions
