@@ -44,8 +44,8 @@ REFERENCE = {
     "statics": ("Statics and stability", "Equilibria, paths of them, critical loads.", (
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (
-        "modes", "Modes", "modal_assurance", "pair_modes", "PairedModes", "campbell", "Campbell", "unbalance_response",
-        "linearize", "Linear")),
+        "modes", "Modes", "modal_assurance", "pair_modes", "PairedModes", "campbell", "Campbell",
+        "unbalance_response", "linearize", "Linear")),
     "accuracy": ("Accuracy", "Which mesh, element, method and step.", (
         "converge", "Convergence", "remesh", "advise", "Advice", "describe", "Description")),
     "identification": ("Identification", "Parameters and fields from measurements.", (

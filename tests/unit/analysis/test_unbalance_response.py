@@ -14,9 +14,8 @@ U = 8e-4  # kg m
 
 def test_an_overhung_disc():
     """A shaft without mass (1e-9 kg/m) in a long bearing carries a disc, with damping of the disc
-    against the ground of c v. With z = y + i z the closed form is that of two coordinates, deflection
-    and slope (Genta 2005, Dynamics of Rotating Systems, 4.3):
-    (K + [[i c W - m W^2, 0], [0, (Jp - Jd) W^2]]) [z, theta] = [U W^2, 0]; all of it is a forward
+    against the ground of c v. With r = y + i z the closed form is that of deflection and slope,
+    (K + [[i c W - m W^2, 0], [0, (Jp - Jd) W^2]]) [r, theta] = [U W^2, 0]; all of it is a forward
     whirl. The stiffness by one element is right to some 1e-7; at 155 rad/s, beside the critical
     speed, the amplitude magnifies that to 7e-6.
     """
@@ -46,8 +45,8 @@ def test_an_overhung_disc():
 
 def test_bearings_that_differ_by_direction():
     """A rigid rotor in a housing on springs and dampers: y and z are oscillators of one mass each,
-    k - m W^2 + i c W, driven by U W^2 with a quarter of a turn between them; by both nets of batches
-    and by derivatives (forward against closed form). Rounding alone is left.
+    k - m W^2 + i c W, driven by U W^2 with a quarter of a turn between them; a batch of springs, and
+    the derivative by one. Rounding alone is left.
     """
     m, housing = 5.0, 1.5
     k, c = torch.tensor([[4e4, 9e4], [5e4, 8e4]]), (20.0, 60.0)  # (batch, direction)
