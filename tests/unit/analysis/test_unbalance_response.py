@@ -45,8 +45,8 @@ def test_an_overhung_disc():
 
 def test_bearings_that_differ_by_direction():
     """A rigid rotor in a housing on springs and dampers: y and z are oscillators of one mass each,
-    k - m W^2 + i c W, driven by U W^2 with a quarter of a turn between them; a batch of springs, and
-    the derivative by one. Rounding alone is left.
+    k - m W^2 + i c W, driven by U W^2 with a quarter of a turn between them; a batch of springs,
+    and the derivative by one. Rounding alone is left.
     """
     m, housing = 5.0, 1.5
     k, c = torch.tensor([[4e4, 9e4], [5e4, 8e4]]), (20.0, 60.0)  # (batch, direction)

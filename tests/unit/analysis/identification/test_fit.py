@@ -111,7 +111,7 @@ def test_a_fit_at_a_bound_is_refined_along_it():
     assert_close(fit["a"], shape @ (CLEAN + NOISE) / (shape @ shape), rtol=1e-3, atol=0)
 
 
-@pytest.mark.parametrize(("factor", "unit"), [(180 / math.pi, "degrees"), (1 / 9.80665, "for g")])
+@pytest.mark.parametrize(("factor", "unit"), [(180 / math.pi, "degrees"), (1 / 9.80665, "g for m")])
 def test_a_unit_of_a_fit_that_fails(factor, unit):
     """Degrees and g are asked for where a fit has not converged, and not where it has."""
     data = factor * CLEAN[:, None]
