@@ -45,7 +45,7 @@ REFERENCE = {
         "equilibrium", "path", "Path", "critical_load", "Critical")),
     "linear": ("Modes and linear models", "About an equilibrium, or a motion.", (
         "modes", "Modes", "modal_assurance", "pair_modes", "PairedModes", "campbell", "Campbell",
-        "linearize", "Linear")),
+        "unbalance_response", "linearize", "Linear")),
     "accuracy": ("Accuracy", "Which mesh, element, method and step.", (
         "converge", "Convergence", "remesh", "advise", "Advice", "describe", "Description")),
     "identification": ("Identification", "Parameters and fields from measurements.", (

@@ -45,6 +45,7 @@ from .analysis.identification.slow_baseline import SlowBaseline
 from .analysis.identification.smoothness import Smoothness
 from .analysis.identification.transform import Transform
 from .analysis.saved import load, save
+from .analysis.unbalance_response import unbalance_response
 from .core.entry_point import entry_points
 from .core.missing_name import ELSEWHERE, missing
 from .core.results import versions
@@ -156,7 +157,8 @@ __all__ = [
     "laws", "linearize", "load", "modal_assurance", "modes", "moment_derivatives", "monte_carlo",
     "monte_carlo_stream", "observe", "pair_modes", "path", "plot", "pose_from_points",
     "rare_event", "rayleigh", "read", "remesh", "rest", "rollout", "rollout_jacobian", "save",
-    "sensors", "simulate", "sobol_indices", "tornado", "view",
+    "sensors", "simulate", "sobol_indices", "tornado", "unbalance_response",
+    "view",
 ]
 # fmt: on
 

@@ -275,6 +275,8 @@ CALLS = {
         t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)})),
     "campbell": (tb.campbell, dict(scene=OVERHUNG, speeds=(0.0, 1.0), bearing=0, held=True, count=2,
         method="auto", steps=8, t=0.0, inputs=None, progress=None)),
+    "unbalance_response": (tb.unbalance_response, dict(scene=OVERHUNG, speeds=(0.0, 1.0),
+        unbalance={"hub": (0, 1e-4, 0)}, bearing=0, t=0.0, inputs=None)),
     "linearize": (tb.linearize, dict(scene=DRIVEN, state=tb.rest(DRIVEN), outputs=[S.TipPosition()],
         t=0.0, lumped=False, inputs={"u": (0.0, 0, 0)})),
     "response": (LINEAR.response, dict(omega=1.0)),

@@ -458,7 +458,7 @@ pose_from_points rayleigh sensors"""
 # of functions of the user's own, as identify and monte_carlo; of other scenes, made by remesh
 FUNCTIONS = "identify_fields moment_derivatives monte_carlo_stream rare_event sobol_indices tornado"
 FUNCTIONS += " blade_element_momentum campbell compare converge design Filtered KalmanFilter"
-FUNCTIONS += " MovingHorizon read"
+FUNCTIONS += " MovingHorizon read unbalance_response"
 # of answers, whatever gave them; of joints, which one beam has not; a base
 READ = "plot.axes plot.bands plot.campbell plot.convergence plot.correlation plot.cross_section"
 READ += (

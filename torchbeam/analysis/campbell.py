@@ -108,11 +108,11 @@ def campbell(
     instance("a scene", scene, Scene)
     choice("method", method, METHODS)
     check_count("count", count), check_count("steps", steps, LEAST_STEPS), boolean("held", held)
-    speeds = _speeds(speeds, scene)
+    speeds = speeds_of(speeds, scene)
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        spin = _spin(Bearing.of(scene, bearing, held), speeds, values, time)
+        spin = spin_of(Bearing.of(scene, bearing, held), speeds, values, time)
         report = progress_of(progress, len(speeds))
         done = (lambda n: None) if report is None else (lambda n: report.add(n, 0, False))
         modes, used = _modes(spin, values, count, method, steps, done)
@@ -121,7 +121,7 @@ def campbell(
     return in_double(diagram, scene, None, speeds, values, time)
 
 
-def _speeds(speeds: Any, scene: Scene) -> Tensor:
+def speeds_of(speeds: Any, scene: Scene) -> Tensor:
     """(n, 1, ...) rad/s, before the scene's batch axes. Raises ValueError for other speeds, and a
     scene without a sample.
     """
@@ -147,7 +147,7 @@ class Spin(NamedTuple):
     drawn: SpinningModel
 
 
-def _spin(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
+def spin_of(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
     start = drawn(bearing, speeds, time, values)
     reason = unsteady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)

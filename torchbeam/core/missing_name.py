@@ -54,6 +54,7 @@ ELSEWHERE = by_word(
         "rayleigh": "rayleighdamping",
         "simulate": "dynamic integrate run simulation simulator solveivp timehistory transient",
         "sobol_indices": "sensitivities sensitivity sobol",
+        "unbalance_response": "imbalance imbalanceresponse synchronousresponse unbalance",
         "view": "render viewer",
         ENVS: "env environment environments gym make",
         f"{ENVS}.baselines": "lqg lqr mpc pd pid",

@@ -94,7 +94,7 @@ class Linear(Named):
             "reduced": "balred minreal modal truncate",
             "response": "bode dcgain freqresp frequencyresponse frf nyquist tf transferfunction",
             "to_control": "lsim simulate ss statespace step",
-            "torch.linalg.eigvals(model.A)": "eigenvalue eigval pole",
+            "poles": "eigenvalue eigval pole",
             f"{ENVS}.baselines": "kalman lqg lqr mpc",
         }
     )
@@ -108,6 +108,11 @@ class Linear(Named):
             counted(self.C.shape[-2], "output"),
         )
         return lines("Linear", time, ", ".join(sizes), kind(shape, self.A))
+
+    @property
+    def poles(self) -> Tensor:
+        """(..., n) eigenvalues of A, complex: 1/s, of a model in discrete time a factor a step."""
+        return torch.linalg.eigvals(self.A)
 
     @property
     def charted(self) -> Chart:
@@ -212,7 +217,7 @@ class Linear(Named):
 
         Args:
             static: keep the response to a steady input exact: the contribution of the other modes
-                goes into D
+                goes into D. Rigid motions, whose response grows, are among the slowest
 
         Derivatives need distinct frequencies.
 
@@ -240,9 +245,22 @@ class Linear(Named):
             else torch.eye(count, dtype=self.A.dtype, device=self.A.device),
             arms=arms,
         )
-        if static:
+        if static and self.arms:
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
+        elif static:
+            small = replace(small, D=small.D + self._static_beside(right, left, small.A))
         return small
+
+    def _static_beside(self, right: Tensor, left: Tensor, A: Tensor) -> Tensor:
+        """(..., p, m) steady response of all motions but those of a basis, in which these have A:
+        finite beside rigid motions, which are in the basis.
+        """
+        eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
+        rest = self.B - right @ (left @ self.B), self.C - (self.C @ right) @ left
+        scale = _balance(self.A)
+        within = (right @ (eye + A) @ left - self.A) * scale[..., None, :] / scale[..., :, None]
+        moved = solve_unchecked(within, rest[0] / scale[..., :, None])
+        return rest[1] * scale[..., None, :] @ moved
 
     def response(self, omega: float | Tensor) -> Tensor:
         """Frequency response C (s I - A)^-1 B + D at s = i omega, complex.

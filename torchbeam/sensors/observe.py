@@ -14,6 +14,7 @@ from ..core.validation import Value, as_tensor, broadcast, concrete, finite, ref
 from .sensor import Sensor
 
 NEIGHBOURS = 5  # instants that a slope is found from: fourth order
+MILLI = 200  # times later than the end from which on another unit is likely
 OUTSIDE = 1e-6  # of the trajectory's length by which a time may lie outside of it
 
 
@@ -75,8 +76,13 @@ def observe(
             "one number was given for times; a series (times,) or (times, ...) is wanted"
         )
     seen = torch.isfinite(times)
-    if not (concrete(delay) != 0).any():
+    late = concrete(delay).detach()
+    if not (late != 0).any():
         _within(times[seen], t)
+    elif late.numel():  # no delay of a search: a unit that differs
+        known = concrete(times[seen]).detach()
+        if (known - late.max() > 2 * t[-1] - t[0]).any():
+            _within(known, t)
     axes = broadcast("times and delay", times.shape[1:], delay.shape)
     if axes:
         batch = broadcast("times and readings", axes, batch)
@@ -153,4 +159,6 @@ def _within(times: Tensor, t: Tensor) -> None:
         raise ValueError(
             f"times from {times.min().item():g} to {times.max().item():g} s were given to observe; "
             f"the solution goes from {t[0].item():g} to {t[-1].item():g} s"
+            + " (are they in ms?)"
+            * bool(times.abs().max() > MILLI * t[-1].abs())
         )

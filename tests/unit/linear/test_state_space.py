@@ -208,6 +208,33 @@ def test_reduced_by_modes(follower):
         assert_close(small.mass, torch.eye(4))
 
 
+def test_reduced_beside_a_rigid_motion():
+    """An arm on a motor turns freely: its steady response grows without end, and that of the modes
+    left out is what D has. At 20 rad/s (next mode: 205 rad/s) reduced and full model then differ by
+    (20/205)^2 = 1 % of D; the turn's eigenvalue is zero to 3e-3 rad/s, which is 3e-4 of D.
+    """
+    strip = tb.Section.rectangle(width=0.002, height=0.03, E=69e9, nu=0.33, rho=2700.0)
+    hub = tb.Body(mass=0.2, inertia=2e-3)
+    motor = tb.Hinge(None, "hub", axis=(0, 0, 1), torque=tb.Input("motor", 1))
+    arm = tb.Scene(
+        {"hub": hub, "arm": tb.Beam.straight(0.6, 3, strip)},
+        [tb.Damping(5e-4)],
+        joints=[motor, tb.Weld("hub", ("arm", 0))],
+        plane="xy",
+    )
+    outputs = tb.sensors.Stack(
+        (tb.sensors.JointCoordinate(0), tb.sensors.NodePosition(("arm", -1)))
+    )
+    model = tb.linearize(arm, outputs=outputs, inputs={"motor": [0.0]})
+    small, bare, w = model.reduced(3, static=True), model.reduced(3), torch.tensor(20.0)
+    beside = small.response(w) - model.response(w)
+    assert beside.abs().max() < 0.02 * small.D.abs().max()
+    left_out = (model.response(w) - bare.response(w)).real
+    assert_close(left_out, small.D, rtol=0, atol=0.02 * small.D.abs().max().item())
+    assert model.readings[1:3] == ("arm tip position x", "arm tip position y")  # no "sensors"
+    assert (small.poles.abs() < 0.01).sum() == 2  # the free turn
+
+
 def test_a_batch_and_its_gradients():
     """EI = 1 and 2 as a batch: each as alone, to rounding; d|response|/d(EI) backward and forward
     against central differences (1e-5 apart: 1e-6 of the value).

@@ -158,6 +158,8 @@ def test_a_beam():
 CASES = {
     "beyond the end": (dict(times=(0.5, 1.2)),
                        "from 0.5 to 1.2 s were given to observe; the solution goes from 0 to 1 s"),
+    "a unit that differs": (dict(times=(0.0, 500.0), delay=0.01),
+                            r"from 0 to 500 s .* from 0 to 1 s \(are they in ms\?\)"),
     "one number": (dict(times=0.5), "one number was given for times"),
     "no sensor": (dict(sensor=3), "sensor = 3"),
     "no time axis": (dict(sensor=lambda state: state.y[0]),

@@ -12,16 +12,24 @@ from .problem import FitProblem
 from .readings import Readings
 from .residuals import FEWEST, Residuals, ResidualTest
 
-UNIT = 1000.0
-NEAR = 5.0  # factor by which a start may be off that has the right unit
+# factor between two units, factor by which a start in the right unit may be off, whether that is
+# asked of fits alone that have not converged, examples
+UNITS = (
+    (1000.0, 5.0, False, "mm for m, MPa for Pa, g for kg", "m for mm, Pa for MPa, kg for g"),
+    (180 / math.pi, 2.0, True, "degrees for rad", "rad for degrees"),
+    (9.80665, 2.0, True, "m/s^2 for g", "g for m/s^2"),
+)
 KNOWN = 0.1  # of a parameter's size, to which it is known with the others where they are
 SHOWN = 0.1  # of a direction: smaller parts are not named
 ALARM = 0.01  # of the fits of models that are right, in which any test may find something
 
 
-def unit_hints(readings: Sequence[Readings], offset: Sequence[bool]) -> tuple[str, ...]:
+def unit_hints(
+    readings: Sequence[Readings], offset: Sequence[bool], converged: bool
+) -> tuple[str, ...]:
     """Channels whose data are about a thousand times the model's at the start, or a thousandth; of
-    those with an `offset` what is beside their mean.
+    a fit that has not converged, degrees for rad and g for m/s^2 too. Of those with an `offset`
+    what is beside their mean.
     """
     said = []
     for reading, shifted in zip(readings, offset, strict=True):
@@ -32,17 +40,20 @@ def unit_hints(readings: Sequence[Readings], offset: Sequence[bool]) -> tuple[st
             if not size or not own or not math.isfinite(own):
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / own
-            if UNIT / NEAR < ratio < UNIT * NEAR:
-                said.append(
-                    f"{what}: the RMS of the data, {size:.3g}, is {ratio:.3g} times the model's at "
-                    f"the start {own:.3g}; is a unit off by 1000 (mm for m, MPa for Pa, g for kg)?"
-                )
-            elif UNIT / NEAR < 1 / ratio < UNIT * NEAR:
-                said.append(
-                    f"{what}: the RMS of the model at the start, {own:.3g}, is {1 / ratio:.3g} "
-                    f"times the data's, {size:.3g}; is a unit off by 1000 (m for mm, Pa for MPa, "
-                    "kg for g)?"
-                )
+            for unit, near, doubtful, larger, smaller in UNITS:
+                if doubtful and converged:
+                    continue
+                if unit / near < ratio < unit * near:
+                    said.append(
+                        f"{what}: the RMS of the data, {size:.3g}, is {ratio:.3g} times the "
+                        f"model's at the start {own:.3g}; is a unit off by {unit:.4g} ({larger})?"
+                    )
+                elif unit / near < 1 / ratio < unit * near:
+                    said.append(
+                        f"{what}: the RMS of the model at the start, {own:.3g}, is "
+                        f"{1 / ratio:.3g} times the data's, {size:.3g}; is a unit off by "
+                        f"{unit:.4g} ({smaller})?"
+                    )
     return tuple(said)
 
 

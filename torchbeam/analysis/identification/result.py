@@ -88,7 +88,7 @@ def conclusions(
     variance = ((plain @ spread.free[determined][:, determined]) * plain).sum(-1)
     deviation = _everywhere(problem, variance.clamp(min=0).sqrt())
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
-    odd = _units(problem, search, best)
+    odd = _units(problem, search, best, int(statuses[best]) == 0)
     doubts: tuple[str, ...] = ()
     if spread.scale:
         white = spread.white[determined][:, determined]
@@ -139,12 +139,12 @@ def _found_noise(problem: FitProblem) -> tuple[dict[str, float], dict[str, float
     return noise, memory
 
 
-def _units(problem: FitProblem, search: Found, best: int) -> tuple[str, ...]:
+def _units(problem: FitProblem, search: Found, best: int, converged: bool) -> tuple[str, ...]:
     """Hints of units, by what the model gave where a search began."""
     if search.first is None:
         return ()
     offset = [m.offset for e, m in problem.measurements if e.measured]
-    return unit_hints(_readings(problem, _known(problem, search.first[best])), offset)
+    return unit_hints(_readings(problem, _known(problem, search.first[best])), offset, converged)
 
 
 def _accuracy(problem: FitProblem, x: Tensor) -> tuple[Tensor, float]:

@@ -1,11 +1,15 @@
 """Fit: summary, file, hints, progress, refinement."""
 
+import math
+
 import pytest
 import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.wave_cases import CLEAN, NOISE, T, wave
+from torchbeam.analysis.identification.hints import unit_hints
+from torchbeam.analysis.identification.readings import Readings
 
 
 def test_a_summary_and_a_file(tmp_path):
@@ -105,3 +109,13 @@ def test_a_fit_at_a_bound_is_refined_along_it():
     assert fit.status == 0 and fit["b"] == 0.5
     # a hundredth of a deviation
     assert_close(fit["a"], shape @ (CLEAN + NOISE) / (shape @ shape), rtol=1e-3, atol=0)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(180 / math.pi, "degrees"), (1 / 9.80665, "g for m")])
+def test_a_unit_of_a_fit_that_fails(factor, unit):
+    """Degrees and g are asked for where a fit has not converged, and not where it has."""
+    data = factor * CLEAN[:, None]
+    reading = Readings(None, ("y",), None, data, CLEAN[:, None], None)
+    (said,) = unit_hints([reading], [False], False)
+    assert unit in said and "is a unit off by" in said
+    assert unit_hints([reading], [False], True) == ()
