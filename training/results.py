@@ -60,7 +60,8 @@ LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
 ALGORITHMS = (*BASELINES, *LEARNERS, *LIBRARIES)
 FAILED = ".failed"
 
-SPACE = ("reach-3d", "track-3d")
+SPACE_UNCERTAIN = ("reach-3d-uncertain", "track-3d-uncertain")
+SPACE = ("reach-3d", "track-3d", *SPACE_UNCERTAIN)
 UNCERTAIN = tuple(name for name in tuned.DEFAULT if name.endswith("-uncertain"))
 COMPARED = ("reach", "track", "reach-uncertain", "track-uncertain")
 # the study: algorithms, tasks, seeds
@@ -70,8 +71,9 @@ PLAN = (
     (("shac", "ppo"), SPACE, 5),
     (LIBRARIES, COMPARED, 3),
     (("mpc",), (*tuned.DEFAULT, *SPACE), 1),
-    (("mpc-informed",), ("payload", *UNCERTAIN), 1),  # elsewhere it knows no more
+    (("mpc-informed",), ("payload", *UNCERTAIN, *SPACE_UNCERTAIN), 1),  # elsewhere no more is known
     (("student", "shac-gru"), UNCERTAIN, 10),
+    (("shac-gru",), SPACE_UNCERTAIN, 5),
     (("ppo-gru",), UNCERTAIN, 3),  # far behind SHAC with one
 )
 SEEDS = max(seeds for *_, seeds in PLAN)

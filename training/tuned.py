@@ -237,6 +237,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
     ("shac-gru", "track-uncertain"): 2_400_000,
+    ("shac-gru", "track-3d-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
 }
 
@@ -362,7 +363,8 @@ SHAC_GRU["slew-uncertain"] |= dict(horizon=50)
 # at twice the rate one of two seeds lost what was taught on track; on flutter one of two learned
 # nothing by the discount of the others
 SHAC_GRU["flutter-uncertain"] |= dict(rate=2e-3, discount=0.99)
-SHAC_GRU["track-uncertain"] |= dict(falling=budget("shac-gru", "track-uncertain"))
+for _task in ("track-uncertain", "track-3d-uncertain"):
+    SHAC_GRU[_task] |= dict(falling=budget("shac-gru", _task))
 # of libraries, over their own, on all tasks
 SB3: dict[str, dict[str, Any]] = {
     "ppo": dict(
