@@ -1,7 +1,6 @@
 """Short-horizon actor-critic: the policy's gradient through the simulation (Xu et al. 2022,
-"Accelerated policy learning with parallel differentiable simulation"), in one file. With --entropy
-and --critics 2 it is soft (SAPO: Xing, Luk and Oh 2025, "Stabilizing reinforcement learning in
-differentiable multiphysics simulation", equations 18 to 21).
+"Accelerated policy learning with parallel differentiable simulation"), in one file; with --entropy
+and --critics 2 that of Xing, Luk and Oh 2025 (SAPO, arXiv 2412.12089, equations 18 to 21).
 
     python -m training.shac --task reach --budget 200000
 """
@@ -11,6 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -58,9 +58,7 @@ class Arguments:
     critics: int = 1
     """the policy ascends their mean, and their targets come from the least of them"""
     entropy: float = 0.0
-    """weight of the policy's entropy at the start, later such that the entropy is minus half the
-    number of actions; the deviation then depends on what is seen. 0: none
-    """
+    """weight of the entropy at first; it is held at minus half the number of actions. 0: none"""
     frames: int = 0
     """observations side by side that are seen at once; 0: as the task has them"""
     memory: int = 0
@@ -117,20 +115,16 @@ class SHAC:
             self.policy = copy.deepcopy(self.actor) if a.average else self.actor
             sizes = (self.actor.features, *a.hidden)
             self.critic = Values(a.critics, sizes, activation="elu")
-            self.spread = nn.ModuleList()  # log of the deviation, of the features
+            self.spread = nn.ModuleList()  # log of the deviation, by features
             if a.entropy:
                 self.spread.append(network((*sizes, actions), "elu", last=0.01).float())
                 nn.init.constant_(self.spread[0][-1].bias, math.log(a.deviation))
         self.log_weight = nn.Parameter(torch.tensor(a.entropy, dtype=torch.float32).log())
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
         self.parts = [*self.actor.parameters(), *self.spread.parameters()]
-        self.optimizer, self.critic_optimizer = (
-            torch.optim.Adam(parts, rate, betas=(0.7, 0.95), fused=True)
-            for parts, rate in (
-                ([*self.parts, self.log_weight], a.rate),
-                (self.critic.parameters(), a.critic_rate),
-            )
-        )
+        adam = partial(torch.optim.Adam, betas=(0.7, 0.95), fused=True)
+        self.optimizer = adam([*self.parts, self.log_weight], a.rate)
+        self.critic_optimizer = adam(self.critic.parameters(), a.critic_rate)
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out, self.steps = 0, 0
         self.env.reset(seed=training_seed(a.seed))
@@ -140,16 +134,15 @@ class SHAC:
         )
 
     def draw(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """(actions (n, a) of features (n, o + m), their entropy (n,) above its target, a number of
-        about 0 to 1.2 an action; 0 where it counts for nothing).
+        """(actions (n, a), by how much their entropy (n,) is above its target, an action: about 0
+        to 1.2, or 0 where it has no weight) of features (n, o + m).
         """
-        mean = self.actor.network(features)
-        noise = torch.randn(mean.shape, generator=self.generator, dtype=mean.dtype)
+        noise = torch.randn(self.env.action_space.shape, generator=self.generator)
         if not self.spread:
-            return self.actor.act(features, noise), mean.new_zeros(len(mean))
+            return self.actor.act(features, noise), features.new_zeros(len(features))
         deviation = self.spread[0](features).clamp(*LOG_DEVIATIONS).exp()
-        action, likelihood = squashed(mean, deviation, noise)
-        return action, 0.5 - likelihood / mean.shape[-1]
+        action, likelihood = squashed(self.actor.network(features), deviation, noise)
+        return action, 0.5 - likelihood / action.shape[-1]
 
     def window(self, lesson: Imitation | None = None) -> tuple[Tensor, dict[str, Tensor]]:
         """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy
@@ -163,10 +156,9 @@ class SHAC:
         for k in range(a.horizon):
             features, after_it = policy.see(observation, memory)
             action, entropy = self.draw(features)
-            action = action.to(observation.dtype)
             if lesson is not None:
-                action = lesson.act(observation, action)
-            after, reward, terminated, truncated, info = self.env.step(action)
+                action = lesson.act(observation, action.to(observation.dtype))
+            after, reward, terminated, truncated, info = self.env.step(action.to(observation.dtype))
             reward = a.reward_scale * reward + self.log_weight.detach().exp() * entropy
             over, last = terminated | truncated, after
             if over.any():
@@ -225,7 +217,7 @@ class SHAC:
         (-objective.mean()).backward()
         norm = nn.utils.clip_grad_norm_(self.parts, a.gradient_norm)
         if self.spread:
-            self.log_weight.grad = data["entropy"].mean()
+            self.log_weight.grad = data["entropy"].mean().float()
         if torch.isfinite(norm):
             self.optimizer.step()
         else:
@@ -234,12 +226,12 @@ class SHAC:
         if not (a.average and a.teacher):
             self.actor.statistics.update(data["observation"])
         self.keep(a.average)
+        own = self.log_weight if self.spread else self.actor.log_deviation
         return {
             "gradient_norm": norm.item(),
             "left_out": self.left_out,
             "value_error": error,
-            "deviation": self.actor.log_deviation.exp().mean().item(),
-            "entropy": data["entropy"].mean().item(),
+            "weight" if self.spread else "deviation": own.exp().mean().item(),
         }
 
     def keep(self, updates: int) -> None:
@@ -266,9 +258,8 @@ class SHAC:
         a = self.arguments
         features, target = (x.flatten(0, 1) for x in self.targets(data))
         for _ in range(a.critic_epochs):
-            for rows in torch.randperm(self.batch, generator=self.generator).chunk(
-                a.critic_minibatches
-            ):
+            order = torch.randperm(self.batch, generator=self.generator)
+            for rows in order.chunk(a.critic_minibatches):
                 error = (self.critic(features[rows]) - target[rows]).square().mean(1).sum()
                 self.critic_optimizer.zero_grad()
                 error.backward()

@@ -48,8 +48,9 @@ def trained(folder, steps):
 @pytest.mark.parametrize("settings", [{}, SOFT])
 def test_gradient_of_a_window_is_that_of_differences(settings, monkeypatch):
     """32 steps, episode ends within them, critic's values and the entropy in the objective: central
-    differences in two directions of the policy's weights, in float64. 1e-6 is what differences of step 1e-5 are
-    worth where Newton's method goes as far as it can: the gradient is that of an exact solution.
+    differences in two directions of the policy's weights, in float64. 1e-6 is what differences of
+    step 1e-5 are worth where Newton's method goes as far as it can: the gradient is that of an
+    exact solution.
     """
     monkeypatch.setitem(newton.TOLERANCE, torch.float64, 1e-12)
     one = learner("shac", horizon=32, num_envs=3, **settings)
@@ -102,9 +103,9 @@ def test_the_weight_of_the_entropy_follows_what_is_missing():
     """Where the deviation is large the weight falls, where it is small it rises."""
     for deviation, sign in ((0.5, -1), (0.02, 1)):
         one = learner("shac", **SOFT, deviation=deviation)
-        entropy = one.iteration(0.0)["entropy"]
-        assert entropy * sign < 0
-        assert (one.log_weight.item() - math.log(0.1)) * sign > 0
+        weight = one.iteration(0.0)["weight"]
+        assert (weight - 0.1) * sign > 0
+        assert one.log_weight.item() == pytest.approx(math.log(weight), rel=1e-6)
 
 
 def test_episodes_in_a_plane_go_on_with_the_same_bits():
