@@ -99,6 +99,17 @@ def test_the_density_of_squashed_actions():
     assert action.max() < 0.99
 
 
+def test_a_window_has_the_discounted_entropy_in_its_return():
+    """Nothing else where rewards and critics are zero: equation 18 of Xing et al. 2025."""
+    one = learner("shac", **SOFT, reward_scale=0.0)
+    for weights in one.target.parameters():
+        weights.data.zero_()
+    objective, data = one.window()
+    discount = 0.99 ** torch.arange(len(data["entropy"]))[:, None]
+    expected = 0.1 * (discount * data["entropy"]).mean(0)
+    torch.testing.assert_close(objective.detach(), expected, rtol=1e-5, atol=0, check_dtype=False)
+
+
 def test_the_weight_of_the_entropy_follows_what_is_missing():
     """Where the deviation is large the weight falls, where it is small it rises."""
     for deviation, sign in ((0.5, -1), (0.02, 1)):
