@@ -8,6 +8,7 @@ action = policy(observation)                      # numpy or torch, (..., o) -> 
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Sequence
 from itertools import pairwise
@@ -17,11 +18,13 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import softplus
 
 from torchbeam.extend.commands import save as save_file
 
 ACTIVATIONS = {"tanh": nn.Tanh, "elu": nn.ELU}
 GAIN = 2**0.5  # of hidden layers
+LOG_DEVIATIONS = (-5.0, 1.0)  # bounds, where a network has them
 LIMIT = 10.0  # standard deviations; normalised observations are clipped there
 
 
@@ -213,6 +216,16 @@ class Shortcut(nn.Module):
         return self.layers(x) + self.linear(x)
 
 
+class Values(nn.ModuleList):
+    """So many `Value` of the same sizes, each with weights of its own: (count, ...) of (..., o)."""
+
+    def __init__(self, count: int, sizes: Sequence[int], **settings: Any) -> None:
+        super().__init__(Value(sizes, **settings) for _ in range(count))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.stack([value(x) for value in self])
+
+
 class Value(nn.Module):
     """The return that follows from a normalised observation (..., o): (...)."""
 
@@ -229,6 +242,16 @@ class Value(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         return self.network(x.to(self.network[0].weight.dtype))[..., 0]
+
+
+def squashed(mean: Tensor, deviation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+    """(actions (..., a), their log-likelihood (...)): tanh of normal ones of this mean and
+    deviation, by noise (..., a) that is standard normal (Haarnoja et al. 2018, appendix C).
+    """
+    x = mean + deviation * noise
+    normal = -0.5 * noise**2 - deviation.log() - 0.5 * math.log(2 * math.pi)
+    slope = 2 * (math.log(2) - x - softplus(-2 * x))  # log of the derivative of tanh
+    return torch.tanh(x), (normal - slope).sum(-1)
 
 
 def network(

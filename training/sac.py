@@ -13,14 +13,11 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import softplus
 
 from .common import environment_state, main, restore_environment, training_seed
-from .policies import Policy, Value, network
+from .policies import LOG_DEVIATIONS, Policy, Values, network, squashed
 from .tuned import SAC as TUNED
 from .tuned import Task
-
-LOG_DEVIATIONS = (-5.0, 1.0)  # bounds
 
 
 @dataclass(frozen=True)
@@ -78,7 +75,7 @@ class SAC:
             self.policy = Policy((inputs, *a.hidden, self.actions), squash=True, activation="elu")
             self.spread = network((inputs, *a.hidden, self.actions), "elu", last=0.01).float()
             sizes = (inputs + self.actions, *a.hidden)
-            self.critics = nn.ModuleList(Value(sizes, activation="elu") for _ in range(2))
+            self.critics = Values(2, sizes, activation="elu")
         self.targets = copy.deepcopy(self.critics)
         self.log_temperature = nn.Parameter(torch.tensor(math.log(a.temperature)))
         self.parts = [*self.policy.network.parameters(), *self.spread.parameters()]
@@ -96,10 +93,7 @@ class SAC:
         mean = self.policy.network(observation)
         deviation = self.spread(observation).clamp(*LOG_DEVIATIONS).exp()
         noise = torch.randn(mean.shape, generator=self.generator, dtype=mean.dtype)
-        x = mean + deviation * noise
-        normal = -0.5 * noise**2 - deviation.log() - 0.5 * math.log(2 * math.pi)
-        slope = 2 * (math.log(2) - x - softplus(-2 * x))  # log of the derivative of tanh
-        return torch.tanh(x), (normal - slope).sum(-1)
+        return squashed(mean, deviation, noise)
 
     @torch.no_grad()
     def collect(self) -> dict[str, Tensor]:
@@ -174,10 +168,9 @@ class SAC:
         return error.item(), entropy.item()
 
     @staticmethod
-    def values(critics: nn.ModuleList, observation: Tensor, action: Tensor) -> Tensor:
+    def values(critics: Values, observation: Tensor, action: Tensor) -> Tensor:
         """(2, ...)"""
-        x = torch.cat((observation, action), -1)
-        return torch.stack([critic(x) for critic in critics])
+        return critics(torch.cat((observation, action), -1))
 
     def _step(self, which: int, loss: Tensor) -> None:
         optimizer = self.optimizers[which]

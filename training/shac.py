@@ -1,5 +1,6 @@
 """Short-horizon actor-critic: the policy's gradient through the simulation (Xu et al. 2022,
-"Accelerated policy learning with parallel differentiable simulation"), in one file.
+"Accelerated policy learning with parallel differentiable simulation"), in one file; with --entropy
+and --critics 2 that of Xing, Luk and Oh 2025 (SAPO, arXiv 2412.12089, equations 18 to 21).
 
     python -m training.shac --task reach --budget 200000
 """
@@ -7,7 +8,9 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -15,7 +18,7 @@ from torch import Tensor, nn
 
 from .common import environment_state, main, restore_environment, training_seed
 from .imitation import Imitation
-from .policies import Policy, Value
+from .policies import LOG_DEVIATIONS, Policy, Values, network, squashed
 from .tuned import SHAC as TUNED
 from .tuned import Task
 
@@ -52,6 +55,10 @@ class Arguments:
     """rewards are multiplied by this, for the critic's sake"""
     deviation: float = 0.3
     """standard deviation of the actions (before tanh) at the start"""
+    critics: int = 1
+    """the policy ascends their mean, and their targets come from the least of them"""
+    entropy: float = 0.0
+    """weight of the entropy at first; it is held at minus half the number of actions. 0: none"""
     frames: int = 0
     """observations side by side that are seen at once; 0: as the task has them"""
     memory: int = 0
@@ -106,12 +113,18 @@ class SHAC:
                 memory=a.memory,
             )
             self.policy = copy.deepcopy(self.actor) if a.average else self.actor
-            self.critic = Value((self.actor.features, *a.hidden), activation="elu")
+            sizes = (self.actor.features, *a.hidden)
+            self.critic = Values(a.critics, sizes, activation="elu")
+            self.spread = nn.ModuleList()  # log of the deviation, by features
+            if a.entropy:
+                self.spread.append(network((*sizes, actions), "elu", last=0.01).float())
+                nn.init.constant_(self.spread[0][-1].bias, math.log(a.deviation))
+        self.log_weight = nn.Parameter(torch.tensor(a.entropy, dtype=torch.float32).log())
         self.target = copy.deepcopy(self.critic).requires_grad_(False)
-        self.optimizer, self.critic_optimizer = (
-            torch.optim.Adam(part.parameters(), rate, betas=(0.7, 0.95), fused=True)
-            for part, rate in ((self.actor, a.rate), (self.critic, a.critic_rate))
-        )
+        self.parts = [*self.actor.parameters(), *self.spread.parameters()]
+        adam = partial(torch.optim.Adam, betas=(0.7, 0.95), fused=True)
+        self.optimizer = adam([*self.parts, self.log_weight], a.rate)
+        self.critic_optimizer = adam(self.critic.parameters(), a.critic_rate)
         self.generator = torch.Generator().manual_seed(a.seed)
         self.left_out, self.steps = 0, 0
         self.env.reset(seed=training_seed(a.seed))
@@ -119,6 +132,17 @@ class SHAC:
         self.imitation = (
             Imitation(self.env, self.actor, a.teacher, a.lessons) if a.teacher else None
         )
+
+    def draw(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """(actions (n, a), by how much their entropy (n,) is above its target, an action: about 0
+        to 1.2, or 0 where it has no weight) of features (n, o + m).
+        """
+        noise = torch.randn(self.env.action_space.shape, generator=self.generator)
+        if not self.spread:
+            return self.actor.act(features, noise), features.new_zeros(len(features))
+        deviation = self.spread[0](features).clamp(*LOG_DEVIATIONS).exp()
+        action, likelihood = squashed(self.actor.network(features), deviation, noise)
+        return action, 0.5 - likelihood / action.shape[-1]
 
     def window(self, lesson: Imitation | None = None) -> tuple[Tensor, dict[str, Tensor]]:
         """(objective (n,) in the graph, data (horizon, n, ...) without): one window with the policy
@@ -130,19 +154,19 @@ class SHAC:
         objective = observation.new_zeros(a.num_envs)
         weight = torch.ones_like(objective)
         for k in range(a.horizon):
-            noise = torch.randn(self.env.action_space.shape, generator=self.generator)
             features, after_it = policy.see(observation, memory)
-            action = policy.act(features, noise).to(observation.dtype)
+            action, entropy = self.draw(features)
             if lesson is not None:
-                action = lesson.act(observation, action)
-            after, reward, terminated, truncated, info = self.env.step(action)
-            reward, over, last = a.reward_scale * reward, terminated | truncated, after
+                action = lesson.act(observation, action.to(observation.dtype))
+            after, reward, terminated, truncated, info = self.env.step(action.to(observation.dtype))
+            reward = a.reward_scale * reward + self.log_weight.detach().exp() * entropy
+            over, last = terminated | truncated, after
             if over.any():
                 last = torch.where(over[:, None], info["final_obs"], after)
             objective = objective + weight * reward
             end = over if k < a.horizon - 1 else torch.ones_like(over)
             if end.any():
-                value = self.target(policy.held(policy.see(last, after_it)[0]))
+                value = self.target(policy.held(policy.see(last, after_it)[0])).mean(0)
                 rest = torch.where(end & ~terminated, value.to(reward.dtype), 0.0)
                 objective = objective + weight * a.discount * rest
             weight = torch.where(over, 1.0, a.discount * weight)
@@ -154,6 +178,7 @@ class SHAC:
                     next=last.detach(),
                     terminated=terminated,
                     over=over,
+                    entropy=entropy.detach(),
                 )
             )
             observation, memory = after, torch.where(over[:, None], 0.0, after_it)
@@ -167,7 +192,7 @@ class SHAC:
         """(features (horizon, n, ...), lambda returns (horizon, n) from the target critic)."""
         a, policy = self.arguments, self.actor
         features = policy.see_all(data["observation"], data["memory"][0], data["over"])
-        value = self.target(policy.see_next(features, data["next"]))
+        value = self.target(policy.see_next(features, data["next"])).amin(0)
         after = torch.where(data["terminated"], 0.0, value)
         target, rows = after[-1], []
         for k in reversed(range(a.horizon)):
@@ -190,7 +215,9 @@ class SHAC:
         objective, data = self.window()
         self.optimizer.zero_grad()
         (-objective.mean()).backward()
-        norm = nn.utils.clip_grad_norm_(self.actor.parameters(), a.gradient_norm)
+        norm = nn.utils.clip_grad_norm_(self.parts, a.gradient_norm)
+        if self.spread:
+            self.log_weight.grad = data["entropy"].mean().float()
         if torch.isfinite(norm):
             self.optimizer.step()
         else:
@@ -199,11 +226,12 @@ class SHAC:
         if not (a.average and a.teacher):
             self.actor.statistics.update(data["observation"])
         self.keep(a.average)
+        own = self.log_weight if self.spread else self.actor.log_deviation
         return {
             "gradient_norm": norm.item(),
             "left_out": self.left_out,
             "value_error": error,
-            "deviation": self.actor.log_deviation.exp().mean().item(),
+            "weight" if self.spread else "deviation": own.exp().mean().item(),
         }
 
     def keep(self, updates: int) -> None:
@@ -230,10 +258,9 @@ class SHAC:
         a = self.arguments
         features, target = (x.flatten(0, 1) for x in self.targets(data))
         for _ in range(a.critic_epochs):
-            for rows in torch.randperm(self.batch, generator=self.generator).chunk(
-                a.critic_minibatches
-            ):
-                error = (self.critic(features[rows]) - target[rows]).square().mean()
+            order = torch.randperm(self.batch, generator=self.generator)
+            for rows in order.chunk(a.critic_minibatches):
+                error = (self.critic(features[rows]) - target[rows]).square().mean(1).sum()
                 self.critic_optimizer.zero_grad()
                 error.backward()
                 nn.utils.clip_grad_norm_(self.critic.parameters(), a.gradient_norm)
@@ -249,6 +276,7 @@ class SHAC:
             "left_out": self.left_out,
             "steps": self.steps,
             "memory": self.memory,
+            "log_weight": self.log_weight.detach(),
             "generator": self.generator.get_state(),
             "environment": environment_state(self.env),
             "imitation": self.imitation and self.imitation.state_dict(),
@@ -260,11 +288,12 @@ class SHAC:
         self.generator.set_state(state["generator"])
         self.left_out, self.steps = state["left_out"], state["steps"]
         self.memory = state["memory"]
+        self.log_weight.data.copy_(state["log_weight"])
         restore_environment(self.env, state["environment"])
         if self.imitation is not None:
             self.imitation.load_state_dict(state["imitation"])
 
-    _PARTS = ("policy", "actor", "critic", "target", "optimizer", "critic_optimizer")
+    _PARTS = ("policy", "actor", "spread", "critic", "target", "optimizer", "critic_optimizer")
 
 
 if __name__ == "__main__":

@@ -58,15 +58,16 @@ AXES = ("steps", "seconds")
 
 def as_now(run: Run) -> Run:
     """A run as it would be written now. Those of before have frames among the arguments of the
-    environment, not among the learner's settings, no memory, SHAC's rates fell over the budget and
-    its last weights were kept, and students learned at the task's own pace.
+    environment, not among the learner's settings, and no memory. SHAC's rates fell over the budget,
+    its last weights were kept, and it had no entropy and a single critic. Students learned at the
+    task's own pace.
     """
     settings = run.get("settings", {})
     if run["algorithm"] == "student" and settings:
         settings = {"pace": 1, **settings}
         run = {**run, "settings": settings}
     if run["algorithm"].startswith("shac") and settings:
-        settings = {"average": 0, **settings}
+        settings = {"average": 0, "critics": 1, "entropy": 0.0, **settings}
         run = {**run, "settings": settings}
     if "frames" in settings or "environment" not in run:
         return run

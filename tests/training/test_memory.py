@@ -261,7 +261,7 @@ def test_gradient_of_a_window_goes_through_the_memory():
     one = learner("shac", horizon=16, num_envs=2)
     for part in (one.policy, one.target):
         part.double()
-    one.target.network[0].weight.data[:, one.policy.observed :] = 0
+    one.target[0].network[0].weight.data[:, one.policy.observed :] = 0
     memory = torch.rand(2, 4)
     start, noise = common.environment_state(one.env), one.generator.get_state()
 

@@ -5,6 +5,7 @@ that load.
 import csv
 import importlib
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from torchbeam.solvers import newton
 from training import common, ppo, results, sac, shac, student
 from training.evaluate import evaluate, make
 from training.evaluate import main as evaluation
-from training.policies import Policy, Statistics, load, save
+from training.policies import Policy, Statistics, load, save, squashed
 from training.tuned import HELD_OUT, TASKS, Task
 
 torch.set_num_threads(1)
@@ -28,6 +29,7 @@ LEARNERS = {
     "sac": (sac.SAC, sac.Arguments),
     "shac": (shac.SHAC, shac.Arguments),
 }
+SOFT = {"entropy": 0.1, "critics": 2}
 TAUGHT = {"teacher": "LQR", "lessons": 3}
 SMALL_SAC = {"warmup": 32, "updates": 4, "minibatch": 16, "memory": 80}
 
@@ -43,14 +45,16 @@ def trained(folder, steps):
     return common.train(learner("shac"), TINY, folder, common.Budget(steps=steps), **options)
 
 
-def test_gradient_of_a_window_is_that_of_differences(monkeypatch):
-    """32 steps, episode ends within them, critic's values in the objective: central differences in
-    two directions of the policy's weights, in float64. 1e-6 is what differences of step 1e-5 are
-    worth where Newton's method goes as far as it can: the gradient is that of an exact solution.
+@pytest.mark.parametrize("settings", [{}, SOFT])
+def test_gradient_of_a_window_is_that_of_differences(settings, monkeypatch):
+    """32 steps, episode ends within them, critic's values and the entropy in the objective: central
+    differences in two directions of the policy's weights, in float64. 1e-6 is what differences of
+    step 1e-5 are worth where Newton's method goes as far as it can: the gradient is that of an
+    exact solution.
     """
     monkeypatch.setitem(newton.TOLERANCE, torch.float64, 1e-12)
-    one = learner("shac", horizon=32, num_envs=3)
-    for part in (one.policy, one.target):
+    one = learner("shac", horizon=32, num_envs=3, **settings)
+    for part in (one.policy, one.spread, one.target):
         part.double()
     start, noise = common.environment_state(one.env), one.generator.get_state()
 
@@ -59,7 +63,60 @@ def test_gradient_of_a_window_is_that_of_differences(monkeypatch):
         one.generator.set_state(noise)
         return one.window()[0].mean()
 
-    check_gradient(objective, [*one.policy.parameters()])
+    unused = one.policy.log_deviation if settings else None  # what is seen gives it then
+    check_gradient(objective, [weights for weights in one.parts if weights is not unused])
+
+
+def test_a_soft_shac_ascends_the_mean_of_critics_and_trusts_the_least():
+    """Of two that say 1 and 3 everywhere: as one that says 2 for the policy, as one that says 1 for
+    the targets.
+    """
+    start, says = learner("shac", **SOFT), {}
+    state, noise = common.environment_state(start.env), start.generator.get_state()
+    for values in ((1.0, 3.0), (2.0, 2.0), (1.0, 1.0)):
+        for critic, value in zip(start.target, values, strict=True):
+            critic.network[-1].weight.data.zero_()
+            critic.network[-1].bias.data.fill_(value)
+        common.restore_environment(start.env, state)
+        start.generator.set_state(noise)
+        objective, data = start.window()
+        says[values] = objective.detach(), start.targets(data)[1]
+    torch.testing.assert_close(says[1.0, 3.0][0], says[2.0, 2.0][0], rtol=1e-6, atol=0)
+    torch.testing.assert_close(says[1.0, 3.0][1], says[1.0, 1.0][1], rtol=1e-6, atol=0)
+    assert (says[1.0, 3.0][0] > says[1.0, 1.0][0] + 0.01).all()
+    assert (data["entropy"] != 0).all()
+
+
+def test_the_density_of_squashed_actions():
+    """That of torch's transformed normal distribution, to 1e-10 where tanh is below 0.99."""
+    generator = torch.Generator().manual_seed(0)
+    mean, deviation, noise = torch.rand(3, 50, 2, generator=generator, dtype=torch.float64)
+    action, likelihood = squashed(mean, deviation, noise)
+    law = torch.distributions.TransformedDistribution(
+        torch.distributions.Normal(mean, deviation), torch.distributions.TanhTransform()
+    )
+    torch.testing.assert_close(law.log_prob(action).sum(-1), likelihood, rtol=0, atol=1e-10)
+    assert action.max() < 0.99
+
+
+def test_a_window_has_the_discounted_entropy_in_its_return():
+    """Nothing else where rewards and critics are zero: equation 18 of Xing et al. 2025."""
+    one = learner("shac", **SOFT, reward_scale=0.0)
+    for weights in one.target.parameters():
+        weights.data.zero_()
+    objective, data = one.window()
+    discount = 0.99 ** torch.arange(len(data["entropy"]))[:, None]
+    expected = 0.1 * (discount * data["entropy"]).mean(0)
+    torch.testing.assert_close(objective.detach(), expected, rtol=1e-5, atol=0, check_dtype=False)
+
+
+def test_the_weight_of_the_entropy_follows_what_is_missing():
+    """Where the deviation is large the weight falls, where it is small it rises."""
+    for deviation, sign in ((0.5, -1), (0.02, 1)):
+        one = learner("shac", **SOFT, deviation=deviation)
+        weight = one.iteration(0.0)["weight"]
+        assert (weight - 0.1) * sign > 0
+        assert one.log_weight.item() == pytest.approx(math.log(weight), rel=1e-6)
 
 
 def test_episodes_in_a_plane_go_on_with_the_same_bits():
@@ -87,6 +144,7 @@ def test_episodes_in_a_plane_go_on_with_the_same_bits():
         pytest.param("ppo", TINY, TAUGHT, marks=pytest.mark.long),  # of lessons, as SHAC's
         ("sac", TINY, {}),
         ("shac", TINY.varied(randomize=True, noise=0.01), {}),
+        ("shac", TINY, SOFT),
         pytest.param("shac", TINY, TAUGHT, marks=pytest.mark.long),  # less than LQG has
         ("shac", TINY, {"teacher": "MPC(horizon=4)", "lessons": 3}),
         ("shac", TINY, {"teacher": "LQG(latency=2, disturbance=0.1)", "lessons": 3}),
