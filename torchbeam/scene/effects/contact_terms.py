@@ -107,7 +107,7 @@ class ContactTerms(LoadEffect):
                 "there"
             )
 
-    touches = True
+    touches = resists = True
 
     @property
     def rubs(self) -> bool:
