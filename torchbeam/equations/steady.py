@@ -5,6 +5,8 @@ steadily.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import compress
+from operator import not_
 from typing import Any, NamedTuple
 
 import torch
@@ -139,9 +141,11 @@ class SteadyProblem(BalanceProblem):
     @cached
     def acting(self) -> tuple[tuple[ActingLoad, ...], tuple[ActingLoad, ...]]:
         """Loads at nodes that are raised, and those that act in full."""
-        whole = [self.resisting and act.load.resists for act in self.conditions.loads]
-        pairs = [*zip(self.conditions.loads, whole, strict=True)]
-        return tuple(a for a, full in pairs if not full), tuple(a for a, full in pairs if full)
+        loads = self.conditions.loads
+        if not self.resisting:
+            return loads, ()
+        whole = [act.load.resists and bool(act.reads) for act in loads]
+        return tuple(compress(loads, map(not_, whole))), tuple(compress(loads, whole))
 
     @cached
     def C(self) -> Tensor:

@@ -311,8 +311,8 @@ def _path(
         if failed is None or not concrete(failed).any():
             return path
         warn(
-            "the path has no beginning, for load steps do not come to an equilibrium of the loads "
-            "that stay; one as initial is wanted"
+            "the path has no beginning, for load steps do not come to an equilibrium of what "
+            "stays at factor 0; one as initial is wanted"
         )
         return replace(path, valid=path.valid & ~failed)
 
