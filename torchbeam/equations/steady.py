@@ -5,6 +5,8 @@ steadily.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import compress
+from operator import not_
 from typing import Any, NamedTuple
 
 import torch
@@ -13,6 +15,7 @@ from torch import Tensor
 from ..core.derivatives import cached, no_derivatives
 from ..core.leaves import leaf
 from ..nodal import loads as external
+from ..nodal.acting import ActingLoad
 from ..nodal.balance import Residual
 from ..nodal.between_nodes import NodeMotion
 from ..nodal.conditions import Conditions, conditions
@@ -72,13 +75,14 @@ class Past(NamedTuple):
 
 class Relief(NamedTuple):
     """What is out of balance where an equilibrium is looked for from: of nodes (..., N+1, w) N and
-    N m, and strain (..., N, k), with the gaps of constraints behind; and by how much (..., J, w)
-    joints' coordinates are off that are prescribed, None = none is: they are led, as sines of large
-    angles in gaps tell another root.
+    N m, and strain (..., N, k), with the gaps of constraints behind; how much (..., 1, 1) of the
+    loads acts; and by how much (..., J, w) joints' coordinates are off that are prescribed, None =
+    none is: they are led, as sines of large angles in gaps tell another root.
     """
 
     nodes: Tensor
     strain: Tensor
+    raised: Tensor
     coordinate: Tensor | None = None
 
 
@@ -86,8 +90,8 @@ class Relief(NamedTuple):
 class SteadyProblem(BalanceProblem):
     """inertia + to_nodes(h B^T [F; M]) = load_factor * loads and S [F; M] = strain; `load_factor`
     (...) in [0, 1] steps the loads, the inertia of a moving frame, the strain that a beam takes by
-    itself and the motion of its supports. With a relief all but the last act in full, less
-    (1 - load_factor) of what they lack in balance where they begin.
+    itself and the motion of its supports. With a relief all but the last act as far as that says,
+    less (1 - load_factor) of what they lack in balance where they begin.
 
     internal  (..., z) of the loads, where they are held; None = where they come to rest
     near      (..., z) where the laws of these are linearised to find that, None = at zero; see
@@ -95,6 +99,7 @@ class SteadyProblem(BalanceProblem):
     begun     where supports are led from; None = from where the beam has their nodes
     relief    None = there is none
     past      None = nothing has been yet
+    resisting whether what resists acts in full, see `LoadEffect.resists`; else it is a load too
     own_frame of each node, None = frame a
     """
 
@@ -106,6 +111,7 @@ class SteadyProblem(BalanceProblem):
     begun: Poses | None = leaf(2, default=None, kw_only=True)
     relief: Relief | None = leaf(2, default=None, kw_only=True)
     past: Past | None = leaf(2, default=None, kw_only=True)
+    resisting: bool = field(default=False, kw_only=True)
     own_frame: FixedFrame | None = field(default=None, kw_only=True)
 
     @cached
@@ -125,12 +131,21 @@ class SteadyProblem(BalanceProblem):
     @property
     def support_factor(self) -> Tensor:
         """(...) how much of their motion supports have made."""
-        return self.load_factor
+        return self.load_factor if self.relief is None else self.load_factor * self.raised
 
     @property
     def raised(self) -> Tensor:
         """(...) how much of the loads acts."""
-        return self.load_factor if self.relief is None else torch.ones_like(self.load_factor)
+        return self.load_factor if self.relief is None else self.relief.raised[..., 0, 0]
+
+    @cached
+    def acting(self) -> tuple[tuple[ActingLoad, ...], tuple[ActingLoad, ...]]:
+        """Loads at nodes that are raised, and those that act in full."""
+        loads = self.conditions.loads
+        if not self.resisting:
+            return loads, ()
+        whole = [act.load.resists and bool(act.reads) for act in loads]
+        return tuple(compress(loads, map(not_, whole))), tuple(compress(loads, whole))
 
     @cached
     def C(self) -> Tensor:
@@ -181,16 +196,18 @@ class SteadyProblem(BalanceProblem):
         return replace(self, inputs=inputs, load_factor=torch.ones_like(factor))
 
     def relieved(self, x: Configuration) -> SteadyProblem:
-        """The same from x, where it is in balance at a load factor of 0."""
+        """The same with its loads from x on, where it is in balance at a load factor of 0."""
         with no_derivatives():
             nothing, off = x.position.new_zeros(1, 1), None
+            raised = self.load_factor[..., None, None]
             begin = replace(self, load_factor=torch.zeros_like(self.load_factor))
             x, joints, wanted = begin.apply_supports(x), self.model.joints, self.joint_coordinate
             if wanted is not None:
                 off = joints.coordinate(joints.pose(*x[:2]), wanted) - wanted
-            begin = replace(begin, relief=Relief(nothing, nothing, off))
+            begin = replace(begin, relief=Relief(nothing, nothing, raised, off))
             residual = begin.residual(x)[0]
-        return replace(self, relief=Relief(residual.nodes, residual.strain, off))
+        relief = Relief(residual.nodes, residual.strain, raised, off)
+        return replace(self, load_factor=torch.ones_like(self.load_factor), relief=relief)
 
     @property
     def joint_coordinate(self) -> Tensor | None:
@@ -204,7 +221,7 @@ class SteadyProblem(BalanceProblem):
         residual, *about = super().residual(x)
         if self.relief is None:
             return residual, *about
-        left, (nodes, strain, _) = 1 - self.load_factor[..., None, None], self.relief
+        left, (nodes, strain, *_) = 1 - self.load_factor[..., None, None], self.relief
         nodes, strain = residual.nodes - left * nodes, residual.strain - left * strain
         return residual._replace(nodes=nodes, strain=strain), *about
 
@@ -248,11 +265,11 @@ class SteadyProblem(BalanceProblem):
 
     def load(self, x: Configuration) -> Tensor | float:
         """Loads less the inertia of nodes, as far as they are raised, (..., N+1, w); 0.0 = none."""
-        load = external.external(
-            self.model, self.nodes(x), self.conditions, total=self.conditions.dead
-        )
+        at, (loads, whole) = (self.model, self.nodes(x), self.conditions), self.acting
+        load = external.external(*at, loads, self.conditions.dead)
         load = self.motion.less(load, *x[:2])
-        return load if isinstance(load, float) else self.raised[..., None, None] * load
+        load = load if isinstance(load, float) else self.raised[..., None, None] * load
+        return external.external(*at, whole, load)
 
     def motion_by(
         self, nodes: None, reads: frozenset[str] | None = None
@@ -267,10 +284,12 @@ class SteadyProblem(BalanceProblem):
         inertia = total(inertia, self.element_load_matrix(x))
         if not self.conditions.moving:
             return inertia
-        tangent = external.tangent(model, self.nodes(x), self.conditions, self.motion_by(None))
-        if isinstance(tangent, float):
-            return inertia
-        return total(model.topology.diagonal(-raised * tangent), inertia)
+        nodes, by = self.nodes(x), self.motion_by(None)
+        for loads, share in zip(self.acting, (-raised, -1.0), strict=True):
+            tangent = external.tangent(model, nodes, replace(self.conditions, loads=loads), by)
+            if not isinstance(tangent, float):
+                inertia = total(model.topology.diagonal(share * tangent), inertia)
+        return inertia
 
     def node_balance(self, x: Configuration) -> tuple[Configuration, None, Tensor | float]:
         """The loads are less the inertia."""
@@ -296,6 +315,7 @@ class SteadyProblem(BalanceProblem):
             lambda reads: self.motion_by(nodes, reads),
             kinematics[:2],
             share=self.raised,
+            resisting=self.resisting,
             moved=moved,
             way=lambda: Way(kinematics.position),
             state=self.past,

@@ -30,6 +30,7 @@ class NodeMotion(NamedTuple):
     before  the same before the step; None = at an instant
     mean    whether forces act at the means of both; else after
     share   (...), as far as loads are raised; None = all
+    resisting  whether what resists acts in full whatever the share is, see `LoadEffect.resists`
     dt      (...) s, None = laws of an instant, at rest
     moving  velocity and spin (..., N+1, *) before the step, or at the instant, as seen in frame a;
             None = at rest
@@ -52,6 +53,7 @@ class NodeMotion(NamedTuple):
     before: Where | None = None
     mean: bool = False
     share: Tensor | None = None
+    resisting: bool = False
     dt: Tensor | None = None
     moving: Rates | None = None
     state: Any = None
@@ -76,6 +78,10 @@ class NodeMotion(NamedTuple):
     def raised(self, x: Tensor) -> Tensor:
         """x (..., n, m) as far as loads are raised."""
         return x if self.share is None else self.share[..., None, None] * x
+
+    def share_of(self, load: Any) -> Tensor | None:
+        """(...), as far as an interaction is raised; None = all."""
+        return None if self.resisting and load.resists else self.share
 
     def placed(self, place: Callable[[Tensor, Tensor], Any]) -> Placed:
         """Places of nodes, of their positions and rotations."""

@@ -65,13 +65,16 @@ def at_nodes(
     total: Tensor | float = 0.0,
     inner: Inner | None = None,
     constrained: bool = False,
+    share: Callable[[Any], Tensor | None] | None = None,
 ) -> Tensor | float:
     """The sum of their forces and moments (..., N+1, w), added to a total; 0.0 where there is none.
-    constrained: of those with own unknowns.
+    constrained: of those with own unknowns; share: (...) of each that acts, None = all.
     """
     for acting, point in points(space, nodes, now, inner or Inner(), constrained):
         of_nodes = space.of_nodes(list(acting.node))
         push = wrench(of_nodes, acting.load, point, now.t, now.inputs)
+        part = None if share is None else share(acting.load)
+        push = push if part is None else part[..., None, None] * push
         total = total + added(None, acting.node, push, nodes.position.shape[-2], 1)
     return total
 
@@ -137,7 +140,7 @@ class Couplings(BetweenNodes):
     ) -> tuple[Tensor, Tensor]:
         now, seen = motion.now, motion.nodes(motion.now.reads)
         inner = self.inner(stress, motion)
-        nodes = nodes - motion.raised(at_nodes(self.space, seen, now, inner=inner))
+        nodes = nodes - at_nodes(self.space, seen, now, inner=inner, share=motion.share_of)
         if not self.count:
             return nodes, gap
         nodes = nodes - at_nodes(self.space, seen, now, inner=inner, constrained=True)
@@ -148,9 +151,12 @@ class Couplings(BetweenNodes):
         return nodes, stacked(gap, *(row[..., None, :] for row in rows))
 
     def matrix(self, matrix: Any, stress: Tensor, motion: NodeMotion) -> Any:
-        share = 1.0 if motion.share is None else motion.share[..., None, None, None]
+        def less(load: Any) -> Tensor | float:
+            share = motion.share_of(load)
+            return -1.0 if share is None else -share[..., None, None, None]
+
         inner = self.inner(stress, motion)
-        matrix = self._tied(matrix, motion, motion.by(motion.now.reads), -share, inner)
+        matrix = self._tied(matrix, motion, motion.by(motion.now.reads), less, inner)
         if not self.count:
             return matrix
         first = matrix.framework.node_count + (0 if matrix.held is None else len(matrix.held))
@@ -205,8 +211,8 @@ class Couplings(BetweenNodes):
         if not any(act.reads.intersection(moved) for act in motion.now.interactions):
             return None
         inner = self.inner(None, motion)
-        damped = self._tied(matrix(), motion, moved, -1.0, inner)
-        return self._tied(damped, motion, motion.by(motion.now.reads), 1.0, inner)
+        damped = self._tied(matrix(), motion, moved, lambda load: -1.0, inner)
+        return self._tied(damped, motion, motion.by(motion.now.reads), lambda load: 1.0, inner)
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
@@ -230,14 +236,14 @@ class Couplings(BetweenNodes):
         matrix: Any,
         motion: NodeMotion,
         by: MotionJacobian,
-        share: Tensor | float,
+        share: Callable[[Any], Tensor | float],
         inner: Inner,
     ) -> Any:
         """A matrix of balances with a share of their blocks, which is taken from balances."""
         now = motion.now
-        for nodes, _, block, _ in blocks(self.space, motion.nodes(now.reads), now, by, inner):
+        for nodes, load, block, _ in blocks(self.space, motion.nodes(now.reads), now, by, inner):
             if isinstance(block, Tensor):
-                matrix = matrix.tied_too((nodes,), share * block.flatten(-4, -3))
+                matrix = matrix.tied_too((nodes,), share(load) * block.flatten(-4, -3))
         return matrix
 
 

@@ -66,7 +66,7 @@ class LoadedProblem(Tree):
     """The balance as a function of the load factor (...): of all loads, or of the input `load`
     beside loads that stay; braces: see `mechanism`, None = there are none; native: finds it at a
     point of the path by (position, rotation, stress, factor), None = eagerly; past: what is
-    remembered there, None = nothing is.
+    remembered there, None = nothing is; resisting: see `SteadyProblem`.
     """
 
     model: Model
@@ -76,9 +76,11 @@ class LoadedProblem(Tree):
     braces: Tensor | None = leaf(3, default=None)
     native: Callable[..., PointBalance] | None = leaf(None, default=None)
     past: Past | None = leaf(2, default=None)
+    resisting: bool = False
 
     def __call__(self, factor: Tensor) -> SteadyProblem:
-        problem = SteadyProblem(self.model, self.t, self.inputs, factor, past=self.past)
+        of, how = (self.model, self.t, self.inputs), dict(past=self.past, resisting=self.resisting)
+        problem = SteadyProblem(*of, factor, **how)
         return with_braces(problem.under(factor, self.load), self.braces)
 
     def braced(self, start: Configuration) -> LoadedProblem:

@@ -28,7 +28,7 @@ from ..equations.steady import Configuration, Past
 from ..math.shapes import largest
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
-from ..scene.effects import Contact, Inputs, RootSpring, Spring
+from ..scene.effects import Inputs
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State, rest
@@ -162,7 +162,7 @@ def path(
     Args:
         highest: the path of a sample ends where its factor reaches this, or `lowest`
         load: name of the input that the factor multiplies, beside constant loads; None = all loads,
-            also the forces of springs and obstacles, of which a warning tells
+            but not what resists: springs, obstacles, and classes of your own with `resists = True`
         step: first and longest step along the path. A length of 1 is a mean move of nodes by L, a
             mean turn by 1 rad, or the whole `highest`. A step is halved where Newton's method fails
             or a node turns by more than 1 rad
@@ -173,8 +173,8 @@ def path(
         branch: follow the branch that leaves a bifurcation (a pivot changes sign, the factor goes
             on). It begins with a `step` in the critical shape, to the side of the previous motion,
             however small
-        initial: an equilibrium at factor 0; None = the equilibrium under the constant loads, found
-            from the undeformed beam
+        initial: an equilibrium at factor 0; None = that under the constant loads and what resists,
+            found from the undeformed beam
         inputs: by name, (..., size)
         engine: "auto", "eager" or "compiled": engine that solves each point. "auto" is native code,
             except with tendons, loads between nodes, supports that turn with the factor, and loads
@@ -204,8 +204,6 @@ def path(
     inputs = scene.tensors(inputs)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     _check(load, inputs, control, target, branch)
-    if load is None:
-        _warn_of_resistance(scene)
     factors = _range(lowest, highest)
     target = None if target is None else instants("target", target, scene.beam.nodes)
     steps = check_count("steps", steps)
@@ -239,17 +237,6 @@ def _check(
         )
     if control is not None and branch:
         raise ValueError("branch with control was given; it goes by the length of the path")
-
-
-def _warn_of_resistance(scene: Scene) -> None:
-    """Warns of loads by which something else resists, where the factor multiplies all."""
-    resisting = [x.called for x in scene.loads if isinstance(x, Contact | RootSpring | Spring)]
-    if resisting:
-        warn(
-            f"a {resisting[0]} was given to path, whose force the load factor multiplies too; "
-            "load=, an input that grows alone, is wanted",
-            UserWarning,
-        )
 
 
 def _range(lowest: float, highest: float) -> tuple[float, float]:
@@ -286,11 +273,14 @@ def _path(
         start = model.space.start(rest(model.scene) if initial is None else initial)
         start = Configuration(start.position, start.rotation, start.stress)
         past = Past.of(model.scene, initial)
-        loaded = LoadedProblem(model, time, inputs, load, past=past)
+        loaded = LoadedProblem(model, time, inputs, load, past=past, resisting=load is None)
         loose = held_by_loads_alone(loaded(time + 1), loaded(time * 0), start)
         loaded, failed = loaded.braced(start).by(engine), None
-        if initial is None and load is not None:
-            start, _, status = climb(loaded(time * 0), start, tolerance)
+        acts = *model.scene.loads, *model.scene.interactions
+        if initial is None and (load is not None or any(act.resists for act in acts)):
+            still = loaded(time * 0)
+            still = still.relieved(start) if load is None else still
+            start, _, status = climb(still, start, tolerance)
             failed = status != SUCCESS
 
     def read(x: Configuration) -> Tensor:
@@ -321,8 +311,8 @@ def _path(
         if failed is None or not concrete(failed).any():
             return path
         warn(
-            "the path has no beginning, for load steps do not come to an equilibrium of the loads "
-            "that stay; one as initial is wanted"
+            "the path has no beginning, for load steps do not come to an equilibrium of what "
+            "stays at factor 0; one as initial is wanted"
         )
         return replace(path, valid=path.valid & ~failed)
 

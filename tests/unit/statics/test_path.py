@@ -4,6 +4,7 @@ of them.
 
 import math
 import warnings
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import torch
 from torch.testing import assert_close
 
 import torchbeam as tb
+from torchbeam import extend
 from torchbeam.statics.continuation import BRANCH_POINT, LIMIT_POINT, REGULAR
 
 pytestmark = pytest.mark.steps
@@ -77,48 +79,102 @@ def test_a_named_input_alone_is_scaled():
     assert_close(path.state.tip.position[-1], want, rtol=0, atol=1e-6)  # 1e-8 of the load, times 12
 
 
+@dataclass(frozen=True)
+class Prop(extend.Interaction):
+    """A spring between two nodes against what they move across, z."""
+
+    stiffness: extend.Value = extend.leaf(0)  # N/m
+
+    depends = frozenset({extend.POSITION})
+    conservative = resists = True
+
+    def wrench(self, point, t, inputs):
+        across = point.position.new_tensor([0.0, 0.0, 1.0])
+        pull = self.stiffness[..., None, None] * across * point.position.diff(dim=-2)
+        return torch.cat((pull, -pull), -2), None
+
+
+# what resists, the stiffness N/m of the tip with it, and its force there without a load, N
+K, H = 3.0, 1e-4
 RESISTING = {
-    "Spring": tb.Spring(-1, 3.0),
-    "RootSpring": tb.RootSpring((1e6, 1e3)),
-    "Contact": tb.Contact(tb.Plane((0, 0, -1.0), (0, 0, 1.0)), thickness=0.1, force=1.0),
+    "spring": (tb.Spring(-1, K), 3 + K, 0.0),
+    "taut": (tb.Spring(-1, K, to=(1.0, 0.0, H)), 3 + K, K * H),
+    "elastic clamp": (tb.RootSpring((6.0, 2.0)), 1 / (1 / 3 + 1 / 6 + 1 / 2), 0.0),
+    "interaction": (Prop((-1, 0), K), 3 + K, 0.0),
 }
 
 
+@pytest.mark.parametrize("engine", ("eager", "compiled"))
 @pytest.mark.parametrize("name", RESISTING)
-def test_what_resists_is_a_load_and_a_warning_tells(name):
-    """load=None multiplies the force of a spring, k w, as it does P: a tip at f P/(3 EI/L^3 + f k),
-    not f P/(3 EI/L^3 + k), which a named input gives. EI = L = 1, k = 3 N/m; of eight elements with
-    linked interpolation 1e-3, of small displacements (5e-5 m) nothing.
+def test_what_resists_is_no_load(name, engine):
+    """A cantilever's tip at w = (f P + F)/k, with the stiffness k of 3 EI/L^3 beside a spring, or
+    behind an elastic clamp, and a spring's force F, whatever the factor f. EI = L = 1; of eight
+    elements with linked interpolation and of shear (GA = 1e6) 1e-3, of rotations (3e-4) nothing.
     """
     section = tb.Section.from_stiffness(EA=1e6, GA=1e6, GJ=1.0, EI=1.0, mass=1.0)
-    beam, P = tb.Beam.straight(1.0, 8, section).linked(), torch.tensor([0.0, 0, 1e-3])
+    (effect, stiffness, pull), P = RESISTING[name], torch.tensor([0.0, 0.0, 1e-3])
+    beam = tb.Beam.straight(1.0, 8, section).linked()
+    scene = tb.Scene(beam, [tb.TipLoad(force=P), effect])
+    path = tb.path(scene, step=0.3, engine=engine)
+    f = path.factor
+    assert path.reached and f[0] == 0 and len(f) > 3 and f[-1] == 1
+    assert_close(path.state.tip.position[:, 2], (f * P[2] + pull) / stiffness, rtol=2e-3, atol=1e-9)
 
-    def tip(force, **options):
-        scene = tb.Scene(beam, [tb.TipLoad(force=force), RESISTING[name]])
-        path = tb.path(scene, step=0.3, steps=8 if name == "Spring" else 1, **options)
-        return path.factor[1:-1], path.state.tip.position[1:-1, 2]
 
-    with pytest.warns(UserWarning, match=f"a {name} was given to path, whose force"):
-        f, scaled = tip(P)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        g, named = tip(tb.Input("P", 3), load="P", inputs={"P": P})
-    if name == "Spring":
-        assert_close(scaled, f * P[2] / (3 + 3 * f), rtol=2e-3, atol=0)
-        assert_close(named, g * P[2] / 6, rtol=2e-3, atol=0)
+@pytest.mark.parametrize("node, engine", [(-1, "eager"), (-1, "compiled"), (None, "eager")])
+def test_what_is_touched_is_no_load(node, engine):
+    """A cantilever pressed onto a floor 0.1 m below by 1 N, by its tip or along it (which native
+    code leaves to torch): each point is the equilibrium under that share of the load, to Newton's
+    tolerance (1e-8 of the loads, beside the softest stiffness, 3 N/m).
+    """
+    floor = tb.Plane((0, 0, -0.1), (0, 0, 1.0))
+    floor = tb.Contact(floor, node=node, thickness=0.05, force=20.0)
+    section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=1.0)
+    beam = tb.Beam.straight(1.0, 2, section)
+
+    def scene(P):
+        force = P[..., None] * torch.tensor([0.0, 0, -1.0])
+        return tb.Scene(beam, [tb.TipLoad(force=force), floor], plane="xz")
+
+    path = tb.path(scene(torch.tensor(1.0)), step=0.3, engine=engine)
+    each = tb.equilibrium(scene(path.factor))
+    assert path.reached and (path.state.tip.position[-1, 2] < -0.055)
+    assert_close(path.state.position, each.position, rtol=0, atol=1e-7)
+
+
+def test_a_column_on_an_elastic_clamp_buckles_where_it_does():
+    """Beside a clamp that yields by k about an axis, b tan b = k L/EI, P = EI (b/L)^2 (Timoshenko
+    and Gere 1961, section 2.3): 0.7402 N with EI = L = k = 1. A path marks the segment with it,
+    `critical_load` finds it: of 16 elements 2e-3.
+    """
+    want, full = 0.8603336**2, 1.48
+    spring = tb.RootSpring((1e7, 1e7, 1e7, 1e3, 1.0, 1e3))
+    beam = column(full).beam
+
+    def scene(P):
+        force = P[..., None] * torch.tensor([-full, 0.0, 0.0])
+        return tb.Scene(beam, [tb.TipLoad(force=force), spring], plane="xz")
+
+    path = tb.path(scene(torch.tensor(1.0)), 0.6, step=0.05)
+    (at,) = (path.kind == BRANCH_POINT).nonzero()[:, 0]
+    low, high = full * path.factor[at - 1 : at + 1]
+    assert path.stable[:at].all() and not path.stable[at:].any()
+    assert low < want < high and high - low < 0.06
+    critical = tb.critical_load(scene, 1.0)
+    assert_close(full * critical.factor.double(), torch.tensor(want), rtol=2e-3, atol=0)
 
 
 def test_supports_and_eigenstrain_go_with_the_factor():
-    """A displaced end, an actuated beam under a load: each point is the equilibrium of that share
-    of all of it, to Newton's tolerance (1e-8 of the loads, 6 N, beside the softest stiffness, 1 N
-    m^2).
+    """A displaced end, an actuated beam under a load, and both beside a taut spring that does not
+    go with them: each point is the equilibrium of that share of all of it, to Newton's tolerance
+    (1e-8 of the loads, 6 N, beside the softest stiffness, 1 N m^2).
     """
     section = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=0.8, EI=1.0, mass=0.2)
     beam = tb.Beam.straight(1.0, 4, section)
 
-    def displaced(share):
+    def displaced(share, *effects):
         supports = [tb.Support(0), tb.Support(-1, displacement=(0.01 * share, 0.0, 0.1 * share))]
-        return tb.Scene(beam, [tb.LineLoad(force=(0, 0, share))], supports=supports)
+        return tb.Scene(beam, [tb.LineLoad(force=(0, 0, share)), *effects], supports=supports)
 
     def actuated(share):
         return tb.Scene(
@@ -126,10 +182,14 @@ def test_supports_and_eigenstrain_go_with_the_factor():
             [tb.Actuation(curvature=(0, 3.0 * share, 0)), tb.TipLoad(force=(0, 0, -5.0 * share))],
         )
 
-    for scene in (displaced, actuated):
+    def taut(share):
+        bent = tb.Actuation(curvature=(0, 3.0 * share, 0))
+        return displaced(share, bent, tb.Spring(2, 20.0, to=(0.5, 0.0, 0.5)))
+
+    for scene in (displaced, actuated, taut):
         path = tb.path(scene(1.0), step=0.2)
         assert path.reached
-        for factor, nodes in zip(path.factor[1:].tolist(), path.state.nodes[1:], strict=True):
+        for factor, nodes in zip(path.factor.tolist(), path.state.nodes, strict=True):
             assert_close(nodes, tb.equilibrium(scene(factor)).nodes, rtol=0, atol=1e-7)
 
 
@@ -418,6 +478,6 @@ def test_a_path_beside_loads_that_stay_begins_at_their_equilibrium():
         assert_close(way.state.position[k], state.position, rtol=0, atol=1e-9)
     assert way.reached and way.valid.all() and way.stable.all()
     stays = tb.Scene(beam, [tb.TipLoad(force=(0, 0, -1e9)), push])
-    with pytest.warns(RuntimeWarning, match="do not come to an equilibrium of the loads that stay"):
+    with pytest.warns(RuntimeWarning, match="do not come to an equilibrium of what stays"):
         way = tb.path(stays, 1.0, load="P", inputs=inputs, step=0.3)
     assert not way.valid.any() and way.state.status[-1] != 0

@@ -117,7 +117,7 @@ class PathFunctions(SteadyFunctions):
 
     @property
     def options(self) -> tuple[Any, ...]:
-        return self.rising, self.led
+        return self.rising, self.led, self.resisting
 
     def of_node(self, fields: Fields, kind: NodeKind) -> tuple[BalanceProblem, Any]:
         return super().of_node(_led(fields, ""), kind)

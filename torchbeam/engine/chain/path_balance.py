@@ -78,7 +78,8 @@ class NativeBalance:
         model, self.by_rows = problem.model, by_rows(problem.model)
         constants = Constants(model, steps=False, around=around)
         trees, rising, rises, led = self._trees(constants, problem, load)
-        local = PathFunctions(model, trees, rising=rising, led=led is not None)
+        how = rising, led is not None
+        local = PathFunctions(model, trees, *how, resisting=problem.resisting)
         self.instance = instance_at_rest(local, constants, around, PathProgram)
         fields = fields_at_rest(self.instance, model, trees, problem.t, problem.inputs)
         self.exact, self.load = same_law(local.trees.element.C, model.law.C), load

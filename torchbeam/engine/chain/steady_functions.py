@@ -7,7 +7,7 @@ Unknowns of a node are its position and rotation; the load factor is a field of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -30,7 +30,11 @@ POSE = {"position": 3, "rotation": 4, "displacement": 3, "turn": 3}
 
 @dataclass(frozen=True)
 class SteadyFunctions(LocalFunctions):
-    """Functions of nodes, of elements and of what acts between nodes."""
+    """Functions of nodes, of elements and of what acts between nodes; resisting: see
+    `SteadyProblem`.
+    """
+
+    resisting: bool = field(default=False, kw_only=True)
 
     SAMPLE = ("load_factor",)
     OVER_STEP = False
@@ -50,7 +54,8 @@ class SteadyFunctions(LocalFunctions):
     ) -> tuple[SteadyProblem, Configuration]:
         x = Configuration(values["position"], values["rotation"], values["stress"])
         load_factor = values.get("load_factor", common.t.new_ones(()))  # a move asks for none
-        return SteadyProblem(rows, common.t, common.inputs, load_factor, known=now, stiffness=C), x
+        of = rows, common.t, common.inputs, load_factor
+        return SteadyProblem(*of, known=now, stiffness=C, resisting=self.resisting), x
 
     def place(self, kind: NodeKind, load_factor: Tensor, **fields: Tensor) -> Fields:
         """Position and rotation of a support's node where it has to be; of the node undeformed

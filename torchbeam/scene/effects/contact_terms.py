@@ -108,7 +108,7 @@ class ContactTerms(LoadEffect):
                 "there"
             )
 
-    touches = True
+    touches = resists = True
 
     @property
     def rubs(self) -> bool:

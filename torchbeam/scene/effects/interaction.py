@@ -44,7 +44,8 @@ class Interaction(LoadEffect):
     **Forces.** `wrench(point, t, inputs)` returns force and moment (..., n, 3) on the n nodes: N
     and N m, frame a, None = absent. The fields of `point` named in `depends` have an axis of the
     nodes: position (..., n, 3), R (..., n, 3, 3); velocity, spin, absolute, frame a. The class's
-    own leaves have not. Equilibria raise it with the loads.
+    own leaves have not. Equilibria raise it with the loads; a path does, unless the class has
+    `resists = True`.
 
     **Unknowns.** A class has `unknowns` numbers of its own, one to six (in a plane three). Its
     `residual(point, t, inputs)` (..., unknowns), m or rad, is zero at the end of a step. It gets

@@ -135,6 +135,8 @@ class LoadEffect(Tree):
         by_place: of an effect without a node: whether it differs along the beam
         shared: names of leaves that are the same all along it even where others have `at_sites`
         by_mass: whether it acts on all masses, bodies included; else on beams alone, per length
+        resists: whether it is no load but what moves act against, as a spring: the load factor of a
+            `path` leaves it whole
         simpler: effects that do with less, by how they differ in words; `advise` tries them in its
             place
 
@@ -164,6 +166,7 @@ class LoadEffect(Tree):
     by_place = True
     shared: ClassVar[tuple[str, ...]] = ()
     by_mass = False
+    resists = False
     simpler: ClassVar[Mapping[str, LoadEffect]] = MappingProxyType({})
     # whether its work is independent of the path where nothing moves: of what vanishes at rest, too
     conservative = False

@@ -63,6 +63,8 @@ class Spring(LoadEffect):
     moving: Rate | None = leaf(1, default=None, init=False)
     as_drawn: bool = field(default=False, init=False)
 
+    resists = True
+
     def __post_init__(self) -> None:
         at_offset(self)
         super().__post_init__()
@@ -214,6 +216,7 @@ class RootSpring(LoadEffect):
     damping: Value | None = leaf(1, default=None, check=_six)
 
     node = 0
+    resists = True
     frees_root = True
     wants_support = True
 
