@@ -16,7 +16,7 @@ from ..core.arguments import count as check_count
 from ..core.missing_name import ENVS, Named, by_word
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
-from ..math.block_matrices import balance, block_diagonal, of_blocks
+from ..math.block_matrices import balance, block_diagonal
 from ..math.dense import inverse_unchecked, solve_unchecked
 from ..math.quadratic_eigen import covering, lowest
 from ..nodal.coordinates.spatial import Spatial
@@ -350,7 +350,7 @@ class Linear(Named):
         shapes = lowest(mass, K, shift, count)[1]
         root = torch.linalg.cholesky(shapes.mT @ mass @ shapes)
         right = torch.linalg.solve_triangular(root, shapes.mT, upper=False).mT
-        moves = _twice(right), _twice((mass @ right).mT)
+        moves = tuple(block_diagonal(X, X) for X in (right, (mass @ right).mT))
         if not self.arms:
             return moves
         creep = reduced_arms(self.A[..., 2 * k :, :k] @ right, self.A[..., 2 * k :, 2 * k :])
@@ -387,12 +387,6 @@ class Linear(Named):
         left = torch.view_as_real(inverse_unchecked(vectors).mT.gather(-1, at)).flatten(-2).mT
         sign = left.new_tensor([2.0, -2.0]).repeat(count)
         return right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
-
-
-def _twice(X: Tensor) -> Tensor:
-    """Block diagonal matrix diag(X, X)."""
-    zero = torch.zeros_like(X)
-    return of_blocks(X, zero, zero, X)
 
 
 torch.serialization.add_safe_globals([Linear, Chart])

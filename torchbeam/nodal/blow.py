@@ -1,10 +1,9 @@
-"""Coordinates of joints that are led, and do not go on from the state that a run starts from."""
+"""Joints that are led, with a jump from the state that a run starts from."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from ..core.derivatives import no_derivatives
@@ -14,7 +13,7 @@ from ..scene.effects import Input
 from .model import Model
 
 SOON = 1 / 8  # of a step
-CLOSED = {torch.float64: 1e-5, torch.float32: 1e-3}  # rad or m, that equilibria may leave
+CLOSED = 1e-5  # rad, of a turn, or m
 
 
 def warn_of_blow(model: Model, state: Any, dt: Tensor, inputs: dict[str, Any] | None) -> None:
@@ -33,11 +32,11 @@ def warn_of_blow(model: Model, state: Any, dt: Tensor, inputs: dict[str, Any] | 
         pose = joints.pose(x.position, x.rotation)
         rate = joints.rate(pose, x.velocity, x.spin)
         change = (soon - joints.coordinate(pose, start)) / (SOON * wide) - rate
-        most = ((end - start).abs() + CLOSED[dt.dtype]) / wide + 0.1 * rate.abs()
-        blow = (joints.prescribed * change.abs() > most / 2).reshape(-1, *joints.prescribed.shape)
-        rows = concrete(blow.any(0).any(-1))
-    if rows.any():
-        which = int(rows.nonzero()[0])
+        most = ((end - start).abs() + CLOSED * (1 + start.abs())) / wide + 0.1 * rate.abs()
+        rows = joints.prescribed * change.abs() > most / 2
+        blow = concrete(rows.reshape(-1, *joints.prescribed.shape).any(0).any(-1))
+    if blow.any():
+        which = int(blow.nonzero()[0])
         warn(
             f"joint {which}, a {scene.joints[which].called}, is led with a jump of its coordinate "
             "or rate from the initial state: a blow, by which rates and loads may alternate from "
