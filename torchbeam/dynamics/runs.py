@@ -76,7 +76,7 @@ def implicit_run(
     changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
     start = _begin(stepper.model, initial, t[0])
-    warn_of_blow(stepper.model, start, lengths[0], first)
+    warn_of_blow(stepper.model, start, lengths[0])
     start = stepper._begin(start, lengths[0], inputs=first)
     begun = stepper.remember(start, stepper.reduced(start), well=False)
     check_room(stepper, start, first, len(plan), len(t), checkpoint)
@@ -198,7 +198,7 @@ def adaptive_run(
     changing(inputs, len(t) - 1)
     first_inputs = inputs_at(inputs, t[0], t)
     start = _begin(stepper.model, initial, t[0])
-    warn_of_blow(stepper.model, start, stepper.dt, first_inputs)
+    warn_of_blow(stepper.model, start, stepper.dt)
     start = stepper._begin(start, inputs=first_inputs)
     with no_derivatives():  # functions of time bring batch axes, which a step shows
         wide = stepper.advance(

@@ -16,7 +16,7 @@ SOON = 1 / 8  # of a step
 CLOSED = 1e-5  # rad, of a turn, or m
 
 
-def warn_of_blow(model: Model, state: Any, dt: Tensor, inputs: dict[str, Any] | None) -> None:
+def warn_of_blow(model: Model, state: Any, dt: Tensor) -> None:
     """Warns where what a coordinate does over SOON of the first step, of dt (...) s, differs from
     the state's motion by more than half of what it does over that step.
     """
@@ -25,9 +25,9 @@ def warn_of_blow(model: Model, state: Any, dt: Tensor, inputs: dict[str, Any] | 
     if not any(value is not None for value in led) or any(isinstance(x, Input) for x in led):
         return
     with no_derivatives():
-        x, values, wide = model.space.to_reduced(state), scene.tensors(inputs), dt[..., None, None]
+        x, wide = model.space.to_reduced(state), dt[..., None, None]
         start, soon, end = (
-            joints.values(scene, x.t, values, x.t + share * dt).coordinate for share in (0, SOON, 1)
+            joints.value(scene.joints, "prescribed", x.t + share * dt, {}) for share in (0, SOON, 1)
         )
         pose = joints.pose(x.position, x.rotation)
         rate = joints.rate(pose, x.velocity, x.spin)
@@ -36,7 +36,7 @@ def warn_of_blow(model: Model, state: Any, dt: Tensor, inputs: dict[str, Any] | 
         rows = joints.prescribed * change.abs() > most / 2
         blow = concrete(rows.reshape(-1, *joints.prescribed.shape).any(0).any(-1))
     if blow.any():
-        which = int(blow.nonzero()[0])
+        which = int(blow.nonzero()[0, -1])
         warn(
             f"joint {which}, a {scene.joints[which].called}, is led with a jump of its coordinate "
             "or rate from the initial state: a blow, by which rates and loads may alternate from "
