@@ -369,8 +369,8 @@ class Stepper:
         if not self.scene.has_prescribed_motion:
             state = with_optional_fields(check_state(state, self.scene), self.scene)
             state = on_supports(state, self.scene, self.dt)
-        warn_of_blow(self.model, state, self._length(dt), inputs.get("inputs"))
-        return self._begin(state, self._length(dt), **inputs)
+        warn_of_blow(self.model, state, dt := self._length(dt))
+        return self._begin(state, dt, **inputs)
 
     def _begin(self, state: State, dt: Tensor | None = None, **inputs: Any) -> State:
         """`state` with what the method remembers beside it, and no more."""

@@ -13,11 +13,11 @@ RATE, STEP = 2.0, 1e-3  # rad/s, s
 T = [0.0, STEP, 2 * STEP, 3 * STEP]
 
 
-def rotor(angle):
+def rotor(angle, *loads):
     """A body 1 m off the axis about which it is led."""
     body = tb.Body(1.0, 0.1, position=(1.0, 0, 0))
     hinge = tb.Hinge(None, "body", at=(0.0, 0, 0), axis=(0, 0, 1), angle=angle)
-    return tb.Scene({"body": body}, joints=[hinge])
+    return tb.Scene({"body": body}, loads, joints=[hinge])
 
 
 def spun(scene, rate):
@@ -72,13 +72,13 @@ def test_the_rate_is_constant_from_a_state_that_moves():
 
 
 def test_a_stepper_tells_at_its_begin_alone():
-    scene = rotor(lambda t: RATE * t)
+    scene = rotor(lambda t: RATE * t, tb.TipLoad(force=tb.Input("u", 3)))
     stepper = tb.Stepper(scene, STEP)
     with pytest.warns(UserWarning, match="is led with a jump"):
-        state = stepper.begin(tb.rest(scene))
+        state = stepper.begin(tb.rest(scene))  # which wants no inputs
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
-        stepper(state)
+        stepper(state, u=torch.zeros(3))
 
 
 def test_a_run_goes_on_from_each_of_its_states():
@@ -96,6 +96,13 @@ def test_samples_of_a_batch():
     scene = rotor(lambda t: rate * t)
     assert len(warned(scene)) == 1
     assert warned(rotor(lambda t: 0 * rate * t)) == []
+
+    def end(rate):
+        scene = rotor(lambda t: rate * t)
+        return tb.simulate(scene, T, step=STEP, engine="eager").state.position[-1, 0, 1]
+
+    with pytest.warns(UserWarning, match="joint 0, a Hinge, is led with a jump"):
+        assert torch.func.vmap(end)(rate).shape == (3,)
 
 
 def test_supports_have_their_speed_from_the_first_step():
