@@ -72,7 +72,7 @@ def test_the_rate_is_constant_from_a_state_that_moves():
 
 
 def test_a_stepper_tells_at_its_begin_alone():
-    scene = rotor(lambda t: RATE * t, tb.TipLoad(force=tb.Input("u", 3)))
+    scene = rotor(lambda t: RATE * t, tb.PointLoad(force=tb.Input("u", 3), node="body"))
     stepper = tb.Stepper(scene, STEP)
     with pytest.warns(UserWarning, match="is led with a jump"):
         state = stepper.begin(tb.rest(scene))  # which wants no inputs
