@@ -23,6 +23,7 @@ from ..core.status import FAILED
 from ..core.validation import broadcast, concrete
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes, largest
+from ..nodal.blow import warn_of_blow
 from ..nodal.model import Model
 from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
@@ -74,7 +75,9 @@ def implicit_run(
     stepper = prepared(scene, step, method, **options)
     changing(inputs, len(counts))
     first = inputs_at(inputs, t[0], t)
-    start = stepper._begin(_begin(stepper.model, initial, t[0]), lengths[0], inputs=first)
+    start = _begin(stepper.model, initial, t[0])
+    warn_of_blow(stepper.model, start, lengths[0])
+    start = stepper._begin(start, lengths[0], inputs=first)
     begun = stepper.remember(start, stepper.reduced(start), well=False)
     check_room(stepper, start, first, len(plan), len(t), checkpoint)
     names, reported = tuple(vars(start)), 0
@@ -194,7 +197,9 @@ def adaptive_run(
     stepper = prepared(scene, (concrete(t[-1]) - concrete(t[0])).item() / STEPS, method, **options)
     changing(inputs, len(t) - 1)
     first_inputs = inputs_at(inputs, t[0], t)
-    start = stepper._begin(_begin(stepper.model, initial, t[0]), inputs=first_inputs)
+    start = _begin(stepper.model, initial, t[0])
+    warn_of_blow(stepper.model, start, stepper.dt)
+    start = stepper._begin(start, inputs=first_inputs)
     with no_derivatives():  # functions of time bring batch axes, which a step shows
         wide = stepper.advance(
             start.detach(), first_inputs, dt=stepper.dt.detach(), t=t[0]

@@ -20,6 +20,7 @@ from ..core.warning import goes
 from ..engine.chain.compiled_step import CompiledStep
 from ..engine.chain.coverage import ENGINES
 from ..math.concrete import is_vmapped
+from ..nodal.blow import warn_of_blow
 from ..nodal.discretise import discretise
 from ..scene.effects import Inputs
 from ..scene.inputs import by_name
@@ -357,21 +358,19 @@ class Stepper:
 
     def _length(self, dt: float | Tensor | None) -> Tensor:
         """Of a step, s."""
-        if dt is None:
-            return self.dt
         if isinstance(dt, Tensor):
             return positive("dt", real(dt)).to(self.dt)
-        return self.dt.new_tensor(step_size("dt", dt))
+        return self.dt if dt is None else self.dt.new_tensor(step_size("dt", dt))
 
     def begin(self, state: State, dt: float | Tensor | None = None, **inputs: Any) -> State:
-        """`state` to start from: with what supports that stand hold exactly where they have it (see
-        `Support`; ValueError where it is elsewhere; a step by itself holds it where it is), and
-        with what the method remembers beside it.
+        """`state` to start from, with what the method remembers beside it. Supports that stand have
+        what they hold exactly where they are (see `Support`; ValueError where it is elsewhere).
         """
         if not self.scene.has_prescribed_motion:
             state = with_optional_fields(check_state(state, self.scene), self.scene)
             state = on_supports(state, self.scene, self.dt)
-        return self._begin(state, self._length(dt), **inputs)
+        warn_of_blow(self.model, state, dt := self._length(dt))
+        return self._begin(state, dt, **inputs)
 
     def _begin(self, state: State, dt: Tensor | None = None, **inputs: Any) -> State:
         """`state` with what the method remembers beside it, and no more."""

@@ -6,6 +6,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+SWEEPS = 6  # of balancing, over all scales
+
 
 def of_blocks(a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
     """[[a, b], [c, d]], of the same batch axes."""
@@ -21,3 +23,15 @@ def block_diagonal(A: Tensor, B: Tensor) -> Tensor:
 def with_identity(A: Tensor, n: int) -> Tensor:
     """[[A, 0], [0, I]], with n rows of I."""
     return block_diagonal(A, torch.eye(n, dtype=A.dtype, device=A.device)) if n else A
+
+
+def balance(A: Tensor) -> Tensor:
+    """Scales d (..., n) that balance rows and columns of diag(1/d) A diag(d) (Osborne 1960)."""
+    size = A.detach().abs()
+    size = size - torch.diag_embed(size.diagonal(dim1=-2, dim2=-1))
+    scale = torch.ones_like(size[..., 0])
+    for _ in range(SWEEPS):
+        now = size * scale[..., None, :] / scale[..., :, None]
+        ratio = now.sum(-1) / now.sum(-2)
+        scale = scale * torch.where(torch.isfinite(ratio) & (ratio > 0), ratio, 1.0) ** 0.25
+    return scale

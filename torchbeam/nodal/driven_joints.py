@@ -333,11 +333,9 @@ class DrivenJoints(Joints):
     def values(self, scene: Any, t: Tensor, inputs: Inputs, end: Tensor) -> JointValues:
         """Efforts at t, prescribed coordinates at `end`."""
         times = (("effort", t), ("prescribed", end))
-        return JointValues(*(self._value(scene.joints, name, at, inputs) for name, at in times))
+        return JointValues(*(self.value(scene.joints, name, at, inputs) for name, at in times))
 
-    def _value(
-        self, joints: tuple[Any, ...], name: str, t: Tensor, inputs: Inputs
-    ) -> Tensor | None:
+    def value(self, joints: tuple[Any, ...], name: str, t: Tensor, inputs: Inputs) -> Tensor | None:
         """(..., J, w) of what is given of each joint, in the rows of its coordinates."""
         total, balls = None, () if self.balls is None else self.balls.at
         values = [

@@ -57,7 +57,7 @@ class RestShape(AtRest, Mark):
         """
         rounding = max(torch.finfo(x.position.dtype).eps for x in (self, other)) ** 0.5
         steps, others = self.steps(), [x.to(self.position) for x in other.steps()]
-        if steps[0].shape[-1] != others[0].shape[-1]:
+        if steps[0].shape[-1] != others[0].shape[-1] or not steps[0].shape[-1]:
             return None
         try:
             longer = (steps[0] - others[0]).abs().amax(-1) / others[0].sum(-1)

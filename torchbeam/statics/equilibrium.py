@@ -70,13 +70,11 @@ def equilibrium(
     state, with the frame as it is at t (its axes are the inertial axes at t = 0).
 
     Args:
-        initial: start of the solution; None = undeformed, without load. Unbalanced forces there are
-            removed in steps. Supported nodes move from there to their supports, by the shorter
-            rotation
+        initial: start of the solution; None = undeformed, without load. Its unbalanced forces are
+            removed in steps. Supported nodes move to their supports, by the shorter rotation
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
-        throw: raise where a sample has no equilibrium; otherwise its `status` says so and it holds
-            the last shape on the way
+        throw: raise where a sample has none; otherwise `status` says so, and it stays on the way
         branch: "first": the branch to which load steps lead. "stable": an unstable sample is
             followed again from zero load by arc length (see `path`). At a bifurcation it takes the
             new branch, to the side to which it leans
@@ -93,24 +91,22 @@ def equilibrium(
         accuracy: relative error of positions and axes of the middle and the tip. The mesh is chosen
             by the function, see `simulate`
 
-    Where Newton's method needs it, the load of a sample is raised in steps. A step is halved if the
-    method fails, or a node turns by more than 1 rad. A long step of more than six iterations is
-    halved too. Infinite stiffness is exact. Differentiable by the implicit function theorem. A
-    scene in single precision is solved in double, and the state rounded. Returns a `State` at rest,
-    with stress and reaction.
+    Where Newton's method needs it, the load of a sample is raised in steps. A step is halved after
+    a failure, a turn of a node by more than 1 rad, or, if long, six iterations. Infinite stiffness
+    is exact. Differentiable by the implicit function theorem. A scene in single precision is solved
+    in double, and the state rounded. Returns a `State` at rest, with stress and reaction.
 
-    Past a point of buckling, load steps may stay on an unstable branch. Under conservative loads, a
-    RuntimeWarning names the samples whose tangent is not positive definite. Under other loads
-    (followers, moments in space, a turning frame) it names samples whose tangent has a negative
-    determinant. These diverge, whatever their mass and damping; `modes` tells the others
-    (`unstable`). A derivative does not exist at a limit point: a RuntimeError says so, or with
-    throw=False the sample is a constant. At a bifurcation some derivatives do not exist: a
-    RuntimeWarning says so.
+    Past a point of buckling, load steps may stay on an unstable branch. A RuntimeWarning names the
+    samples whose tangent is not positive definite; under loads that are not conservative
+    (followers, moments in space, a turning frame) those of a negative determinant. These diverge,
+    whatever their mass and damping; `modes` tells the others (`unstable`). A derivative does not
+    exist at a limit point: a RuntimeError says so, or with throw=False the sample is a constant. At
+    a bifurcation some do not exist: a RuntimeWarning says so.
 
     A pendulum is held by its loads once they stress it; a swing of more than 0.5 rad needs
     relax=True. Relaxation starts by itself where load steps fail and joints have limits. A free
-    rigid motion without a load stays as it starts. Derivatives then hold it at the first support
-    (node 0 without support).
+    rigid motion without a load stays as it starts; derivatives hold it at the first support, or
+    node 0.
 
     Raises:
         ValueError: for a scene that the nodal form does not take.

@@ -171,10 +171,8 @@ def path(
             `target` (...); the factor follows, and `step` is a share of that change. q reads
             positions and rotations
         branch: follow the branch that leaves a bifurcation (a pivot changes sign, the factor goes
-            on). It begins with a `step` in the critical shape, to the side of the previous motion,
-            however small
-        initial: an equilibrium at factor 0; None = that under the constant loads and what resists,
-            found from the undeformed beam
+            on). It begins with a `step` in the critical shape, to the side of the previous motion
+        initial: an equilibrium at factor 0; None = that under the constant loads and what resists
         inputs: by name, (..., size)
         engine: "auto", "eager" or "compiled": engine that solves each point. "auto" is native code,
             except with tendons, loads between nodes, supports that turn with the factor, and loads
