@@ -17,7 +17,7 @@ from ..core.missing_name import ENVS, Named, by_word
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math.block_matrices import block_diagonal, of_blocks
-from ..math.dense import inverse_unchecked, solve_unchecked
+from ..math.dense import balancing, inverse_unchecked, solve_unchecked
 from ..math.quadratic_eigen import covering, lowest
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
@@ -28,7 +28,6 @@ from .elsewhere import array_of, labels, labels_of_states, state_space, write
 from .relaxing import reduced_arms
 
 SYMMETRIC = 1e-6
-BALANCING = 6  # sweeps over the scales of z before an exponential
 
 
 @dataclass(frozen=True)
@@ -191,7 +190,7 @@ class Linear(Named):
         self._continuous("discrete")
         dt = step_size("dt", dt)
         n, m = self.B.shape[-2:]
-        scale = _balance(self.A)
+        scale = balancing(self.A)
         rows = torch.cat((self.A * scale[..., None, :], self.B), -1) / scale[..., :, None]
         below = torch.zeros_like(rows[..., :1, :]).expand(*rows.shape[:-2], m, n + m)
         held = torch.linalg.matrix_exp(dt * torch.cat((rows, below), -2))
@@ -257,7 +256,7 @@ class Linear(Named):
         """
         eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
         rest = self.B - right @ (left @ self.B), self.C - (self.C @ right) @ left
-        scale = _balance(self.A)
+        scale = balancing(self.A)
         within = (right @ (eye + A) @ left - self.A) * scale[..., None, :] / scale[..., :, None]
         moved = solve_unchecked(within, rest[0] / scale[..., :, None])
         return rest[1] * scale[..., None, :] @ moved
@@ -271,7 +270,7 @@ class Linear(Named):
         omega = finite("omega", as_tensor(omega, self.A.dtype, self.A.device))
         omega = omega.reshape(*omega.shape, *[1] * self.A.ndim)
         s = 1j * omega if self.dt is None else torch.exp(1j * omega * self.dt)
-        scale = _balance(self.A)
+        scale = balancing(self.A)
         A, B = self.A * scale[..., None, :] / scale[..., :, None], self.B / scale[..., :, None]
         C = self.C * scale[..., None, :]
         eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
@@ -367,7 +366,7 @@ class Linear(Named):
                 "symmetric stiffness and damping are wanted there: no load that turns with the "
                 "beam, no air"
             )
-        scale = _balance(self.A)
+        scale = balancing(self.A)
         inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
         if not torch.isfinite(inverse.detach()).all():
             raise ValueError(
@@ -394,18 +393,6 @@ def _twice(X: Tensor) -> Tensor:
     """Block diagonal matrix diag(X, X)."""
     zero = torch.zeros_like(X)
     return of_blocks(X, zero, zero, X)
-
-
-def _balance(A: Tensor) -> Tensor:
-    """Scales d (..., n) that balance rows and columns of diag(1/d) A diag(d) (Osborne 1960)."""
-    size = A.detach().abs()
-    size = size - torch.diag_embed(size.diagonal(dim1=-2, dim2=-1))
-    scale = torch.ones_like(size[..., 0])
-    for _ in range(BALANCING):
-        now = size * scale[..., None, :] / scale[..., :, None]
-        ratio = now.sum(-1) / now.sum(-2)
-        scale = scale * torch.where(torch.isfinite(ratio) & (ratio > 0), ratio, 1.0) ** 0.25
-    return scale
 
 
 torch.serialization.add_safe_globals([Linear, Chart])

@@ -17,6 +17,7 @@ from torch import Tensor
 from .shapes import broadcast_shapes
 
 LARGE = 128  # rows: below, a batch is right and quicker
+BALANCING = 6  # sweeps over the scales of z before an exponential
 IN_ORDER = ContextVar("IN_ORDER", default=False)  # while `solve_in_order` solves
 
 
@@ -66,6 +67,18 @@ def solve_in_order(A: Tensor, B: Tensor) -> Tensor:
         return torch.linalg.solve_ex(A, B)[0]
     finally:
         IN_ORDER.reset(token)
+
+
+def balancing(A: Tensor) -> Tensor:
+    """Scales d (..., n) that balance rows and columns of diag(1/d) A diag(d) (Osborne 1960)."""
+    size = A.detach().abs()
+    size = size - torch.diag_embed(size.diagonal(dim1=-2, dim2=-1))
+    scale = torch.ones_like(size[..., 0])
+    for _ in range(BALANCING):
+        now = size * scale[..., None, :] / scale[..., :, None]
+        ratio = now.sum(-1) / now.sum(-2)
+        scale = scale * torch.where(torch.isfinite(ratio) & (ratio > 0), ratio, 1.0) ** 0.25
+    return scale
 
 
 def _by_sample(function: Callable[..., Tensor], *matrices: Tensor) -> Tensor:

@@ -94,10 +94,9 @@ def equilibrium(
             by the function, see `simulate`
 
     Where Newton's method needs it, the load of a sample is raised in steps. A step is halved if the
-    method fails, or a node turns by more than 1 rad. A long step of more than six iterations is
-    halved too. Infinite stiffness is exact. Differentiable by the implicit function theorem. A
-    scene in single precision is solved in double, and the state rounded. Returns a `State` at rest,
-    with stress and reaction.
+    method fails, a node turns by more than 1 rad, or a long step takes more than six iterations.
+    Infinite stiffness is exact. Differentiable by the implicit function theorem. A scene in single
+    precision is solved in double, and rounded. Returns a `State` with stress and reaction.
 
     Past a point of buckling, load steps may stay on an unstable branch. Under conservative loads, a
     RuntimeWarning names the samples whose tangent is not positive definite. Under other loads
@@ -127,13 +126,10 @@ def equilibrium(
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
     initial = None if initial is None else check_state(initial, scene)
-    batches = [scene.batch_shape, *(value.shape[:-1] for value in given.values())]
-    batches += [] if initial is None else [initial.position.shape[:-2]]
-    numbers = max(map(math.prod, batches)) * scene.beam.node_count * model.space.unknowns
 
     def found(double: Scene, *start: Any) -> State:
         here = model if double is scene else discretise(double)
-        with one_thread(numbers):
+        with one_thread(_numbers(model, initial, given)):
             return _equilibrium(here, *start, tolerance, throw, branch, relax, engine)
 
     return in_double(found, scene, initial, given, time)
@@ -147,6 +143,13 @@ def _check(accuracy: Any, throw: bool, branch: str, relax: bool, engine: str) ->
     if relax and engine == "compiled":
         raise ValueError("engine = 'compiled' was given with relax=True; 'eager' does that")
     boolean("throw", throw)
+
+
+def _numbers(model: Model, initial: State | None, given: Inputs) -> int:
+    """Unknowns of all samples."""
+    batches = [model.scene.batch_shape, *(value.shape[:-1] for value in given.values())]
+    batches += [] if initial is None else [initial.position.shape[:-2]]
+    return max(map(math.prod, batches)) * model.scene.beam.node_count * model.space.unknowns
 
 
 def _equilibrium(

@@ -203,9 +203,7 @@ def path(
         check_function("control", control, "state")
     inputs = scene.tensors(inputs)
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
-    _check(load, inputs, control, target, branch)
-    if load is None:
-        _warn_of_resistance(scene)
+    _check(scene, load, inputs, control, target, branch)
     factors = _range(lowest, highest)
     target = None if target is None else instants("target", target, scene.beam.nodes)
     steps = check_count("steps", steps)
@@ -225,9 +223,16 @@ def path(
 
 
 def _check(
-    load: str | None, inputs: Inputs, control: Callable | None, target: Any, branch: bool
+    scene: Scene,
+    load: str | None,
+    inputs: Inputs,
+    control: Callable | None,
+    target: Any,
+    branch: bool,
 ) -> None:
-    """Raises ValueError where they do not go together."""
+    """Raises ValueError where they do not go together. Warns of loads by which something else
+    resists, where the factor multiplies all.
+    """
     if load is not None and (not isinstance(load, str) or load not in inputs):
         raise ValueError(
             f"load = {shown(load)} was given; the scene's inputs are {', '.join(inputs) or 'none'}"
@@ -239,12 +244,8 @@ def _check(
         )
     if control is not None and branch:
         raise ValueError("branch with control was given; it goes by the length of the path")
-
-
-def _warn_of_resistance(scene: Scene) -> None:
-    """Warns of loads by which something else resists, where the factor multiplies all."""
     resisting = [x.called for x in scene.loads if isinstance(x, Contact | RootSpring | Spring)]
-    if resisting:
+    if resisting and load is None:
         warn(
             f"a {resisting[0]} was given to path, whose force the load factor multiplies too; "
             "load=, an input that grows alone, is wanted",
