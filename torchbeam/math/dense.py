@@ -17,7 +17,7 @@ from torch import Tensor
 from .shapes import broadcast_shapes
 
 LARGE = 128  # rows: below, a batch is right and quicker
-BALANCING = 6  # sweeps over the scales of z before an exponential
+BALANCING = 6  # sweeps over the scales
 IN_ORDER = ContextVar("IN_ORDER", default=False)  # while `solve_in_order` solves
 
 

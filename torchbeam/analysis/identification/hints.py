@@ -36,21 +36,21 @@ def unit_hints(
         for label, data, y in reading.channels():
             known = ~(data.isnan() | y.isnan())
             both = (v[known] - shifted * v[known].mean() for v in (data, y))
-            size, own = (v.square().mean().sqrt().item() for v in both)
-            if not size or not own or not math.isfinite(own):
+            size, rms = (v.square().mean().sqrt().item() for v in both)
+            if not size or not rms or not math.isfinite(own):
                 continue
-            what, ratio = f"{label!r}" if label else "the data", size / own
+            what, ratio = f"{label!r}" if label else "the data", size / rms
             for unit, near, doubtful, larger, smaller in UNITS:
                 if doubtful and converged:
                     continue
                 if unit / near < ratio < unit * near:
                     said.append(
                         f"{what}: the RMS of the data, {size:.3g}, is {ratio:.3g} times the "
-                        f"model's at the start {own:.3g}; is a unit off by {unit:.4g} ({larger})?"
+                        f"model's at the start {rms:.3g}; is a unit off by {unit:.4g} ({larger})?"
                     )
                 elif unit / near < 1 / ratio < unit * near:
                     said.append(
-                        f"{what}: the RMS of the model at the start, {own:.3g}, is "
+                        f"{what}: the RMS of the model at the start, {rms:.3g}, is "
                         f"{1 / ratio:.3g} times the data's, {size:.3g}; is a unit off by "
                         f"{unit:.4g} ({smaller})?"
                     )
