@@ -37,7 +37,7 @@ def unit_hints(
             known = ~(data.isnan() | y.isnan())
             both = (v[known] - shifted * v[known].mean() for v in (data, y))
             size, rms = (v.square().mean().sqrt().item() for v in both)
-            if not size or not rms or not math.isfinite(own):
+            if not size or not rms or not math.isfinite(rms):
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / rms
             for unit, near, doubtful, larger, smaller in UNITS:
