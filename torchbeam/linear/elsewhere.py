@@ -38,8 +38,8 @@ def labels_of_readings(sensors: Sequence[Any], rows: Sequence[slice]) -> tuple[s
         known, size = getattr(sensor, "labels", None), place.stop - place.start
         known = known if isinstance(known, tuple) and len(known) == size else ()
         # labels of a stack have its sensors' names
-        prefix = "" if hasattr(sensor, "sensors") else f"{sensor.name} "
-        names += [prefix + label for label in known] or ["y"] * size
+        named = not hasattr(sensor, "sensors")
+        names += [f"{sensor.name} {x}" if named else x for x in known] or ["y"] * size
     alike = {name for name, times in Counter(names).items() if times > 1} | {"y"}
     return tuple(f"{name}[{k}]" if name in alike else name for k, name in enumerate(names))
 
