@@ -1,6 +1,6 @@
-"""One thread for few numbers. Torch divides any batch of more matrices than it has threads among
-them, however small: on a busy machine of two cores a batch of six 6x6 systems, of 12 us on one
-thread, took 83 us to 3 ms of both, and up to 50 ms until the second had its turn.
+"""One thread for few numbers. Torch divides products and factors of more matrices than it has
+threads, however small: on a busy machine of two cores six 6x6 systems, of 12 us on one thread, took
+83 us to 3 ms of both, and up to 50 ms until the second had its turn.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from ..math.concrete import concrete, is_vmapped
+from ..math.dense import solve_unchecked
 from ..math.shapes import broadcast_shapes
 from .cut import Cut
 from .order import Constraint, Elimination
@@ -162,7 +163,7 @@ class Interface:
         A, b = self.dense(), b.flatten(-2)
         shape = broadcast_shapes(A.shape[:-2], b.shape[:-1])
         A, b = A.expand(*shape, *A.shape[-2:]), b.expand(*shape, b.shape[-1])
-        return torch.linalg.solve_ex(A, b[..., None])[0].unflatten(-2, (self.count, self.w))[..., 0]
+        return solve_unchecked(A, b[..., None]).unflatten(-2, (self.count, self.w))[..., 0]
 
     def _matrix(self) -> Tensor:
         """(..., blocks, w, w), see `Pattern`."""
