@@ -54,6 +54,7 @@ SAID = {
         (lambda names: names["fit"].interval(0.95)[0, 0], 0.2955),
         (lambda names: names["fit"].interval(0.95)[0, 1], 0.3034),
     ),
+    "supports": ((lambda names: names["found"] / names["exact"], 1.0),),
 }
 
 
