@@ -251,8 +251,8 @@ def driven(numbers):
             "hub",
             (0, 1.0, 0),
             (0, 0, 1.0),
-            stiffness=torch.stack((k2, 2 * k2), -1),
-            damping=torch.stack((c2, c2), -1),
+            stiffness=torch.stack((k2, none), -1),
+            damping=torch.stack((c2, none), -1),
             second_angle=lambda t: second * t**2,
         ),
     ]
