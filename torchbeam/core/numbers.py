@@ -20,12 +20,12 @@ class Numbers(NamedTuple):
 
     @classmethod
     def of(cls, tensors: Sequence[Tensor]) -> Numbers | None:
-        """Of tensors on one device; None where nothing tells: off the CPU, and in torch.func."""
+        """Of tensors; None where nothing tells: for one off the CPU, and in torch.func."""
         try:
             places = [x.data_ptr() for x in tensors]
         except RuntimeError:
             return None
-        if tensors and not tensors[0].is_cpu:
+        if not all([x.is_cpu for x in tensors]):
             return None
         pairs = zip(tensors, places, strict=True)
         looks = [(c_char * _extent(x)).from_address(place) for x, place in pairs if place]

@@ -14,6 +14,7 @@ from .model import Model
 
 SOON = 1 / 8  # of a step
 CLOSED = 1e-5  # rad, of a turn, or m
+TURNING = 0.3  # of the state's rate; from 1/4 on no step over a turning point is a jump
 
 
 def warn_of_blow(model: Model, state: Any, dt: Tensor) -> None:
@@ -32,7 +33,7 @@ def warn_of_blow(model: Model, state: Any, dt: Tensor) -> None:
         pose = joints.pose(x.position, x.rotation)
         rate = joints.rate(pose, x.velocity, x.spin)
         change = (soon - joints.coordinate(pose, start)) / (SOON * wide) - rate
-        most = ((end - start).abs() + CLOSED * (1 + start.abs())) / wide + 0.1 * rate.abs()
+        most = ((end - start).abs() + CLOSED * (1 + start.abs())) / wide + TURNING * rate.abs()
         rows = joints.prescribed * change.abs() > most / 2
         blow = concrete(rows.reshape(-1, *joints.prescribed.shape).any(0).any(-1))
     if blow.any():

@@ -72,3 +72,4 @@ def test_parts_of_memory_are_looked_at_whole(part):
 def test_what_has_no_memory_here_is_not_known():
     torch.func.vmap(lambda x: [x.sum(), Numbers.of([x]) is None or 1 / 0][0])(torch.ones(2, 3))
     assert Numbers.of([torch.ones(2, device="meta")]) is None
+    assert Numbers.of([torch.ones(2), torch.ones(2, device="meta")]) is None

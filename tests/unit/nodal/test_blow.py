@@ -1,5 +1,6 @@
 """Runs of joints that are led: a warning where they start with a jump, and none else."""
 
+import math
 import warnings
 from dataclasses import replace
 
@@ -88,6 +89,14 @@ def test_a_run_goes_on_from_each_of_its_states():
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         tb.Stepper(scene, torch.tensor(0.005)).begin(states[1:])
+
+
+@pytest.mark.parametrize("place", [0.45, 0.5, 0.55])
+def test_a_turning_point_within_the_first_step_is_no_jump(place):
+    """Where the angle after the step is nearly that before it."""
+    top, speed = place * STEP, 40.0
+    scene = rotor(lambda t: torch.cos(speed * (t - top)) - math.cos(speed * top))
+    assert warned(scene, spun(scene, speed * math.sin(speed * top))) == []
 
 
 def test_samples_of_a_batch():
