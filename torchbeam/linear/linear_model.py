@@ -210,13 +210,14 @@ class Linear(Named):
 
         Of a scene that relaxes (`Viscoelastic`) the modes are those of the instantaneous stiffness.
         The arms of each time creep in the modes' own strains: one state for each mode and time,
-        behind the rates. Nothing else is left out: where the stress of the
-        equilibrium adds no stiffness, each mode relaxes as in the whole model. Turns without
-        inertia couple the arms: then all of these states stay.
+        behind the rates. Nothing else is left out: where the stress of the equilibrium adds no
+        stiffness, each mode relaxes as in the whole model. Turns without inertia couple the arms:
+        then all of these states stay.
 
         Args:
             static: keep the response to a steady input exact: the contribution of the other modes
-                goes into D. Rigid motions, whose response grows, are among the slowest
+                goes into D. Rigid motions, whose response grows, are among the slowest. A scene
+                that relaxes must have none
 
         Derivatives need distinct frequencies.
 
