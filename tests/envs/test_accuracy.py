@@ -30,7 +30,11 @@ def test_the_tip_is_known_to_it():
     _, coarse = path(elements=2, substeps=1)
     size = (limit - limit[0]).norm()
     assert (way - limit).norm() / size <= 3e-2 < (coarse - limit).norm() / size
-    assert envs.SlewVectorEnv(1, planar=True, accuracy=3e-2).config.elements == config.elements
+    # chosen anew, by times measured anew: another mesh, or the same
+    chosen = envs.SlewVectorEnv(1, planar=True, accuracy=3e-2).config
+    assert chosen.accuracy is None
+    _, way = path(elements=chosen.elements, substeps=chosen.substeps)
+    assert (way - limit).norm() / size <= 3e-2
 
 
 @refusals(
