@@ -236,10 +236,7 @@ def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: i
         turning = whirl(spinning, shape)
         last = (-1, *(0,) * (turning.ndim - 2))
         names = names_of(bearing, spinning.at(last), shape[last])
-    nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
-    if space.unknowns < 6:
-        eye = torch.eye(space.unknowns, dtype=spinning.M.dtype, device=nodal.device)
-        nodal = nodal @ space.embed(eye).to(nodal.dtype)
+    nodal = space.embed((moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns)))
     return Campbell(speeds, value, nodal, turning, names, error, method)
 
 

@@ -111,11 +111,7 @@ def _response(spin: Spin, vectors: dict[int, Tensor]) -> Tensor:
     M, D, K = spinning.constant()
     stiffness = torch.complex(K - speed**2 * M, speed * D)
     move = solve_unchecked(stiffness, speed**2 * force)
-    nodal = (moves.to(move.dtype) @ move[..., None, :, :])[..., 0]
-    if space.unknowns < 6:
-        eye = torch.eye(space.unknowns, dtype=M.dtype, device=M.device)
-        nodal = nodal @ space.embed(eye).to(nodal.dtype)
-    return nodal
+    return space.embed((moves.to(move.dtype) @ move[..., None, :, :])[..., 0])
 
 
 def _refuse_off_axis(bearing: Bearing, axis: Axis, position: Tensor, rows: Iterable[int]) -> None:

@@ -5,14 +5,12 @@ threads, however small: on a busy machine of two cores six 6x6 systems, of 12 us
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
-from pathlib import Path
-from typing import Any
 
 import torch
+
+from .openmp import openmp
 
 FEW = 4096  # numbers that several threads do not solve for sooner
 
@@ -23,25 +21,12 @@ def one_thread(numbers: int) -> Iterator[None]:
     number of threads stays: `set_num_threads` would tell it, and MKL, for good (see `dense`).
     """
     threads = torch.get_num_threads()
-    openmp = _openmp() if numbers <= FEW and threads > 1 else None
-    if openmp is None:
+    library = openmp() if numbers <= FEW and threads > 1 else None
+    if library is None:
         yield
         return
-    openmp.omp_set_num_threads(1)
+    library.omp_set_num_threads(1)
     try:
         yield
     finally:
-        openmp.omp_set_num_threads(threads)
-
-
-@cache
-def _openmp() -> Any:
-    """The library of threads that torch has loaded; None where it has none that is called so."""
-    try:
-        [path] = (Path(torch.__file__).parent / "lib").glob("libtorch_cpu.so")
-        openmp = ctypes.CDLL(str(path))
-        openmp.omp_set_num_threads.argtypes = (ctypes.c_int,)
-    except (ValueError, OSError, AttributeError):
-        return None
-    openmp.omp_set_num_threads.restype = None
-    return openmp
+        library.omp_set_num_threads(threads)

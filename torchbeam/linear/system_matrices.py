@@ -213,12 +213,7 @@ def moves(model: Model, free: Tensor, basis: Tensor | None = None) -> Tensor:
     free = free[..., : model.constraints.count]
     whole = free.new_zeros(*free.shape[:-1], at.numel())
     whole = whole.index_copy(-1, at.nonzero()[:, 0], free).unflatten(-1, (model.node_count, -1))
-    if model.space.unknowns == 6:
-        return whole
-    to = model.space.embed(
-        torch.eye(model.space.unknowns, dtype=model.length.dtype, device=free.device)
-    ).to(free.dtype)
-    return whole @ to
+    return model.space.embed(whole)
 
 
 def dense(model: Model, matrix: Matrix, basis: Tensor | None = None) -> Tensor:

@@ -4,15 +4,16 @@ import pytest
 import torch
 
 import torchbeam as tb
-from torchbeam.core.one_thread import FEW, _openmp, one_thread
+from torchbeam.core.one_thread import FEW, one_thread
+from torchbeam.core.openmp import openmp
 from torchbeam.statics import equilibrium
 
 
-@pytest.mark.skipif(_openmp() is None, reason="torch has no OpenMP that is called so")
+@pytest.mark.skipif(openmp() is None, reason="torch has no OpenMP that is called so")
 def test_few_numbers_have_one_thread_many_have_all(monkeypatch):
     """And as many as before afterwards, whatever happens within."""
-    openmp, before = _openmp(), torch.get_num_threads()
-    openmp.omp_set_num_threads(2)  # not torch's own: that would stay with MKL
+    library, before = openmp(), torch.get_num_threads()
+    library.omp_set_num_threads(2)  # not torch's own: that would stay with MKL
     try:
         with pytest.raises(KeyError), one_thread(FEW):
             assert torch.get_num_threads() == 1
@@ -35,4 +36,4 @@ def test_few_numbers_have_one_thread_many_have_all(monkeypatch):
         assert seen == [1, 2]
         assert torch.get_num_threads() == 2
     finally:
-        openmp.omp_set_num_threads(before)
+        library.omp_set_num_threads(before)

@@ -130,10 +130,12 @@ class Weighting:
 
     def beyond(self, sources: Tensor, error: Tensor, weight: Tensor) -> Beyond:
         """What weights say of readings that are left out, and of those that count at the gate."""
-        c, spread = self.reach, self.deviation(sources)
+        c, none = self.reach, error.new_zeros(error.shape[:-1])
+        if c == math.inf:
+            return Beyond(none, none, none)
+        spread = self.deviation(sources)
         left, at = ~torch.isnan(error) & (weight == 0), error.abs() == c * spread
-        if c == math.inf or not (left | at).any():
-            none = error.new_zeros(error.shape[:-1])
+        if not (left | at).any():
             return Beyond(none, none, none)
         each = -(c**2) / 2 - (spread * math.sqrt(2 * math.pi)).log()
         # mean square of normal errors beyond the gate; faults are no more of a doubt than LEFT_OUT

@@ -13,11 +13,11 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
 
+from ...core.openmp import openmp
 from .library import Library
 from .object_cache import ObjectCache
 
@@ -94,16 +94,11 @@ def in_threads(function: Callable[[Any], None], arguments: Sequence[Any], held: 
 @cache
 def team_of(process: int) -> Team | None:
     """Of a process; None where there is none, as in one that was forked."""
-    if process != PROCESS or "OpenMP" not in torch.__config__.parallel_info():
+    known = openmp() if process == PROCESS else None
+    if known is None or not hasattr(known, "GOMP_parallel"):
         return None
-    try:
-        [path] = (Path(torch.__file__).parent / "lib").glob("libtorch_cpu.so")
-        openmp = ctypes.CDLL(str(path))  # finds what is in the libraries that it needs, as well
-        names = "omp_get_thread_num", "omp_get_num_threads"
-        number, threads = (_address(getattr(openmp, name)) for name in names)
-        parallel = openmp.GOMP_parallel
-    except (ValueError, OSError, AttributeError):
-        return None
+    number, threads = _address(known.omp_get_thread_num), _address(known.omp_get_num_threads)
+    parallel = known.GOMP_parallel
     parallel.argtypes = ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint
     parallel.restype = None
     library = Library(TEXT, ObjectCache())

@@ -259,7 +259,7 @@ class Planar(Spatial):
         return velocity @ self._vector_map, spin @ self._section_normal
 
     def embed(self, load: Tensor) -> Tensor:
-        return load @ self._embedding
+        return load @ self._embedding.to(load.dtype)  # motions of modes are complex
 
     def project(self, load: Tensor) -> Tensor:
         return load @ self._load_map
