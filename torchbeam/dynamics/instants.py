@@ -115,6 +115,6 @@ def begins_of(t: Tensor, dt: Tensor, steps: int) -> Tensor:
     them.
     """
     step = concrete(dt).item()
-    check_digits(step, concrete(t).detach().abs() + steps * step, dt.dtype)
+    check_digits(step, largest(t) + steps * step, dt.dtype)
     passed = torch.arange(steps, dtype=torch.float64, device=t.device) * dt.double()
     return t.double() + in_line(passed, t.shape)
