@@ -33,9 +33,8 @@ def tip_of(turning: float, sliding: float) -> tuple[float, float]:
 @pytest.mark.parametrize("engine", ("eager", "compiled"))
 def test_a_clamp_that_is_softer_than_the_load(engine):
     """Clamps of 0.3, 1 and 20 N m/rad under 2 N m: of the softer two no share of clamp and load
-    together is in balance near the shape at no load. Tips of 8 quadratic elements to 6e-6 (of 16, by fourth
-    order, to 5e-7), and
-    each sample as alone.
+    together is in balance near the shape at no load. Tips of 8 quadratic elements to
+    6e-6 (of 16, by fourth order, to 5e-7), and each sample as alone.
     """
     section = tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=1.0, EI=1.0, mass=1.0)
     beam = tb.Beam.straight(1.0, 8, section, order=2)

@@ -105,7 +105,7 @@ def test_what_counts_at_the_gate_is_told_by_its_count():
     """Not by its error, which a reading may have by chance, and which rounding of the sources
     (4e-16 here) moves off the gate.
     """
-    law = weighting.Weighting(None, 3.0, torch.tensor([NOISE]))
+    law = weighting.Weighting(None, 2.0, torch.tensor([NOISE]))
     sources, missed = torch.tensor([[2 * NOISE, NOISE]]), torch.tensor([0.0, weighting.AGAIN])
     gate = law.reach * law.deviation(sources)
     error, missed = law.clipped(sources, gate * torch.tensor([1.0, 1.5]), missed)
