@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from ctypes import Array, c_char
 from typing import NamedTuple
 
@@ -10,11 +10,13 @@ from torch import Tensor
 
 
 class Numbers(NamedTuple):
-    """Of some tensors: where they lie, a look at these places, and what stood there. NumPy, `.data`
-    and fused optimizers leave a tensor's version as it was.
+    """Of some tensors: where they lie, their bytes and strides, a look at these places, and what
+    stood there. NumPy, `.data` and fused optimizers leave a tensor's version as it was.
     """
 
     places: list[int]
+    sizes: list[int]
+    strides: list[tuple[int, ...]]
     looks: list[Array[c_char]]
     values: bytes
 
@@ -29,13 +31,17 @@ class Numbers(NamedTuple):
             return None
         pairs = zip(tensors, places, strict=True)
         looks = [(c_char * _extent(x)).from_address(place) for x, place in pairs if place]
-        return cls(places, looks, b"".join(looks))
+        sizes, strides = [x.nbytes for x in tensors], [x.stride() for x in tensors]
+        return cls(places, sizes, strides, looks, b"".join(looks))
 
-    def stand(self, tensors: Iterable[Tensor]) -> bool:
+    def stand(self, tensors: Sequence[Tensor]) -> bool:
         """Whether these are tensors at the same places, with the same numbers to the bit."""
-        # places first: what lay elsewhere may be gone
-        return [x.data_ptr() for x in tensors] == self.places and self.values == b"".join(
-            self.looks
+        # numbers last: what lay elsewhere, or behind the last of fewer, may be gone
+        return (
+            [x.data_ptr() for x in tensors] == self.places
+            and [x.nbytes for x in tensors] == self.sizes
+            and [x.stride() for x in tensors] == self.strides
+            and self.values == b"".join(self.looks)
         )
 
 

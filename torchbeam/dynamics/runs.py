@@ -51,6 +51,7 @@ from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 PLAN = 200  # bytes of one step in it
 MAX_STEPS = 100_000  # of adaptive steps in a run
 STEPS = 200  # of the default step, over the whole of t
+FINER = 64  # times the first step that is tried: most steps of an adaptive run are longer
 
 
 def implicit_run(
@@ -198,7 +199,7 @@ def adaptive_run(
     changing(inputs, len(t) - 1)
     first_inputs = inputs_at(inputs, t[0], t)
     start = _begin(stepper.model, initial, t[0])
-    warn_of_blow(stepper.model, start, stepper.dt)
+    warn_of_blow(stepper.model, start, stepper.dt / FINER)
     start = stepper._begin(start, inputs=first_inputs)
     with no_derivatives():  # functions of time bring batch axes, which a step shows
         wide = stepper.advance(

@@ -25,7 +25,7 @@ from ..state.state_check import of_mesh
 from .chart import Chart, Place
 from .chart_slopes import slopes
 from .elsewhere import array_of, labels, labels_of_states, state_space, write
-from .relaxing import reduced_arms
+from .relaxing import reduced_arms, refuse_rigid_motions
 
 SYMMETRIC = 1e-6
 
@@ -216,15 +216,14 @@ class Linear(Named):
 
         Args:
             static: keep the response to a steady input exact: the contribution of the other modes
-                goes into D. Rigid motions, whose response grows, are among the slowest. A scene
-                that relaxes must have none
+                goes into D. Rigid motions, whose response grows, are among the slowest
 
         Derivatives need distinct frequencies.
 
         Raises:
             ValueError: for a model in discrete time, for more modes than there are, and for rigid
                 motions (A singular) if K is not symmetric. For a scene that relaxes, whose K or D
-                is not symmetric.
+                is not symmetric, and with `static` for its rigid motions.
         """
         self._continuous("reduced")
         boolean("static", static)
@@ -246,6 +245,7 @@ class Linear(Named):
             arms=arms,
         )
         if static and self.arms:
+            refuse_rigid_motions(self.mass, self.A, right[..., : self.mass.shape[-1], :count])
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
         elif static:
             small = replace(small, D=small.D + self._static_beside(right, left, small.A))

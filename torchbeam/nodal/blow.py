@@ -23,18 +23,23 @@ def warn_of_blow(model: Model, state: Any, dt: Tensor) -> None:
     """
     scene, joints = model.scene, model.joints
     led = [joint.law(k).prescribed for joint in scene.joints for k in joint.coordinates]
-    if not any(value is not None for value in led) or any(isinstance(x, Input) for x in led):
+    if all(value is None or isinstance(value, Input) for value in led):
         return
     with no_derivatives():
         x, wide = model.space.to_reduced(state), dt[..., None, None]
-        start, soon, end = (
-            joints.value(scene.joints, "prescribed", x.t + share * dt, {}) for share in (0, SOON, 1)
-        )
+
+        def coordinates(share: float, value: float = 0.0) -> Any:
+            inputs = {name: x.t.new_full((size,), value) for name, size in scene.inputs.items()}
+            return joints.value(scene.joints, "prescribed", x.t + share * dt, inputs)
+
+        start, soon, end = map(coordinates, (0, SOON, 1))
         pose = joints.pose(x.position, x.rotation)
         rate = joints.rate(pose, x.velocity, x.spin)
         change = (soon - joints.coordinate(pose, start)) / (SOON * wide) - rate
         most = ((end - start).abs() + CLOSED * (1 + start.abs())) / wide + TURNING * rate.abs()
         rows = joints.prescribed * change.abs() > most / 2
+        if scene.inputs:  # by which coordinates may be led, to wherever a user says
+            rows = rows & (coordinates(0, 1.0) == start)
         blow = concrete(rows.reshape(-1, *joints.prescribed.shape).any(0).any(-1))
     if blow.any():
         which = int(blow.nonzero()[0, -1])

@@ -209,9 +209,11 @@ class Section(Shapes, Tree):
             inertia: (...) kg m, rotary inertia per length; or a pair (about y, about z). The polar
                 inertia is their sum.
 
-        math.inf makes a strain impossible. A pair is a Python list or tuple of two, whose entries
-        may have batch axes. All axes of a tensor or an array are batch axes, whatever their
-        lengths. If its last axis is the pair, write `EI=EI.unbind(-1)`.
+        math.inf makes a strain impossible. Linear models (`modes`, `linearize`) give it 1e-7 of the
+        largest flexibility of bending and twist, times L^2 where it is of a force: the first three
+        frequencies of a cantilever are 3e-7, 2e-6 and 5e-6 low. A pair is a Python list or tuple of
+        two, whose entries may have batch axes. All axes of a tensor or an array are batch axes,
+        whatever their lengths. If its last axis is the pair, write `EI=EI.unbind(-1)`.
 
         Raises:
             ValueError: for a stiffness that is not positive, or a mass or inertia that is negative.

@@ -4,6 +4,9 @@ away what it lacks in balance; natively or eagerly.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import torch
 from torch import Tensor
 
 from ..core.validation import concrete
@@ -26,8 +29,32 @@ def ascend(
 ) -> tuple[Configuration, Tensor, Tensor, Tensor | None]:
     """From a start to the whole load of a problem: (shape, reaction, status, doubtful), of which
     the last is as in `load_climb.Climbed`; judged: likewise. loaded: the start is no shape at no
-    load. Native code then tries it in one step alone, and what is left is done eagerly.
+    load. Native code then tries it in one step alone, and what is left is done eagerly; so are
+    samples that fail while springs and obstacles rise with the load: with these in full.
     """
+    out = _ascend(problem, start, tolerance, engine, judged, loaded)
+    scene, left = problem.model.scene, out[2] != 0
+    resisting = any(act.resists for act in (*scene.loads, *scene.interactions))
+    if loaded or not resisting or not concrete(left).any():
+        return out
+    # springs that rise with the load leave the shape as soft as at no load
+    whole, none = replace(problem, resisting=True), torch.zeros_like(problem.load_factor)
+    x, _, status = climb(replace(whole, load_factor=none).relieved(start), start, tolerance, left)
+    again = climb(whole, x, tolerance, left & (status == 0))
+    left = left & (again[2] == 0)
+    doubtful = None if out[3] is None else out[3] | left
+    return *where(left, again, out[:3]), doubtful
+
+
+def _ascend(
+    problem: SteadyProblem,
+    start: Configuration,
+    tolerance: float | None,
+    engine: str,
+    judged: bool,
+    loaded: bool,
+) -> tuple[Configuration, Tensor, Tensor, Tensor | None]:
+    """`ascend`, with all that acts raised together."""
     states = None
     if problem.past is not None:
         if engine == "compiled":

@@ -19,11 +19,18 @@ def moved(x):
     x.data = x.detach().clone()
 
 
+def shortened(x):
+    x.data = x.data[:1]
+
+
 WRITES = {
     "in place": lambda x: x.mul_(2),
     "data": lambda x: x.data.mul_(2),
     "other memory": moved,  # native tables hold addresses
     "numpy": lambda x: x.numpy().__imul__(2),
+    "other strides": lambda x: x.t_(),
+    "fewer at the same place": shortened,
+    "as many, of another shape": lambda x: x.resize_(4, 1),
     "a view": lambda x: x[0].copy_(torch.full_like(x[0], 7.0)),
     "fused Adam": optimized(torch.optim.Adam, fused=True),
     "foreach Adam": optimized(torch.optim.Adam, foreach=True),

@@ -99,6 +99,47 @@ def test_a_turning_point_within_the_first_step_is_no_jump(place):
     assert warned(scene, spun(scene, speed * math.sin(speed * top))) == []
 
 
+@pytest.mark.parametrize("periods", [1, 200, 1000])
+def test_adaptive_steps_have_no_length_to_begin_with(periods):
+    """Of an angle with so many periods in the run, at rest when it begins; and one with a rate.
+    200 are one a step that is tried first. The run itself is cut short.
+    """
+    end, speed = 0.4, 2 * math.pi * periods / 0.4
+
+    def told(angle):
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            tb.simulate(rotor(angle), [0.0, end], rtol=1e-9, max_steps=1)
+        return ["is led with a jump" in str(w.message) for w in seen]
+
+    assert not any(told(lambda t: 1 - torch.cos(speed * t)))
+    assert any(told(lambda t: torch.sin(speed * t)))
+
+
+def test_a_joint_that_an_input_leads_is_asked_nothing():
+    """And the other one still is, whichever is the first."""
+
+    def pair(*angles):
+        bodies = {name: tb.Body(1.0, 0.1, position=(1.0, 0, 0)) for name in "ab"}
+        joints = [
+            tb.Hinge(None, name, at=(0.0, 0, 0), axis=(0, 0, 1), angle=angle)
+            for name, angle in zip(bodies, angles, strict=True)
+        ]
+        return tb.Scene(bodies, joints=joints)
+
+    def told(*angles):
+        scene = pair(*angles)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            tb.Stepper(scene, STEP).begin(tb.rest(scene))
+        return [str(w.message)[:8] for w in seen if "is led with a jump" in str(w.message)]
+
+    led = tb.Input("u", 1)
+    assert told(led, torch.sin) == ["joint 1,"]
+    assert told(torch.sin, led) == ["joint 0,"]
+    assert told(led, torch.square) == told(led, None) == []
+
+
 def test_samples_of_a_batch():
     """One that jumps among others that do not, by scenes and by states."""
     rate = torch.tensor([0.0, 0.0, RATE])

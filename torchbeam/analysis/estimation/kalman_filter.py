@@ -251,8 +251,8 @@ class KalmanFilter:
         by_x, sources = self._sources(before.factor, columns, rows)
         known, error = sources[..., : self.read], self._readings(y, expected) - expected
         error, missed = self.weighting.clipped(known, error, before.missed)
-        now = self._learned(before, by_x, sources, error)
-        now = replace(now, state=after.state, x=x, about=about, missed=missed)
+        now = self._learned(replace(before, missed=missed), by_x, sources, error)
+        now = replace(now, state=after.state, x=x, about=about)
         return self._changed(now, now.learnt[1].change, more, after.places[1])
 
     def run(self, start: Filtered, readings: Any, u: Any = None) -> list[Filtered]:
@@ -358,15 +358,15 @@ class KalmanFilter:
         error: Tensor,
         weight: Tensor | None = None,
     ) -> Filtered:
-        """With what readings of errors (..., m) say of `_sources`; weight (..., m): None = as the
-        errors say.
+        """With what readings of errors (..., m) say of `_sources`, with how many were `missed` now;
+        weight (..., m): None = as the errors say.
         """
-        known = sources[..., : self.read]
+        known, missed = sources[..., : self.read], before.missed
         if weight is None:
-            weight = self.weighting(known, error)
+            weight = self.weighting(known, error, missed)
         by_x, learnt = self.weighting.conditioned(by_x, sources, error, weight)
         read = (weight > 0).sum(-1).to(error)
-        beyond = self.weighting.beyond(known, error, weight)
+        beyond = self.weighting.beyond(known, error, missed, weight)
         density = self.weighting.log_density(learnt, weight)
         now = replace(
             before,

@@ -179,7 +179,7 @@ class MovingHorizon(KalmanFilter):
         known = sources[1][..., : self.read]
         off = y - newest.expected
         error, missed = self.weighting.clipped(known, off, before.missed)
-        counts = self.weighting.within_gate(known, error)
+        counts = self.weighting.within_gate(known, error, missed)
         y = y if error is off else y.where(error == off, newest.expected + error)
         gated = begin._replace(y=torch.where(counts, y, torch.nan))
         intervals = (*window.intervals[:-1], newest._replace(begin=gated))
@@ -191,14 +191,14 @@ class MovingHorizon(KalmanFilter):
             if len(window.intervals) > self.window:
                 window = self._without_first(window)
             window = self._solved(window, last)
-        now = self._learned(before, *sources, error, window.weight[-1] * counts)
+        counted = window.weight[-1] * counts
+        now = self._learned(replace(before, missed=missed), *sources, error, counted)
         return replace(
             now,
             filter=self,
             state=window.end.state,
             x=window.end.x,
             factor=window.end.factor(-1),
-            missed=missed,
             window=window,
             about=about,
         )

@@ -77,14 +77,14 @@ class Weighting:
         law = None if loss is None else LOSSES[choice("loss", loss, tuple(LOSSES))]
         return cls(law, math.inf if gate is None else quantile("gate", gate), noise)
 
-    def __call__(self, sources: Tensor, error: Tensor) -> Tensor:
+    def __call__(self, sources: Tensor, error: Tensor, missed: Tensor) -> Tensor:
         """0 where a reading is left out or missing (NaN), from sources (..., s, m) of unit variance
-        of what was expected, and errors (..., m).
+        of what was expected, and what is `clipped`, (..., m).
 
         A loss weighs the residuals after the update, as does iteratively reweighted least squares
         of the readings and what was expected (Karlgaard and Schaub 2007, J. Guidance 30, 885).
         """
-        seen = self.within_gate(sources, error)
+        seen = self.within_gate(sources, error, missed)
         weight = seen.to(error)
         if self.loss is None:
             return weight
@@ -118,23 +118,25 @@ class Weighting:
         missed = (missed + 1).where(beyond, 0.0).where(~torch.isnan(error), missed)
         return error.minimum(limit).maximum(-limit), missed
 
-    def within_gate(self, sources: Tensor, error: Tensor) -> Tensor:
-        """(..., m) bool: whether a reading is neither missing nor left out."""
+    def within_gate(self, sources: Tensor, error: Tensor, missed: Tensor) -> Tensor:
+        """(..., m) bool: whether a reading, as it is `clipped`, is neither missing nor left out."""
+        read = ~torch.isnan(error)
         if self.reach == math.inf:
-            return ~torch.isnan(error)
-        return error.abs() <= self.reach * self.deviation(sources)
+            return read
+        return read & ((missed > AGAIN) | (error.abs() <= self.reach * self.deviation(sources)))
 
     def deviation(self, sources: Tensor) -> Tensor:
         """(..., m) of errors that are expected."""
         return (sources.square().sum(-2) + self.noise.square()).sqrt()
 
-    def beyond(self, sources: Tensor, error: Tensor, weight: Tensor) -> Beyond:
+    def beyond(self, sources: Tensor, error: Tensor, missed: Tensor, weight: Tensor) -> Beyond:
         """What weights say of readings that are left out, and of those that count at the gate."""
         c, none = self.reach, error.new_zeros(error.shape[:-1])
         if c == math.inf:
             return Beyond(none, none, none)
         spread = self.deviation(sources)
-        left, at = ~torch.isnan(error) & (weight == 0), error.abs() == c * spread
+        read = ~torch.isnan(error)
+        left, at = read & (weight == 0), read & (missed > AGAIN)
         if not (left | at).any():
             return Beyond(none, none, none)
         each = -(c**2) / 2 - (spread * math.sqrt(2 * math.pi)).log()

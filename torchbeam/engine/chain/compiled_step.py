@@ -110,7 +110,9 @@ class CompiledStep:
         self._sizes = [Field("common", name, x, 0) for name, x in sizes(model).items()]
         self.sources = [*[field.value for field in self.constant], *self.constants.sources]
         self.eager_because: str | None = None  # of the last call: what a user may mend
-        self._seen = Numbers.of(self.sources)
+        # where a model is made of its scene's numbers, these alone are written to
+        self._watched = self.sources if model.scene.numbers is None else self.constants.sources
+        self._seen = Numbers.of(self._watched)
         self._checked = not by_function(model)  # whether these keep samples apart
         self._forms: dict[tuple, Form] = {}
 
@@ -333,12 +335,12 @@ class CompiledStep:
         """Take afresh what was looked up, where a tensor that it came from has been written to
         since.
         """
-        if self._seen is None or not self._seen.stand(self.sources):
+        if self._seen is None or not self._seen.stand(self._watched):
             with lasting(), past_hooks():
                 self.constant = self._constant()
             self.constants.forget()
             self._forms.clear()
-            self._seen = Numbers.of(self.sources)
+            self._seen = Numbers.of(self._watched)
 
     def _form(
         self, tensors: list[Tensor], K: int | None, dims: int, options: tuple[Any, ...]

@@ -101,6 +101,26 @@ def test_a_reading_beyond_the_gate_counts_as_at_it():
     assert abs(inside.log_likelihood - outside.log_likelihood) < 2e-3 * reach**2
 
 
+def test_what_counts_at_the_gate_is_told_by_its_count():
+    """Not by its error, which a reading may have by chance, and which rounding of the sources
+    (4e-16 here) moves off the gate.
+    """
+    law = weighting.Weighting(None, 2.0, torch.tensor([NOISE]))
+    sources, missed = torch.tensor([[2 * NOISE, NOISE]]), torch.tensor([0.0, weighting.AGAIN])
+    gate = law.reach * law.deviation(sources)
+    error, missed = law.clipped(sources, gate * torch.tensor([1.0, 1.5]), missed)
+    assert torch.equal(error, gate) and missed.tolist() == [0, weighting.AGAIN + 1]
+    near = sources * (1 - 2**-51)
+    weight = law(near, error, missed).where(missed > 0, 1.0)
+    assert weight.tolist() == [1, 1]
+    squares = law.beyond(near, error, missed, weight).squares
+    assert squares == law.beyond(near[:, 1:], error[1:], missed[1:], weight[1:]).squares
+    assert law.beyond(near[:, :1], error[:1], missed[:1], weight[:1]).squares == 0 < squares
+    nothing = torch.full_like(error, NAN)
+    assert law(near, nothing, missed).tolist() == [0, 0]
+    assert law.beyond(near, nothing, missed, weight).squares == 0
+
+
 @pytest.mark.parametrize("loss", ["huber", "student"])
 def test_a_loss_finds_the_most_likely_motion(loss):
     """Of one reading of a linear structure, whose error has the density of the loss: where the
