@@ -332,7 +332,7 @@ PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
 # as many environments, updates and transitions in one as published (Choi and Tong 2025)
 SAC["follow-3d"] = dict(
     **dict(discount=0.95, num_envs=500, horizon=1, updates=4, minibatch=1024, target=0.005),
-    **dict(hidden=(128, 128), memory=500_000, warmup=10_000),
+    **dict(hidden=(128, 128), replay=500_000, warmup=10_000),
 )
 SHAC["reach-3d"] = SHAC["reach"]
 # in as many steps as budgets have, whatever the budget of a run is, rates of SHAC fall to a tenth

@@ -31,7 +31,7 @@ LEARNERS = {
 }
 SOFT = {"entropy": 0.1, "critics": 2}
 TAUGHT = {"teacher": "LQR", "lessons": 3}
-SMALL_SAC = {"warmup": 32, "updates": 4, "minibatch": 16, "memory": 80}
+SMALL_SAC = {"warmup": 32, "updates": 4, "minibatch": 16, "replay": 80}
 
 
 def learner(name, task=TINY, **settings):
