@@ -238,7 +238,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
     ("student", "reach-behind"): 4 * 8 * 510,
-    ("student", "reach-nest"): 4 * 8 * 510,
+    ("student", "reach-nest"): 8 * 8 * 510,
     ("shac-gru", "track-uncertain"): 2_400_000,
     ("shac-gru", "track-3d-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
@@ -360,7 +360,10 @@ STUDENT: dict[str, dict[str, Any]] = {
     "track-target": dict(teacher=_led("track-target", standing=0.01), **LONGER),
     "reach-pose": dict(teacher=_led("reach-pose", standing=0.01), **LONG),
     "reach-behind": dict(teacher=_called("Waypoints", WAYS["reach-behind"]), **ALONE),
-    "reach-nest": dict({**ALONE, "updates": 800}, teacher=_called("Waypoints", WAYS["reach-nest"])),
+    # the nest's way is narrow: in half of its lessons the student plays alone
+    "reach-nest": dict(
+        {**ALONE, "updates": 800, "lessons": 4}, teacher=_called("Waypoints", WAYS["reach-nest"])
+    ),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
