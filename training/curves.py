@@ -19,6 +19,7 @@ COLORS = {
     "shac": "#1b6ca8",
     "student": "#762a83",
     "ppo-gru": "#c51b7d",
+    "sac-gru": "#35978f",
     "shac-gru": "#01665e",
     "sb3-ppo": "#b35806",
     "sb3-sac": "#7fbc41",

@@ -212,6 +212,7 @@ BUDGETS = {
     "shac": 300_000,
     "student": 40_000,
     "ppo-gru": 500_000,
+    "sac-gru": 30_000,
     "shac-gru": 1_200_000,
     "sb3-ppo": 200_000,
     "sb3-sac": 20_000,
@@ -343,7 +344,7 @@ for _task in HIDDEN:
     for _settings in (PPO, SAC, SHAC):
         _settings[_task] = {"frames": FRAMES, **_settings.get(_task, {})}
 # with a memory, which sees one frame
-REMEMBERING = ("student", "ppo-gru", "shac-gru")
+REMEMBERING = ("student", "ppo-gru", "sac-gru", "shac-gru")
 MEMORY: dict[str, Any] = dict(memory=64, frames=0)
 # of intervals of 1.4 ms, of which every fifth tells as much; arms are held by smooth couples, which
 # can be told from what is seen
@@ -366,6 +367,7 @@ STUDENT: dict[str, dict[str, Any]] = {
     ),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
+SAC_GRU = {_task: {**SAC[_task], **MEMORY} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
     _task: dict(
         **dict(teacher="MPC(informed=True)", lessons=25, linear=True, num_envs=64, horizon=25),

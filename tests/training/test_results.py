@@ -397,6 +397,8 @@ def test_runs_of_other_episodes_are_made_again(tmp_path):
     for run in (results.Run("reach", name, None) for name in results.BASELINES):
         assert results.held_out(run, few) == 32
         assert results.held_out(run, all_of_them) == (64 if run.algorithm == "optimum" else 256)
+    for task, most in (("reach-behind", 1), ("track-target", 16)):  # the others would be the same
+        assert results.held_out(results.Run(task, "student", 0), few) == most
     for name in ("mpc", "shac", "sb3-ppo", "skrl-ppo"):
         run, _ = made("reach", name, few, tmp_path)
         budget = results.budget(few, run)
