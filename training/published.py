@@ -168,10 +168,7 @@ def plan(options: argparse.Namespace) -> dict[results.Run, tuple[Budget, int]]:
                 fixed = name in BASELINES
                 run = results.Run(task, name, None if fixed else seed)
                 steps = None if fixed else round(options.share * tuned.budget(name, task))
-                wanted[run] = (
-                    Budget(steps, None),
-                    min(options.episodes, tuned.FEW.get(task, EPISODES)),
-                )
+                wanted[run] = Budget(steps, None), results.held_out(run, options)
     return wanted
 
 

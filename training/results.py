@@ -235,7 +235,7 @@ def budget(options: argparse.Namespace, run: Run) -> Budget:
 def held_out(run: Run, options: argparse.Namespace) -> int:
     """Episodes of its final scores: no more than differ."""
     few = MOST_EPISODES.get(run.algorithm), tuned.FEW.get(run.task)
-    return min(options.episodes, *filter(None, few))
+    return min([options.episodes, *filter(None, few)])
 
 
 def is_made(run: Run, folder: Path, budget: Budget, episodes: int) -> bool:

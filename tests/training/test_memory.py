@@ -116,9 +116,9 @@ def recalled(policy):
         ("ppo", 15, dict(rate=2e-2, output="torch", minibatches=2, divergence=0.1)),
         (
             "sac",
-            40,
-            dict(rate=1e-2, reward_scale=1.0, target=0.1, temperature=0.02, replay=10_000)
-            | dict(warmup=160, updates=10, minibatch=80, window=5, burn=2),
+            20,
+            dict(rate=2e-2, reward_scale=1.0, target=0.1, temperature=0.02, replay=10_000)
+            | dict(warmup=160, updates=8, minibatch=80, window=5, burn=2),
         ),
     ],
 )
