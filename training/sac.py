@@ -68,8 +68,8 @@ class SAC:
 
     An episode that ends by the time limit goes on in the critics, from the observation before the
     reset. With a memory, what is drawn are windows of as many transitions in all, and the memory's
-    gradient goes back to the start of a window. It is that of the policy alone: critics see the
-    memory and send none.
+    gradient goes back to the start of a window. It is that of the critics' error alone: the policy
+    takes the memory as it is.
     """
 
     NAME = "sac"
@@ -92,10 +92,11 @@ class SAC:
         self.targets = copy.deepcopy(self.critics)
         self.log_temperature = nn.Parameter(torch.tensor(math.log(a.temperature)))
         remembering = self.policy.recurrent.parameters() if a.memory else ()
-        self.parts = [*self.policy.network.parameters(), *self.spread.parameters(), *remembering]
+        self.parts = [*self.policy.network.parameters(), *self.spread.parameters()]
+        valuing = [*self.critics.parameters(), *remembering]
         self.optimizers = [
             torch.optim.Adam(group, a.rate, fused=True)
-            for group in (self.parts, self.critics.parameters(), [self.log_temperature])
+            for group in (self.parts, valuing, [self.log_temperature])
         ]
         self.generator = torch.Generator().manual_seed(a.seed)
         self.burn, self.window = (a.burn, a.window) if a.memory else (0, 1)
@@ -182,16 +183,16 @@ class SAC:
         memory = self.brought_up(data)
         data = {name: x[self.burn :] for name, x in data.items()}
         features = policy.see_all(data["observation"], memory, data["over"])
-        observation = policy.held(features)
         with torch.no_grad():
             after = policy.see_next(features, data["next"])
             action, likelihood = self.sample(after)
             value = self.values(self.targets, after, action).amin(0) - temperature * likelihood
             target = data["reward"] + a.discount * torch.where(data["terminated"], 0.0, value)
-        error = (self.values(self.critics, observation, data["action"]) - target).square().mean()
+        error = (self.values(self.critics, features, data["action"]) - target).square().mean()
         self._step(1, error)
+        features = features.detach()
         action, likelihood = self.sample(features)
-        value = self.values(self.critics, observation, action).amin(0)
+        value = self.values(self.critics, features, action).amin(0)
         self._step(0, (temperature.detach() * likelihood - value).mean())
         entropy = -likelihood.detach().mean()
         self._step(2, self.log_temperature * (entropy + self.actions))

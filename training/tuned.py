@@ -367,7 +367,8 @@ STUDENT: dict[str, dict[str, Any]] = {
     ),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
-SAC_GRU = {_task: {**SAC[_task], **MEMORY} for _task in HIDDEN}
+# transitions one after the other tell less than as many from anywhere
+SAC_GRU = {_task: {**SAC[_task], **MEMORY, "minibatch": 512} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
     _task: dict(
         **dict(teacher="MPC(informed=True)", lessons=25, linear=True, num_envs=64, horizon=25),

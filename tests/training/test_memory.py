@@ -491,6 +491,7 @@ def test_runs_of_before_are_not_made_again():
         return results.is_made(run, folder, common.Budget(steps), 256)
 
     for task in ("reach", "track-uncertain", "flutter-uncertain"):
+        assert there(task, "sac", 0)  # what it called its memory is its replay now
         assert there(task, "shac") and not there(task, "shac", share=2.0)
         assert there(task, "lqg", None)
     assert there("track-uncertain", "ppo") and not there("flutter-uncertain", "ppo")
