@@ -517,9 +517,9 @@ def test_refusals(tmp_path):
 def test_who_knows_the_plant_is_never_the_best():
     """Though it returns as much, as it does where every plant is the model's."""
     rows = [
-        {"task": "t", "algorithm": name, "runs": 1, "success": 1.0}
+        {"task": "track", "algorithm": name, "runs": 1, "success": 1.0, "outside_return": None}
         | {f"return{end}": value for end in ("", "_low", "_high")}
         for name, value in (("lqr", -2.0), ("mpc", -0.014), ("mpc-informed", -0.014))
     ]
-    said = report.grid(rows, report.CONTROLLERS)
-    assert said.endswith("| t | -2.00, 100 % | **-0.014**, 100 % | -0.014, 100 % |")
+    cells = "-2.00, 100 % (LQR) | **-0.014**, 100 % | -0.014, 100 % |"
+    assert report.summary(rows).endswith(f"| nominal | track | {cells}")
