@@ -19,13 +19,15 @@ KEPT = Path(__file__).parent / "policies"
 
 
 def policies(out: Path, runs: list[dict[str, Any]]) -> None:
-    """Copy the policies of seed 0 (not of the best seed) with their scores, and their cards."""
+    """Copy the policies of the first seed whose file is there (not of the best seed) with their
+    scores, and their cards.
+    """
     folder, scores = out / "policies", {}
-    for run in runs:
+    for run in sorted(runs, key=lambda run: run["seed"] or 0):
         source = out / "runs" / f"{run['task']}-{run['algorithm']}-{run['seed']}.pt"
-        if run["seed"] == 0 and source.exists():
+        name = f"{run['task']}-{run['algorithm']}.pt"
+        if source.exists() and name not in scores:
             folder.mkdir(exist_ok=True)
-            name = f"{run['task']}-{run['algorithm']}.pt"
             shutil.copyfile(source, folder / name)
             scores[name] = {
                 key: value for key, value in run.items() if key not in ("cpu_minutes_all", "budget")
@@ -40,10 +42,11 @@ def cards(folder: Path) -> str:
     lines = [
         "# Policies",
         "",
-        "Networks of the first seed of each study, for the plants that they were trained on and "
-        "the observation of their task: elsewhere nothing is known of them but what stands under "
-        "*outside*. `training.policies.load` reads them, `python -m training.evaluate FILE` makes "
-        "the scores again, with `--outside` those; `policy.about` has all arguments.",
+        "Networks of the first seed of each study whose file was kept, not of the best, for the "
+        "plants that they were trained on and the observation of their task: elsewhere nothing is "
+        "known of them but what stands under *outside*. `training.policies.load` reads them, "
+        "`python -m training.evaluate FILE` makes the scores again, with `--outside` those; "
+        "`policy.about` has all arguments.",
         "",
         "| policy | environment | learner, hidden units | learned from | return | success | "
         "final error | outside: return, success |",

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .statistics import FEWEST, estimate, interquartile_mean
-from .table import CURVE, LABELS, Run
-from .tuned import PUBLISHED, TASKS
+from .table import CURVE, LABELS, Row, Run
+from .tuned import DEFAULT, PUBLISHED, TASKS
 
 WIDE = 1e3  # ratio of costs from which powers of ten alone are labelled
 COLORS = {
@@ -19,6 +20,7 @@ COLORS = {
     "shac": "#1b6ca8",
     "student": "#762a83",
     "ppo-gru": "#c51b7d",
+    "sac-gru": "#35978f",
     "shac-gru": "#01665e",
     "sb3-ppo": "#b35806",
     "sb3-sac": "#7fbc41",
@@ -113,6 +115,59 @@ def picture(
         figure.legend(lines.values(), lines, loc="outside upper center", ncols=4, fontsize=8)
         figure.savefig(out / file, dpi=100)
         plt.close(figure)
+
+
+PLANTS = {"nominal": "#7f7f7f", "uncertain": "#1b6ca8", "outside": "#c51b7d"}  # as `report` has
+
+
+def costs(
+    out: Path,
+    shown: dict[str, dict[str, dict[str, Row]]],
+    entries: dict[str, str],
+    names: dict[str, str],
+    order: Sequence[str],
+) -> None:
+    """costs.png: minus the return on held-out episodes, logarithmic, of tasks in the plane that
+    have an uncertain level: a panel a task, a line a controller, a dot for each of the plants that
+    `shown` has (rows by task and algorithm, of which `entries` is the prefix), with its interval.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    tasks = [name for name in DEFAULT if f"{name}-uncertain" in shown["uncertain"]]
+    if not tasks:
+        return
+    known = {name for cells in shown.values() for here in cells.values() for name in here}
+    order = [name for name in order if name in known]
+    size = (2.2 * len(tasks) + 1.6, 0.24 * len(order) + 1.3)
+    figure, axes = plt.subplots(
+        1, len(tasks), figsize=size, sharey=True, squeeze=False, layout="constrained"
+    )
+    for ax, task in zip(axes[0], tasks, strict=True):
+        for plants, color in PLANTS.items():
+            here = shown[plants].get(task, {}) | shown[plants].get(f"{task}-uncertain", {})
+            entry = f"{entries[plants]}return"
+            for k, name in enumerate(order):
+                if name in here:
+                    low, cost, high = (
+                        -here[name][f"{entry}{end}"] for end in ("_high", "", "_low")
+                    )
+                    ax.plot([low, high], [k, k], color=color, lw=3, alpha=0.5)
+                    ax.plot(cost, k, "o", ms=4.5, color=color, label=plants)
+        ax.set(xscale="log", title=task, xlabel="cost (- return)")
+        ax.set_yticks(range(len(order)), [names[name] for name in order])
+        low, high = ax.get_xlim()
+        ax.xaxis.set_major_locator(LogLocator(subs=(1,) if high > 30 * low else (1, 1.5, 2, 3, 5)))
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_minor_locator(NullLocator())
+        ax.grid(axis="both", color="0.92")
+        ax.set_axisbelow(True)
+    axes[0, 0].invert_yaxis()
+    handles, texts = axes[0, 0].get_legend_handles_labels()
+    lines = dict(zip(texts, handles, strict=True))
+    figure.legend(lines.values(), lines, loc="outside upper center", ncols=3)
+    figure.savefig(out / "costs.png", dpi=100)
+    plt.close(figure)
 
 
 def _curves(

@@ -42,14 +42,14 @@ class Publication(NamedTuple):
 
     metric   the entry of `evaluate` that it draws or logs
     value    of the best of its learners, and hours of its training; None = not published
-    learner  by which we learn it; empty where the arm is led alone
+    learner  by which we learn it; None where none was seen to learn, and the arm is led alone
     """
 
     metric: str
     value: float | None
     hours: float | None
     source: str
-    learner: str = "shac"
+    learner: str | None = "shac"
 
 
 # Choi and Tong 2025 (arXiv 2511.06667), dismech-rl, SAC with 500 environments: the mean of the
@@ -61,7 +61,7 @@ PUBLISHED = {
     "follow-3d": Publication("discounted_mean", 99.3, 0.34, "dismech-rl"),
     "ik": Publication("discounted_mean", 197.4, 0.37, "dismech-rl", "student"),
     "obstacles": Publication("discounted_mean", 40.6, 0.6, "dismech-rl"),
-    "obstacles-3d": Publication("discounted_mean", 27.7, 0.96, "dismech-rl"),
+    "obstacles-3d": Publication("discounted_mean", 27.7, 0.96, "dismech-rl", None),
     "track-target": Publication("return", 10834.0, 10.9, "Elastica-RL-control", "student"),
     "reach-pose": Publication("return", 2044.0, 25.0, "Elastica-RL-control", "student"),
     "reach-behind": Publication("return", 4115.0, 2.1, "Elastica-RL-control", "student"),
@@ -168,10 +168,7 @@ def plan(options: argparse.Namespace) -> dict[results.Run, tuple[Budget, int]]:
                 fixed = name in BASELINES
                 run = results.Run(task, name, None if fixed else seed)
                 steps = None if fixed else round(options.share * tuned.budget(name, task))
-                wanted[run] = (
-                    Budget(steps, None),
-                    min(options.episodes, tuned.FEW.get(task, EPISODES)),
-                )
+                wanted[run] = Budget(steps, None), results.held_out(run, options)
     return wanted
 
 

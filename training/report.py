@@ -7,11 +7,12 @@ import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from torchbeam.extend.commands import measured_on, sentence, table
 
 from .cards import policies
-from .curves import curve, pictures
+from .curves import costs, curve, pictures
 from .table import (
     LABELS,
     LEARNERS,
@@ -24,19 +25,25 @@ from .table import (
     aggregates,
     as_now,
     comparisons,
+    level,
     rows,
 )
 from .tuned import PUBLISHED, TASKS
 
-KNOWING = "mpc-informed"
-CONTROLLERS = (*LINEAR, "mpc", KNOWING, *OWN)
-NAMES = {"linear": "the best linear controller", **LABELS}
+KNOWING = ("mpc-informed", "bound")  # no real controller can be
+CONTROLLERS = ("linear", "mpc", "adaptive", *OWN, *KNOWING)
+NAMES = {"linear": "the best linear controller", "adaptive": "AdaptiveMPC", **LABELS}
+NAMES |= {"bound": "AdaptiveMPC, plant known"}
+ESTIMATING = {"AdaptiveMPC": "adaptive", "bound": "bound"}  # as `training.adaptive` calls them
+# tasks of these levels, by these entries
+PLANTS = {"nominal": ("nominal", ""), "uncertain": ("uncertain", "")}
+PLANTS |= {"outside": ("uncertain", "outside_")}
 
 
 def report(out: Path) -> str:
-    """Write results.json, results.csv, results.md, summary.md, outside.md, libraries.md,
-    budgets.md, aggregate.md, ahead.md, curves.png (with matplotlib) and policies/; returns the
-    Markdown of results.md.
+    """Write results.json, results.csv, results.md, summary.md, libraries.md, budgets.md,
+    aggregate.md, ahead.md, curves.png and costs.png (with matplotlib) and policies/; returns the
+    Markdown of results.md. The summary has what `training.adaptive` has put beside the study, too.
     """
     runs = [json.loads(path.read_text()) for path in sorted((out / "runs").glob("*.json"))]
     curves = partial(curve, out / "runs")
@@ -54,10 +61,10 @@ def report(out: Path) -> str:
             writer.writerows(lines)
     failed = sorted(path.stem for path in (out / "runs").glob("*.failed"))
     own = [row for row in compared if row["algorithm"] in OWN]
+    summed = [row for row in lines if row["task"] not in PUBLISHED] + estimating(out)
     parts = {
-        "summary": grid([row for row in lines if row["task"] not in PUBLISHED], CONTROLLERS),
-        "outside": grid(lines, CONTROLLERS, "outside_"),
-        "libraries": grid(lines, ("ppo", "sb3-ppo", "skrl-ppo", "sac", "sb3-sac"), of=LIBRARIES),
+        "summary": summary(summed),
+        "libraries": grid(lines, ("ppo", "sb3-ppo", "skrl-ppo", "sac", "sb3-sac"), LIBRARIES),
         "budgets": budgets(lines),
         "aggregate": aggregate(scores),
         "ahead": ahead(own),
@@ -75,6 +82,8 @@ def report(out: Path) -> str:
         return text
     matplotlib.use("Agg")
     pictures(out, runs)
+    shown = {name: _plants(summed, name) for name in PLANTS}
+    costs(out, shown, {name: entry for name, (_, entry) in PLANTS.items()}, NAMES, CONTROLLERS)
     return text
 
 
@@ -114,23 +123,64 @@ def markdown(lines: Sequence[Row]) -> str:
     return "\n\n".join(paragraphs)
 
 
-def grid(
-    lines: Sequence[Row], controllers: Sequence[str], prefix: str = "", of: Sequence[str] = ()
-) -> str:
+def estimating(out: Path) -> list[Row]:
+    """Rows of controllers that estimate, from the files of `training.adaptive` beside the study."""
+    found: dict[tuple[str, str], Row] = {}
+    for folder, (_, entry) in (
+        ("adaptive", PLANTS["uncertain"]),
+        ("adaptive_outside", PLANTS["outside"]),
+    ):
+        path = out.parent / folder / "adaptive.json"
+        for one in json.loads(path.read_text())["rows"] if path.exists() else ():
+            if name := ESTIMATING.get(one["controller"]):
+                blank = {"return": None, "outside_return": None, "seconds": None}
+                task = f"{one['task']}-uncertain"
+                row = found.setdefault((task, name), {"task": task, "algorithm": name, **blank})
+                for measure, value in (("return", one["total"]), ("success", one["success"])):
+                    names = (f"{entry}{measure}{end}" for end in ("", "_low", "_high"))
+                    row |= dict.fromkeys(names, value)
+    return [*found.values()]
+
+
+def _plants(lines: Sequence[Row], plants: str) -> dict[str, dict[str, Row]]:
+    """The rows of one of `PLANTS` by task and algorithm, the best of `LINEAR` among them."""
+    of, entry = PLANTS[plants]
+    own = [row for row in lines if level(row["task"]).partition(",")[0] == of]
+    cells = _cells(own, f"{entry}return")
+    for here in cells.values():
+        if linear := [here[name] for name in LINEAR if name in here]:
+            here["linear"] = max(linear, key=lambda row: row[f"{entry}return"])
+    return cells
+
+
+def summary(lines: Sequence[Row]) -> str:
+    """A row a task of each of `PLANTS`, a column a controller, as `grid` has them."""
+    cells = {plants: _plants(lines, plants) for plants in PLANTS}
+    tasks = {(plants, task): here for plants, own in cells.items() for task, here in own.items()}
+    shown = _shown(CONTROLLERS, tasks)
+    found = [
+        (plants, task.removesuffix("-uncertain"), *_line(here, shown, PLANTS[plants][1]))
+        for (plants, task), here in tasks.items()
+    ]
+    return table(("plants", "task", *(NAMES[name] for name in shown)), found, words=2)
+
+
+def grid(lines: Sequence[Row], controllers: Sequence[str], of: Sequence[str]) -> str:
     """A row a task: return, success and, of learners, the number of seeds by controller, the
-    largest return in bold (but of `KNOWING`, which no real controller can be). Tasks without such
-    an entry, or without one of the algorithms `of`, are left out.
+    largest return in bold (but of `KNOWING`). Tasks without one of the algorithms `of` are left
+    out.
     """
-    cells = _cells(lines, f"{prefix}return")
-    cells = {task: here for task, here in cells.items() if not of or set(of) & here.keys()}
+    cells = {t: here for t, here in _cells(lines, "return").items() if set(of) & here.keys()}
     shown = _shown(controllers, cells)
-    found = []
-    for task, here in cells.items():
-        real = [here[name][f"{prefix}return"] for name in shown if name in here and name != KNOWING]
-        best = max(real, default=None)
-        cells_of = (_cell(here[name], prefix, best) if name in here else "" for name in shown)
-        found.append((task, *cells_of))
+    found = [(task, *_line(here, shown, "")) for task, here in cells.items()]
     return table(("task", *(LABELS[name] for name in shown)), found, words=1)
+
+
+def _line(here: dict[str, Row], shown: Sequence[str], prefix: str) -> list[str]:
+    """Cells of a task."""
+    real = [here[name][f"{prefix}return"] for name in shown if name in here and name not in KNOWING]
+    best = max(real, default=None)
+    return [_cell(here, name, prefix, best) if name in here else "" for name in shown]
 
 
 def _cells(lines: Sequence[Row], entry: str) -> dict[str, dict[str, Row]]:
@@ -142,17 +192,19 @@ def _cells(lines: Sequence[Row], entry: str) -> dict[str, dict[str, Row]]:
     return cells
 
 
-def _shown(algorithms: Sequence[str], cells: dict[str, dict[str, Row]]) -> list[str]:
+def _shown(algorithms: Sequence[str], cells: dict[Any, dict[str, Row]]) -> list[str]:
     """Those that any task has."""
     return [name for name in algorithms if any(name in here for here in cells.values())]
 
 
-def _cell(row: Row, prefix: str, best: float | None) -> str:
+def _cell(here: dict[str, Row], name: str, prefix: str, best: float | None) -> str:
+    row = here[name]
     text = _said(row, f"{prefix}return")
-    first = row[f"{prefix}return"] == best and row["algorithm"] != KNOWING
+    first = row[f"{prefix}return"] == best and name not in KNOWING
     text = f"**{text}**" if first else text
-    seeds = f" ({row['runs']})" if row["algorithm"] in LEARNERS else ""
-    return f"{text}, {100 * row[f'{prefix}success']:.0f} %{seeds}"
+    seeds = f" ({row['runs']})" if name in LEARNERS else ""
+    which = f" ({LABELS[row['algorithm']].partition(' ')[0]})" if name == "linear" else ""
+    return f"{text}, {100 * row[f'{prefix}success']:.0f} %{seeds}{which}"
 
 
 def aggregate(scores: Sequence[Row]) -> str:

@@ -33,6 +33,7 @@ LABELS = {
     "shac": "SHAC",
     "student": "student of MPC (GRU)",
     "ppo-gru": "PPO (GRU)",
+    "sac-gru": "SAC (GRU)",
     "shac-gru": "SHAC (GRU)",
     "sb3-ppo": "PPO (stable-baselines3)",
     "sb3-sac": "SAC (stable-baselines3)",
@@ -47,7 +48,7 @@ def label(algorithm: str, task: str) -> str:
 
 
 LINEAR = ("pd", "lqr", "lqg")
-OWN = ("ppo", "sac", "shac", "student", "ppo-gru", "shac-gru")
+OWN = ("ppo", "sac", "shac", "student", "ppo-gru", "sac-gru", "shac-gru")
 LIBRARIES = ("sb3-ppo", "sb3-sac", "skrl-ppo")
 LEARNERS = (*OWN, *LIBRARIES)
 CURVE = "validation_return"  # of a learner's log
@@ -60,11 +61,15 @@ def as_now(run: Run) -> Run:
     """A run as it would be written now. Those of before have frames among the arguments of the
     environment, not among the learner's settings, and no memory. SHAC's rates fell over the budget,
     its last weights were kept, and it had no entropy and a single critic. Students learned at the
-    task's own pace.
+    task's own pace. What SAC called its memory were transitions of the past.
     """
     settings = run.get("settings", {})
     if run["algorithm"] == "student" and settings:
         settings = {"pace": 1, **settings}
+        run = {**run, "settings": settings}
+    if run["algorithm"] == "sac" and settings and "replay" not in settings:
+        windows = {"replay": settings["memory"], "memory": 0, "window": 32, "burn": 8}
+        settings = {**settings, **windows}
         run = {**run, "settings": settings}
     if run["algorithm"].startswith("shac") and settings:
         settings = {"average": 0, "critics": 1, "entropy": 0.0, **settings}

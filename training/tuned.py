@@ -212,6 +212,7 @@ BUDGETS = {
     "shac": 300_000,
     "student": 40_000,
     "ppo-gru": 500_000,
+    "sac-gru": 30_000,
     "shac-gru": 1_200_000,
     "sb3-ppo": 200_000,
     "sb3-sac": 20_000,
@@ -238,7 +239,7 @@ TASK_BUDGETS: dict[tuple[str, str], int] = {
     ("student", "track-target"): 10 * 256 * 204,
     ("student", "reach-pose"): 16 * 256 * 72,
     ("student", "reach-behind"): 4 * 8 * 510,
-    ("student", "reach-nest"): 4 * 8 * 510,
+    ("student", "reach-nest"): 8 * 8 * 510,
     ("shac-gru", "track-uncertain"): 2_400_000,
     ("shac-gru", "track-3d-uncertain"): 2_400_000,
     ("shac", "obstacles"): 2_400,  # as dear as thirty times as many of the others
@@ -332,7 +333,7 @@ PPO |= {"reach-3d": PPO["reach"], "follow-3d": PPO["follow"]}
 # as many environments, updates and transitions in one as published (Choi and Tong 2025)
 SAC["follow-3d"] = dict(
     **dict(discount=0.95, num_envs=500, horizon=1, updates=4, minibatch=1024, target=0.005),
-    **dict(hidden=(128, 128), memory=500_000, warmup=10_000),
+    **dict(hidden=(128, 128), replay=500_000, warmup=10_000),
 )
 SHAC["reach-3d"] = SHAC["reach"]
 # in as many steps as budgets have, whatever the budget of a run is, rates of SHAC fall to a tenth
@@ -343,7 +344,7 @@ for _task in HIDDEN:
     for _settings in (PPO, SAC, SHAC):
         _settings[_task] = {"frames": FRAMES, **_settings.get(_task, {})}
 # with a memory, which sees one frame
-REMEMBERING = ("student", "ppo-gru", "shac-gru")
+REMEMBERING = ("student", "ppo-gru", "sac-gru", "shac-gru")
 MEMORY: dict[str, Any] = dict(memory=64, frames=0)
 # of intervals of 1.4 ms, of which every fifth tells as much; arms are held by smooth couples, which
 # can be told from what is seen
@@ -360,9 +361,14 @@ STUDENT: dict[str, dict[str, Any]] = {
     "track-target": dict(teacher=_led("track-target", standing=0.01), **LONGER),
     "reach-pose": dict(teacher=_led("reach-pose", standing=0.01), **LONG),
     "reach-behind": dict(teacher=_called("Waypoints", WAYS["reach-behind"]), **ALONE),
-    "reach-nest": dict({**ALONE, "updates": 800}, teacher=_called("Waypoints", WAYS["reach-nest"])),
+    # the nest's way is narrow: in half of its lessons the student plays alone
+    "reach-nest": dict(
+        {**ALONE, "updates": 800, "lessons": 4}, teacher=_called("Waypoints", WAYS["reach-nest"])
+    ),
 }
 PPO_GRU = {_task: {**PPO[_task], **MEMORY} for _task in HIDDEN}
+# transitions one after the other tell less than as many from anywhere
+SAC_GRU = {_task: {**SAC[_task], **MEMORY, "minibatch": 512} for _task in HIDDEN}
 SHAC_GRU: dict[str, dict[str, Any]] = {  # as a student first, then by the gradient
     _task: dict(
         **dict(teacher="MPC(informed=True)", lessons=25, linear=True, num_envs=64, horizon=25),

@@ -13,7 +13,7 @@ from gymnasium.spaces import Box
 
 from tests.cases.tiny_task import TINY
 from tests.cases.training_checks import check_gradient, check_lessons
-from training import common, ppo, results, shac, student, tuned
+from training import common, ppo, results, sac, shac, student, tuned
 from training.evaluate import main as evaluation
 from training.policies import Policy, load, save
 from training.tuned import TASKS
@@ -21,16 +21,22 @@ from training.tuned import TASKS
 torch.set_num_threads(1)
 LEARNERS = {
     "ppo": (ppo.PPO, ppo.Arguments),
+    "sac": (sac.SAC, sac.Arguments),
     "shac": (shac.SHAC, shac.Arguments),
     "student": (student.Student, student.Arguments),
+}
+
+OWN = {
+    "sac": {"warmup": 32, "updates": 4, "minibatch": 16, "replay": 80, "window": 4, "burn": 2},
+    "student": {"teacher": "LQR", "lessons": 3},
 }
 
 
 def learner(name, task=TINY, **settings):
     made, arguments = LEARNERS[name]
     small = {"num_envs": 4, "horizon": 8, "hidden": (16,), "memory": 4}
-    taught = {"teacher": "LQR", "lessons": 3} if name == "student" else {}
-    return made(task, arguments(**{**small, **taught, **settings}))
+    small |= OWN.get(name, {})
+    return made(task, arguments(**{**small, **settings}))
 
 
 @dataclass
@@ -108,6 +114,12 @@ def recalled(policy):
     [
         ("shac", 20, dict(rate=3e-2, reward_scale=1.0, critic_rate=1e-2, critic_epochs=2)),
         ("ppo", 15, dict(rate=2e-2, output="torch", minibatches=2, divergence=0.1)),
+        (
+            "sac",
+            20,
+            dict(rate=2e-2, reward_scale=1.0, target=0.1, temperature=0.02, replay=10_000)
+            | dict(warmup=160, updates=8, minibatch=80, window=5, burn=2),
+        ),
     ],
 )
 def test_what_was_shown_once_is_remembered(name, iterations, settings):
@@ -253,6 +265,32 @@ def test_ppo_sees_its_windows_as_it_played_them():
     assert played == [(8, 1)] * 4
 
 
+def test_sac_draws_the_past_as_it_was():
+    """Of a ring of 80 transitions that 96 have gone through, with episodes' ends: windows are of
+    one lane, one interval after the other, and what is remembered after the burn-in is what was
+    then, to 1e-6 in float32. After other weights it is what they would have remembered from there.
+    """
+    one = learner("sac", minibatch=400)
+    for _ in range(3):
+        one.remember(one.collect())
+    assert one.replay["over"].any() and one.replay["memory"].any()
+    data = one.draw()
+    assert data["observation"].shape[:2] == (6, 100) and data["over"].any()
+    going = ~data["over"][:-1]
+    following = data["next"][:-1] == data["observation"][1:]
+    assert following[going].all() and not following[~going].all()
+    torch.testing.assert_close(one.brought_up(data), data["memory"][2], rtol=0, atol=1e-6)
+    oldest = one.replay["observation"].roll(-(one.seen // 4) % 20, 0)[0]  # where 24 rows end
+    assert (data["observation"][0][:, None] == oldest).all(-1).any()
+    for weight in one.policy.recurrent.parameters():
+        torch.nn.init.normal_(weight)
+    now, memory = one.brought_up(data), data["memory"][0]
+    features = one.policy.see_all(data["observation"][:2], memory, data["over"][:2])
+    after = torch.where(data["over"][1][:, None], 0.0, features[-1, :, one.policy.observed :])
+    torch.testing.assert_close(now, after, rtol=0, atol=1e-6)
+    assert (now - data["memory"][2]).abs().max() > 0.1
+
+
 def test_gradient_of_a_window_goes_through_the_memory():
     """16 steps with episodes' ends: central differences in two directions, in float64, 1e-6 as
     without a memory. What the critic makes of the memory is not differentiated: here it makes
@@ -285,7 +323,7 @@ def test_the_critic_is_not_pleased_by_the_memory():
 
 
 @pytest.mark.parametrize(
-    ("name", "settings"), [("ppo", {}), ("shac", {"average": 3}), ("student", {})]
+    ("name", "settings"), [("ppo", {}), ("sac", {}), ("shac", {"average": 3}), ("student", {})]
 )
 def test_a_stopped_run_ends_in_the_same_bits(name, settings, tmp_path):
     """Stopped between two checkpoints; episodes of twelve intervals in windows of eight: what is
@@ -453,6 +491,7 @@ def test_runs_of_before_are_not_made_again():
         return results.is_made(run, folder, common.Budget(steps), 256)
 
     for task in ("reach", "track-uncertain", "flutter-uncertain"):
+        assert there(task, "sac", 0)  # what it called its memory is its replay now
         assert there(task, "shac") and not there(task, "shac", share=2.0)
         assert there(task, "lqg", None)
     assert there("track-uncertain", "ppo") and not there("flutter-uncertain", "ppo")

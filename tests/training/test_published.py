@@ -89,6 +89,7 @@ def test_what_is_wanted_is_ten_seeds_and_the_controllers():
     assert count["ik"] == led | {"student": 10}
     assert count["reach-nest"] == led | {"waypoints": 1, "student": 10}
     assert count["obstacles"] == led | {"waypoints": 1, "shac": 10}
+    assert count["obstacles-3d"] == led | {"via-point": 1}  # nothing that we tried learns it
     assert wanted[results.Run("obstacles", "shac", 3)][1] == 1
     assert wanted[results.Run("track-target", "zero", None)][1] == 16
     assert {*published.PUBLISHED} == {*tuned.PUBLISHED}

@@ -13,7 +13,7 @@ import torch
 from torchbeam_envs.baselines import JointLQG, JointLQR
 
 from tests.cases.tiny_task import SHORT as TINY
-from training import baselines, cards, common, evaluate, report, results, table, tuned
+from training import baselines, cards, common, curves, evaluate, report, results, table, tuned
 from training.policies import load
 from training.tuned import TASKS, Task
 
@@ -77,7 +77,8 @@ def test_one_command(tmp_path, monkeypatch, capsys):
     runs |= {path.stem: json.loads(path.read_text()) for path in before if "shac" in path.stem}
     assert runs["tiny-shac-0"]["settings"]["rate"] == 1e-3
     said = (tmp_path / "summary.md").read_text()
-    assert "| task | PD + static | PPO | SHAC |" in said
+    assert "| plants | task | the best linear controller | PPO | SHAC |" in said
+    assert "% (PD) |" in said
     assert said.count("(2)") == 2  # seeds of each learner
     assert "| nominal | SHAC | PPO | 1 |" in (tmp_path / "ahead.md").read_text()
     rows = list(csv.DictReader(open(tmp_path / "results.csv")))
@@ -335,6 +336,47 @@ def test_the_study_is_fair_wherever_it_is_cut_off(tmp_path):
         assert len(results.plan(results.parse([*given, "--out", str(tmp_path)]))) == expected
 
 
+def test_all_controllers_are_in_one_table(tmp_path):
+    """Of both levels and plants outside, those that estimate from files beside the study: the best
+    of two linear controllers, which is another outside, and in bold the largest return of those
+    that do not know the plant.
+    """
+    entries = ("return", "return_low", "return_high", "success")
+
+    def row(name, value, outside, runs=1):
+        own = dict(zip(entries, (value, value - (runs > 1), value + (runs > 1), 0.5), strict=True))
+        beyond = dict(zip(entries, (outside, outside, outside, 0.25), strict=True))
+        own |= {f"outside_{key}": one for key, one in beyond.items()}
+        return {"task": "track-uncertain", "algorithm": name, "runs": runs, **own}
+
+    lines = [row("lqr", -8, -40), row("lqg", -9, -30), row("shac", -6, -20, 5)]
+    lines += [row("mpc-informed", -0.125, -0.5), row("zero", -90, -90)]
+    lines += [{**row("mpc", -2, 0), "task": "track", "outside_return": None}]
+    for folder, controllers in (
+        ("adaptive", (("AdaptiveMPC", -1.5), ("bound", -0.25), ("Estimated(LQR)", -7.0))),
+        ("adaptive_outside", (("AdaptiveMPC", -25.0),)),
+    ):
+        (tmp_path / folder).mkdir()
+        made = [
+            {"task": "track", "controller": name, "total": value, "success": 0.75}
+            for name, value in controllers
+        ]
+        (tmp_path / folder / "adaptive.json").write_text(json.dumps({"rows": made}))
+    lines += report.estimating(tmp_path / "study")
+    assert report.summary(lines).splitlines()[2:] == [
+        "| nominal | track |  | **-2.00**, 50 % |  |  |  |  |",
+        "| uncertain | track | -8.00, 50 % (LQR) |  | **-1.50**, 75 % | "
+        "-6.00 [-7.00, -5.00], 50 % (5) | -0.125, 50 % | -0.250, 75 % |",
+        "| outside | track | -30.0, 25 % (LQG) |  | -25.0, 75 % | **-20.0**, 25 % (5) | "
+        "-0.500, 25 % |  |",
+    ]
+    shown = {name: report._plants(lines, name) for name in report.PLANTS}
+    entries = {name: entry for name, (_, entry) in report.PLANTS.items()}
+    curves.costs(tmp_path, shown, entries, report.NAMES, report.CONTROLLERS)
+    assert (tmp_path / "costs.png").stat().st_size > 10_000
+    assert not report.estimating(tmp_path / "elsewhere" / "study")
+
+
 def test_published_tasks_are_in_no_mean(tmp_path):
     """They have numbers of their own: they are in no grid, in no mean over the tasks of a level, in
     no picture of costs and in no comparison.
@@ -397,6 +439,8 @@ def test_runs_of_other_episodes_are_made_again(tmp_path):
     for run in (results.Run("reach", name, None) for name in results.BASELINES):
         assert results.held_out(run, few) == 32
         assert results.held_out(run, all_of_them) == (64 if run.algorithm == "optimum" else 256)
+    for task, most in (("reach-behind", 1), ("track-target", 16)):  # the others would be the same
+        assert results.held_out(results.Run(task, "student", 0), few) == most
     for name in ("mpc", "shac", "sb3-ppo", "skrl-ppo"):
         run, _ = made("reach", name, few, tmp_path)
         budget = results.budget(few, run)
@@ -473,9 +517,9 @@ def test_refusals(tmp_path):
 def test_who_knows_the_plant_is_never_the_best():
     """Though it returns as much, as it does where every plant is the model's."""
     rows = [
-        {"task": "t", "algorithm": name, "runs": 1, "success": 1.0}
+        {"task": "track", "algorithm": name, "runs": 1, "success": 1.0, "outside_return": None}
         | {f"return{end}": value for end in ("", "_low", "_high")}
         for name, value in (("lqr", -2.0), ("mpc", -0.014), ("mpc-informed", -0.014))
     ]
-    said = report.grid(rows, report.CONTROLLERS)
-    assert said.endswith("| t | -2.00, 100 % | **-0.014**, 100 % | -0.014, 100 % |")
+    cells = "-2.00, 100 % (LQR) | **-0.014**, 100 % | -0.014, 100 % |"
+    assert report.summary(rows).endswith(f"| nominal | track | {cells}")
