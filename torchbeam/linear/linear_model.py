@@ -18,7 +18,7 @@ from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
 from ..math.block_matrices import balance, block_diagonal
 from ..math.dense import inverse_unchecked, solve_unchecked
-from ..math.quadratic_eigen import covering, lowest
+from ..math.quadratic_eigen import SURE, covering, lowest, rounding, unresisted
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from ..state.state_check import of_mesh
@@ -110,7 +110,11 @@ class Linear(Named):
 
     @property
     def poles(self) -> Tensor:
-        """(..., n) eigenvalues of A, complex: 1/s, of a model in discrete time a factor a step."""
+        """(..., n) eigenvalues of A, complex: 1/s, of a model in discrete time a factor a step.
+
+        Rounding splits the double zero of a rigid motion into two small ones, about the root of
+        eps |A|, and one may have a positive real part. `reduced` has zeros, as `modes` has.
+        """
         return torch.linalg.eigvals(self.A)
 
     @property
@@ -205,8 +209,8 @@ class Linear(Named):
         """Reduced model of the `count` slowest modes.
 
         If K and D are symmetric, these are the modes of the undamped beam: z are their amplitudes,
-        normalised by mass, and rates. Otherwise they are the modes of A, each pair as its real and
-        imaginary part.
+        normalised by mass, and rates. What `modes` counts as rigid has no stiffness then, to the
+        last digit. Otherwise they are the modes of A, each pair as its real and imaginary part.
 
         Of a scene that relaxes (`Viscoelastic`) the modes are those of the instantaneous stiffness.
         The arms of each time creep in the modes' own strains: one state for each mode and time,
@@ -223,19 +227,19 @@ class Linear(Named):
 
         Raises:
             ValueError: for a model in discrete time, for more modes than there are, and for rigid
-                motions (A singular) if K is not symmetric. For a scene that relaxes, whose K or D
-                is not symmetric.
+                motions if K is not symmetric, or if sections without rotary inertia are damped. For
+                a scene that relaxes, whose K or D is not symmetric.
         """
         self._continuous("reduced")
         boolean("static", static)
         n = self.A.shape[-1] - self.arms
         if check_count("count", count) > n // 2:
             raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
-        right, left = self._by_mass(count) or self._by_pairs(count)
+        right, left, A = self._by_mass(count) or self._by_pairs(count)
         arms = right.shape[-1] - 2 * count
         small = replace(
             self,
-            A=left @ self.A @ right,
+            A=A,
             B=left @ self.B,
             C=self.C @ right,
             reads=left @ self.reads,
@@ -330,9 +334,10 @@ class Linear(Named):
                 "wants continuous time"
             )
 
-    def _by_mass(self, count: int) -> tuple[Tensor, Tensor] | None:
-        """Basis of the slowest undamped modes: right (..., n, 2 count), left with left @ right = I;
-        None where mass, damping or stiffness is not symmetric.
+    def _by_mass(self, count: int) -> tuple[Tensor, Tensor, Tensor] | None:
+        """Basis of the slowest undamped modes: right (..., n, 2 count), left with left @ right = I,
+        and A in it, without the stiffness that rounding gives to rigid motions; None where mass,
+        damping or stiffness is not symmetric.
         """
         if self.mass is None:
             return None
@@ -348,18 +353,30 @@ class Linear(Named):
         shift = covering(mass.detach(), K.detach())
         if shift is None:
             return None
-        shapes = lowest(mass, K, shift, count)[1]
+        square, shapes, unknown = lowest(mass, K, shift, k)
+        rigid, shapes = unresisted(square, unknown, shift)[0][..., :count], shapes[..., :count]
         root = torch.linalg.cholesky(shapes.mT @ mass @ shapes)
-        right = torch.linalg.solve_triangular(root, shapes.mT, upper=False).mT
-        moves = tuple(block_diagonal(X, X) for X in (right, (mass @ right).mT))
-        if not self.arms:
-            return moves
-        creep = reduced_arms(self.A[..., 2 * k :, :k] @ right, self.A[..., 2 * k :, 2 * k :])
-        return tuple(block_diagonal(*parts) for parts in zip(moves, creep, strict=True))
+        shapes = torch.linalg.solve_triangular(root, shapes.mT, upper=False).mT
+        right, left = (block_diagonal(X, X) for X in (shapes, (mass @ shapes).mT))
+        if self.arms:
+            creep = self.A[..., 2 * k :, :k] @ shapes, self.A[..., 2 * k :, 2 * k :]
+            right, left = map(block_diagonal, (right, left), reduced_arms(*creep))
+        A = left @ self.A @ right
+        drag = A[..., count : 2 * count, count : 2 * count].diagonal(dim1=-2, dim2=-1).abs()
+        free = rigid & (drag <= SURE * rounding(mass, D, shapes))
+        # of moves, rates, arms: A has nothing in these rows, and columns, but of rates
+        rows, columns = (torch.zeros_like(A, dtype=torch.bool) for _ in "rc")
+        columns[..., :count] = rigid[..., None, :]
+        columns[..., count : 2 * count] = free[..., None, :]
+        columns[..., :count, count : 2 * count] = False
+        rows[..., count : 2 * count, :] = rigid[..., None]
+        rows[..., count : 2 * count, count : 2 * count] = free[..., None]
+        # 0, whose derivative need not be
+        return right, left, A - torch.where(rows | columns, A.detach(), 0.0)
 
-    def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
+    def _by_pairs(self, count: int) -> tuple[Tensor, Tensor, Tensor]:
         """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left
-        with left @ right = I.
+        with left @ right = I, and A in it.
         """
         if self.arms:
             raise ValueError(
@@ -369,14 +386,21 @@ class Linear(Named):
             )
         scale = balance(self.A)
         inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
-        if not torch.isfinite(inverse.detach()).all():
+        singular = not torch.isfinite(inverse.detach()).all()
+        if not singular:
+            eigenvalues, vectors = torch.linalg.eig(inverse)
+            size = eigenvalues.detach().abs()
+            # or rounding splits a double zero by its root; a model in single was one in double
+            rounded = torch.finfo(torch.float64).eps * self.A.detach().abs().amax((-2, -1))
+            singular = bool((size.amax(-1).square() * rounded > 1).any())
+        if singular:
             raise ValueError(
-                "a model with rigid motions and unsymmetric stiffness was given; supports that "
-                "hold the beam are wanted for its reduction"
+                "a model with rigid motions was given, whose stiffness is not symmetric or whose "
+                "sections creep without rotary inertia; supports that hold the beam, or a rotary "
+                "inertia, are wanted for its reduction"
             )
-        eigenvalues, vectors = torch.linalg.eig(inverse)
         # of 1/eigenvalue: one of each pair
-        size = torch.where(eigenvalues.detach().imag > 0, -1.0, eigenvalues.detach().abs())
+        size = torch.where(eigenvalues.detach().imag > 0, -1.0, size)
         chosen = size.sort(dim=-1, descending=True, stable=True)[1][..., :count]
         if (eigenvalues.detach().imag.gather(-1, chosen) == 0).any():
             raise ValueError(
@@ -387,7 +411,8 @@ class Linear(Named):
         right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)
         left = torch.view_as_real(inverse_unchecked(vectors).mT.gather(-1, at)).flatten(-2).mT
         sign = left.new_tensor([2.0, -2.0]).repeat(count)
-        return right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
+        right, left = right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
+        return right, left, left @ self.A @ right
 
 
 torch.serialization.add_safe_globals([Linear, Chart])
