@@ -16,18 +16,17 @@ from ..core.arguments import count as check_count
 from ..core.missing_name import ENVS, Named, by_word
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
-from ..math.block_matrices import balance, block_diagonal
-from ..math.dense import inverse_unchecked, solve_unchecked
-from ..math.quadratic_eigen import SURE, covering, lowest, rounding, unresisted
+from ..math.block_matrices import balance
+from ..math.dense import solve_unchecked
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .chart import Chart, Place
 from .chart_slopes import slopes
-from .elsewhere import array_of, labels, labels_of_states, state_space, write
-from .relaxing import reduced_arms
+from .elsewhere import array_of, columns_of, labels, labels_of_states, read, state_space, write
+from .reduction import by_mass, by_pairs, static_beside
 
-SYMMETRIC = 1e-6
+NEEDED = "A", "B", "C", "D", "dt", "output", "reads", "arms"
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Linear(Named):
         B: (..., n, m)
         C: (..., p, n)
         D: (..., p, m)
-        state: the equilibrium
+        state: the equilibrium; None of a model that `load` read, as is `space`
         output: (..., p): readings of the sensors there
         inputs: name -> its columns of B and D
         outputs: each sensor's rows of C and D
@@ -120,6 +119,11 @@ class Linear(Named):
     @property
     def charted(self) -> Chart:
         """The chart. Raises ValueError where there is none."""
+        if self.state is None:
+            raise ValueError(
+                "the state vector of a linear model from a file was asked for, which has matrices "
+                "alone; the model of linearize is wanted"
+            )
         if self.chart is None:
             raise ValueError(
                 "the state vector of a scene with an Interaction that has unknowns was asked for; "
@@ -144,10 +148,8 @@ class Linear(Named):
         Raises:
             ValueError: for a state of another form, mesh or dtype.
         """
-        state = of_mesh(state, self.state, "a state")
-        return (self.reads @ self.charted.coordinates(self.space.to_reduced(state))[..., None])[
-            ..., 0
-        ]
+        chart, state = self.charted, of_mesh(state, self.state, "a state")
+        return (self.reads @ chart.coordinates(self.space.to_reduced(state))[..., None])[..., 0]
 
     def state_at(self, z: Tensor) -> State:
         """The state with the departure z (..., n): the inverse of `departure`.
@@ -161,12 +163,13 @@ class Linear(Named):
         """
         z = finite("z", as_tensor(z, self.A.dtype, self.A.device))
         axis_last("z", z, self.A.shape[-1])
+        chart = self.charted
         near = replace(
             self.state,
             stress=torch.zeros_like(self.state.stress),
             reaction=torch.zeros_like(self.state.reaction),
         )
-        state = self.charted.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
+        state = chart.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
         return self.space.to_public(state).broadcast()
 
     def slopes(self, state: State, place: Place | None = None) -> tuple[Tensor, Tensor]:
@@ -235,7 +238,8 @@ class Linear(Named):
         n = self.A.shape[-1] - self.arms
         if check_count("count", count) > n // 2:
             raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
-        right, left, A = self._by_mass(count) or self._by_pairs(count)
+        basis = by_mass(self.A, self.mass, self.arms, count)
+        right, left, A = basis or by_pairs(self.A, self.arms, count)
         arms = right.shape[-1] - 2 * count
         small = replace(
             self,
@@ -252,19 +256,10 @@ class Linear(Named):
         if static and self.arms:
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
         elif static:
-            small = replace(small, D=small.D + self._static_beside(right, left, small.A))
+            small = replace(
+                small, D=small.D + static_beside((self.A, self.B, self.C), right, left, A)
+            )
         return small
-
-    def _static_beside(self, right: Tensor, left: Tensor, A: Tensor) -> Tensor:
-        """(..., p, m) steady response of all motions but those of a basis, in which these have A:
-        finite beside rigid motions, which are in the basis.
-        """
-        eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
-        rest = self.B - right @ (left @ self.B), self.C - (self.C @ right) @ left
-        scale = balance(self.A)
-        within = (right @ (eye + A) @ left - self.A) * scale[..., None, :] / scale[..., :, None]
-        moved = solve_unchecked(within, rest[0] / scale[..., :, None])
-        return rest[1] * scale[..., None, :] @ moved
 
     def response(self, omega: float | Tensor) -> Tensor:
         """Frequency response C (s I - A)^-1 B + D at s = i omega, complex.
@@ -288,8 +283,10 @@ class Linear(Named):
 
         The file holds A, B, C, D, and dt (s), 0 in continuous time. `output` (..., p) has the
         sensors' readings at the equilibrium, from which dy departs. `reads` gives z of the nodes'
-        moves. `inputs` has the name of each column of B and D ("u", or "u[2]" of several numbers).
-        Numbers of `more` follow by name: gains, the inputs at the equilibrium.
+        moves. `M` is the mass, where `reduced` knows modes by it, and `arms` is a number as here.
+        `inputs` has the name of each column of B and D ("u", or "u[2]" of several numbers),
+        `readings` that of each row of C. Numbers of `more` follow by name: gains, the inputs at the
+        equilibrium. `load` reads it.
 
         Returns:
             The path.
@@ -301,13 +298,55 @@ class Linear(Named):
             NotWritten: (an OSError) where the disk is full.
         """
         matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
-        matrices |= {"output": self.output, "reads": self.reads}
-        if twice := [name for name in more if name in matrices or name == "inputs"]:
+        matrices |= {"output": self.output, "reads": self.reads, "arms": self.arms}
+        matrices |= {} if self.mass is None else {"M": self.mass}
+        names = {"inputs": labels(self.inputs), "readings": list(self.readings)}
+        if twice := [name for name in more if name in matrices or name in names]:
             raise ValueError(
                 f"{twice[0]!r} was given to save, which the model has; another is wanted"
             )
         arrays = {name: array_of(name, value) for name, value in {**matrices, **more}.items()}
-        return write(path, arrays, {"inputs": labels(self.inputs)})
+        return write(path, arrays, names)
+
+    @classmethod
+    def load(cls, path: str | Path) -> tuple[Linear, dict[str, Tensor]]:
+        """Read a model that `save` wrote, and the numbers saved beside it, by name. In a .mat file
+        these have two axes at least.
+
+        The model has the matrices and names of the file, and no state: `departure` and `state_at`
+        want the model of `linearize`.
+
+        Raises:
+            ValueError: for another file.
+            ImportError: for .mat without scipy.
+
+        Examples:
+            >>> path = model.save("arm.npz", K=torch.ones(3, 48))
+            >>> again, more = tb.Linear.load(path)
+            >>> (again.A == model.A).all(), more["K"].shape
+            (tensor(True), torch.Size([3, 48]))
+        """
+        arrays, names = read(path, NEEDED, ("inputs", "readings"))
+        A, B, C, D, reads = (arrays.pop(name) for name in ("A", "B", "C", "D", "reads"))
+        nothing: Any = None  # of the equilibrium
+        dt = arrays.pop("dt").item()
+        model = cls(
+            A,
+            B,
+            C,
+            D,
+            state=nothing,
+            output=arrays.pop("output").reshape(C.shape[:-1]),
+            inputs=columns_of(names["inputs"]),
+            outputs=(slice(0, C.shape[-2]),),
+            reads=reads,
+            space=nothing,
+            dt=dt or None,
+            mass=arrays.pop("M", None),
+            arms=int(arrays.pop("arms").item()),
+            readings=tuple(names["readings"]),
+        )
+        return model, arrays
 
     def to_control(self) -> Any:
         """The same as a `control.StateSpace` of python-control (extra `control`), in float64 and
@@ -323,8 +362,10 @@ class Linear(Named):
                 f"to_control() of a model with the batch axes {shape} was asked for; it wants one "
                 "without"
             )
-        matrices, nodes = (self.A, self.B, self.C, self.D), self.state.position.shape[-2]
-        states = labels_of_states(self.reads, self.space, nodes)
+        states = [f"z[{k}]" for k in range(self.A.shape[-1])]
+        if self.state is not None:
+            states = labels_of_states(self.reads, self.space, self.state.position.shape[-2])
+        matrices = self.A, self.B, self.C, self.D
         return state_space(matrices, self.dt, labels(self.inputs), self.readings, states)
 
     def _continuous(self, what: str) -> None:
@@ -333,86 +374,6 @@ class Linear(Named):
                 f"{what}() of a model in discrete time (dt = {self.dt:g}) was asked for; it "
                 "wants continuous time"
             )
-
-    def _by_mass(self, count: int) -> tuple[Tensor, Tensor, Tensor] | None:
-        """Basis of the slowest undamped modes: right (..., n, 2 count), left with left @ right = I,
-        and A in it, without the stiffness that rounding gives to rigid motions; None where mass,
-        damping or stiffness is not symmetric.
-        """
-        if self.mass is None:
-            return None
-        k = self.mass.shape[-1]
-        rows = self.mass @ self.A[..., k : 2 * k, :]
-        K, D = -rows[..., :k], -rows[..., k : 2 * k]
-        if any(
-            (X - X.mT).detach().abs().amax() > SYMMETRIC * X.detach().abs().amax()
-            for X in (K, D, self.mass)
-        ):
-            return None
-        mass, K = (self.mass + self.mass.mT) / 2, (K + K.mT) / 2
-        shift = covering(mass.detach(), K.detach())
-        if shift is None:
-            return None
-        square, shapes, unknown = lowest(mass, K, shift, k)
-        rigid, shapes = unresisted(square, unknown, shift)[0][..., :count], shapes[..., :count]
-        root = torch.linalg.cholesky(shapes.mT @ mass @ shapes)
-        shapes = torch.linalg.solve_triangular(root, shapes.mT, upper=False).mT
-        right, left = (block_diagonal(X, X) for X in (shapes, (mass @ shapes).mT))
-        if self.arms:
-            creep = self.A[..., 2 * k :, :k] @ shapes, self.A[..., 2 * k :, 2 * k :]
-            right, left = map(block_diagonal, (right, left), reduced_arms(*creep))
-        A = left @ self.A @ right
-        drag = A[..., count : 2 * count, count : 2 * count].diagonal(dim1=-2, dim2=-1).abs()
-        free = rigid & (drag <= SURE * rounding(mass, D, shapes))
-        # of moves, rates, arms: A has nothing in these rows, and columns, but of rates
-        rows, columns = (torch.zeros_like(A, dtype=torch.bool) for _ in "rc")
-        columns[..., :count] = rigid[..., None, :]
-        columns[..., count : 2 * count] = free[..., None, :]
-        columns[..., :count, count : 2 * count] = False
-        rows[..., count : 2 * count, :] = rigid[..., None]
-        rows[..., count : 2 * count, count : 2 * count] = free[..., None]
-        # 0, whose derivative need not be
-        return right, left, A - torch.where(rows | columns, A.detach(), 0.0)
-
-    def _by_pairs(self, count: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left
-        with left @ right = I, and A in it.
-        """
-        if self.arms:
-            raise ValueError(
-                "a model of a scene that relaxes, by Viscoelastic, was asked for its reduction; "
-                "symmetric stiffness and damping are wanted there: no load that turns with the "
-                "beam, no air"
-            )
-        scale = balance(self.A)
-        inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
-        singular = not torch.isfinite(inverse.detach()).all()
-        if not singular:
-            eigenvalues, vectors = torch.linalg.eig(inverse)
-            size = eigenvalues.detach().abs()
-            # or rounding splits a double zero by its root; a model in single was one in double
-            rounded = torch.finfo(torch.float64).eps * self.A.detach().abs().amax((-2, -1))
-            singular = bool((size.amax(-1).square() * rounded > 1).any())
-        if singular:
-            raise ValueError(
-                "a model with rigid motions was given, whose stiffness is not symmetric or whose "
-                "sections creep without rotary inertia; supports that hold the beam, or a rotary "
-                "inertia, are wanted for its reduction"
-            )
-        # of 1/eigenvalue: one of each pair
-        size = torch.where(eigenvalues.detach().imag > 0, -1.0, size)
-        chosen = size.sort(dim=-1, descending=True, stable=True)[1][..., :count]
-        if (eigenvalues.detach().imag.gather(-1, chosen) == 0).any():
-            raise ValueError(
-                f"count = {count} was given; a motion among the slowest does not oscillate and "
-                "has no pair"
-            )
-        at = chosen[..., None, :].expand(*chosen.shape[:-1], self.A.shape[-1], count)
-        right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)
-        left = torch.view_as_real(inverse_unchecked(vectors).mT.gather(-1, at)).flatten(-2).mT
-        sign = left.new_tensor([2.0, -2.0]).repeat(count)
-        right, left = right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
-        return right, left, left @ self.A @ right
 
 
 torch.serialization.add_safe_globals([Linear, Chart])

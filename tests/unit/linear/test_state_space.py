@@ -293,7 +293,7 @@ def test_rigid_motions_that_cannot_be_reduced_are_named():
     """Without rotary inertia damped turns creep, and rounding alone tells the double zero."""
     thin = tb.Section.from_stiffness(EA=5e6, GA=2e6, GJ=1.0, EI=2.0, mass=0.2)
     free = tb.Scene(tb.Beam.straight(1.0, 4, thin), [tb.Damping(1e-4)], supports=[], plane="xy")
-    with pytest.raises(ValueError, match="rigid motions was given.*rotary inertia, are wanted"):
+    with pytest.raises(ValueError, match=r"rigid motions was given.*rotary inertia, are"):
         tb.linearize(free).reduced(4)
 
 
