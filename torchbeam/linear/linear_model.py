@@ -212,8 +212,8 @@ class Linear(Named):
         """Reduced model of the `count` slowest modes.
 
         If K and D are symmetric, these are the modes of the undamped beam: z are their amplitudes,
-        normalised by mass, and rates. What `modes` counts as rigid has no stiffness then, to the
-        last digit. Otherwise they are the modes of A, each pair as its real and imaginary part.
+        normalised by mass, and rates. Rigid motions, as `modes` counts them, have no stiffness
+        there, to the last digit. Otherwise they are the modes of A, each pair as its real and imaginary part.
 
         Of a scene that relaxes (`Viscoelastic`) the modes are those of the instantaneous stiffness.
         The arms of each time creep in the modes' own strains: one state for each mode and time,

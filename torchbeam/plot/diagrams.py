@@ -46,8 +46,8 @@ def diagram(
     F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
     moments (N m). All are in section axes. Bending moments stand on the side that they stretch; the
     others stand on the side of z, F2 on that of y. A resultant that is rounding beside the others
-    is zero. A beam with less than a thousandth of the largest value has no curve, and a 0. What
-    stands along one axis leaves the other to the values, without metres.
+    is zero. A beam with less than a thousandth of the largest value has no curve, and a 0. A
+    structure along one axis leaves the other to the values, without metres.
 
     Args:
         state: one sample, of the nodal form
