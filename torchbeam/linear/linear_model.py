@@ -213,7 +213,8 @@ class Linear(Named):
 
         If K and D are symmetric, these are the modes of the undamped beam: z are their amplitudes,
         normalised by mass, and rates. Rigid motions, as `modes` counts them, have no stiffness
-        there, to the last digit. Otherwise they are the modes of A, each pair as its real and imaginary part.
+        there, to the last digit. Otherwise they are the modes of A, each pair as its real and
+        imaginary part.
 
         Of a scene that relaxes (`Viscoelastic`) the modes are those of the instantaneous stiffness.
         The arms of each time creep in the modes' own strains: one state for each mode and time,
