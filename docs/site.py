@@ -99,7 +99,7 @@ MEMBERS = {
     "MovingHorizon": ("smooth",),
     "Filtered": ("unknown", "interval", "reading", "covariance", "unseen", "doubt"),
     "Path": (),
-    "Linear": ("departure", "state_at", "discrete", "reduced", "response"),
+    "Linear": ("departure", "state_at", "discrete", "reduced", "response", "save", "load"),
     "MixedState": ("node",),
     "Stream": ("all", "error", "mean_interval", "quantile", "exceedance", "histogram"),
     "BatchSubset": ("gather", "scatter", "take", "put"),

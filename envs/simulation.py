@@ -264,6 +264,13 @@ class Simulation:
         tip = None if self.observer.tip is None else seen[:, self.observer.tip]
         parts = self.task.target_observation(now, tip), seen
         whole = torch.cat((*parts, now.pending.flatten(1)) if self.config.delay else parts, -1)
+        if whole.shape[-1] != self.bounds[1].shape[-1]:
+            more = self.bounds[1].shape[-1] - whole.shape[-1] + parts[0].shape[-1]
+            raise ValueError(
+                f"target_high of {more} numbers was given for a target_observation of "
+                f"{parts[0].shape[-1]}; as many are wanted (of a vector in a plane "
+                "`self.directions`)"
+            )
         return whole.clamp(*self.bounds)
 
     def _values(self, given: dict[str, Tensor], rows: Tensor) -> dict[str, Tensor]:

@@ -380,8 +380,9 @@ class Task:
         axes_across = [i for i in (1, 2) if normal is None or abs(frame[normal, i]) < ALIGNED]
         if normal is not None and len(axes_across) != 1:
             raise ValueError(
-                "planar = True was given for a beam whose tip has not one axis in the plane "
-                f"{self.plane!r}"
+                f"planar = True was given, by which {type(self).__name__} moves in the plane "
+                f"{self.plane!r}, for a beam whose tip section has not one axis there; a beam in "
+                "that plane, PLANE = 'xz' or 'xy' in the task's class, or planar = False is wanted"
             )
         if len(force) == 2:
             force = [force[i - 1] for i in axes_across]

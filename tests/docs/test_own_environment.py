@@ -124,6 +124,41 @@ def test_the_gradient_is_that_of_differences(arm):
             )
 
 
+def test_in_a_plane_it_moves_as_in_space(arm):
+    """`planar=True` leaves one action: in space the other is 0. Without PLANE the sentence says
+    what is wanted, and a `target_high` of another size what was.
+    """
+    ways = {planar: arm.ArmVectorEnv(1, elements=2, planar=planar) for planar in (True, False)}
+    for env in ways.values():
+        env.reset(seed=0)
+    assert ways[True].single_action_space.shape == (1,)
+    for _ in range(4):
+        ways[True].step(np.array([[0.7]]))
+        ways[False].step(np.array([[0.7, 0.0]]))
+    flat, tip = (env.state.beam.tip.position for env in ways.values())
+    assert abs(tip[0, 0]) > 0.005
+    torch.testing.assert_close(flat, tip, rtol=0, atol=1e-9)
+
+    class Across(arm.ArmReach):
+        PLANE = "xy"
+
+    class AcrossVectorEnv(arm.BeamVectorEnv):
+        task_type = Across
+
+    with pytest.raises(ValueError, match=r"in the plane 'xy'.*PLANE = 'xz' or 'xy' .* is wanted"):
+        AcrossVectorEnv(1, planar=True)
+
+    class Tall(arm.ArmReach):
+        def target_high(self):
+            return np.full(3, 4.0)
+
+    class TallVectorEnv(arm.BeamVectorEnv):
+        task_type = Tall
+
+    with pytest.raises(ValueError, match=r"target_high .* 3 .* target_observation .* 2"):
+        TallVectorEnv(1, elements=2, planar=True).reset(seed=0)
+
+
 def test_pictures(arm):
     pytest.importorskip("pygame")
     env = arm.ArmEnv(render_mode="rgb_array", elements=2)

@@ -86,6 +86,11 @@ def load(path: str | Path, *, scene: Scene | None = None) -> Any:
         torch.Size([6, 3])
     """
     path = files.path_of("path", path)
+    if path.suffix in (".npz", ".mat"):
+        raise ValueError(
+            f"the file {str(path)!r} was given to load, which reads states and solutions; "
+            "torchbeam.Linear.load, or numpy and scipy, is wanted"
+        )
     if scene is not None:
         instance("scene", scene, Scene)
     content = files.load(path, KIND, FORMAT, "saved state or solution")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from ..core import files
 from ..core.validation import as_tensor, refusal, shown
 from ..nodal.coordinates.spatial import Spatial
 
+SEVERAL = re.compile(r"(.+)\[\d+\]", re.DOTALL)
 LONGEST = 31  # letters of a name that every release of MATLAB reads
 
 
@@ -27,6 +29,16 @@ def labels(columns: Mapping[str, slice]) -> list[str]:
         size = place.stop - place.start
         found += [name] if size == 1 else [f"{name}[{i}]" for i in range(size)]
     return found
+
+
+def columns_of(labelled: Sequence[str]) -> dict[str, slice]:
+    """The columns of inputs, by their `labels`."""
+    columns: dict[str, slice] = {}
+    for k, label in enumerate(labelled):
+        several = SEVERAL.fullmatch(label)
+        name = several[1] if several else label
+        columns[name] = slice(columns[name].start if name in columns else k, k + 1)
+    return columns
 
 
 def labels_of_readings(sensors: Sequence[Any], rows: Sequence[slice]) -> tuple[str, ...]:
@@ -72,14 +84,10 @@ def write(
     for another ending or no such folder, ImportError for .mat without scipy, NotWritten.
     """
     path = files.file_of("path", path, ".npz", ".mat", of=" for a linear model")
-    if path.suffix == ".mat":
-        try:
-            from scipy.io import savemat
-        except ImportError:
-            raise ImportError("a .mat file wants scipy: pip install 'torchbeam[control]'") from None
+    savemat = _scipy().savemat if path.suffix == ".mat" else None
     files.folder(path.parent)
     with files.written(path, path.suffix) as part:
-        if path.suffix == ".npz":
+        if savemat is None:
             labelled = {k: np.array(v, dtype=str) for k, v in names.items()}
             with ZipFile(part, "w") as archive:  # savez takes no array of the name "file"
                 for name, array in {**arrays, **labelled}.items():
@@ -89,6 +97,45 @@ def write(
             cells = {k: np.array(v, dtype=object) for k, v in names.items()}
             savemat(part, {**arrays, **cells}, oned_as="column")
     return path
+
+
+def read(
+    path: str | Path, needed: Sequence[str], names: Sequence[str]
+) -> tuple[dict[str, Tensor], dict[str, list[str]]]:
+    """Arrays, among them the `needed`, and the lists of these names of a file that `write` wrote;
+    in a .mat file arrays have two axes at least. It runs no code of the file's. Raises ValueError
+    for another file, ImportError for .mat without scipy.
+    """
+    path = files.file_of("path", path, ".npz", ".mat", of=" for a linear model")
+    try:
+        if path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as file:
+                content = dict(file)
+        else:
+            content = _scipy().loadmat(path)
+            content = {name: x for name, x in content.items() if not name.startswith("__")}
+            content |= {name: [cell[0] for cell in content[name].ravel()] for name in names}
+        lists = {name: [str(x) for x in content.pop(name)] for name in names}
+        arrays = {name: torch.from_numpy(np.array(x, order="C")) for name, x in content.items()}
+        return {name: arrays.pop(name) for name in needed} | arrays, lists
+    except ImportError:
+        raise
+    except OSError as error:
+        sentence = f"which cannot be read ({files.reason(error)})"
+    except Exception:  # of another file numpy and scipy may raise anything
+        sentence = "which is no linear model of this version"
+    raise ValueError(
+        f"the file {str(path)!r} was given, {sentence}; one that Linear.save wrote is wanted"
+    )
+
+
+def _scipy() -> Any:
+    """scipy.io. Raises ImportError without scipy."""
+    try:
+        import scipy.io
+    except ImportError:
+        raise ImportError("a .mat file wants scipy: pip install 'torchbeam[control]'") from None
+    return scipy.io
 
 
 def state_space(

@@ -16,18 +16,18 @@ from ..core.arguments import count as check_count
 from ..core.missing_name import ENVS, Named, by_word
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite
-from ..math.block_matrices import balance, block_diagonal
-from ..math.dense import inverse_unchecked, solve_unchecked
-from ..math.quadratic_eigen import covering, lowest
+from ..math.block_matrices import balance
+from ..math.dense import solve_unchecked
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .chart import Chart, Place
 from .chart_slopes import slopes
-from .elsewhere import array_of, labels, labels_of_states, state_space, write
-from .relaxing import reduced_arms, refuse_rigid_motions
+from .elsewhere import array_of, columns_of, labels, labels_of_states, read, state_space, write
+from .reduction import by_mass, by_pairs, static_beside
+from .relaxing import refuse_rigid_motions
 
-SYMMETRIC = 1e-6
+NEEDED = "A", "B", "C", "D", "dt", "output", "reads", "arms"
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Linear(Named):
         B: (..., n, m)
         C: (..., p, n)
         D: (..., p, m)
-        state: the equilibrium
+        state: the equilibrium; None of a model that `load` read, as is `space`
         output: (..., p): readings of the sensors there
         inputs: name -> its columns of B and D
         outputs: each sensor's rows of C and D
@@ -110,12 +110,21 @@ class Linear(Named):
 
     @property
     def poles(self) -> Tensor:
-        """(..., n) eigenvalues of A, complex: 1/s, of a model in discrete time a factor a step."""
+        """(..., n) eigenvalues of A, complex: 1/s, of a model in discrete time a factor a step.
+
+        Rounding splits the double zero of a rigid motion into two small ones, about the root of
+        eps |A|, and one may have a positive real part. `reduced` has zeros, as `modes` has.
+        """
         return torch.linalg.eigvals(self.A)
 
     @property
     def charted(self) -> Chart:
         """The chart. Raises ValueError where there is none."""
+        if self.state is None:
+            raise ValueError(
+                "the state vector of a linear model from a file was asked for, which has matrices "
+                "alone; the model of linearize is wanted"
+            )
         if self.chart is None:
             raise ValueError(
                 "the state vector of a scene with an Interaction that has unknowns was asked for; "
@@ -140,10 +149,8 @@ class Linear(Named):
         Raises:
             ValueError: for a state of another form, mesh or dtype.
         """
-        state = of_mesh(state, self.state, "a state")
-        return (self.reads @ self.charted.coordinates(self.space.to_reduced(state))[..., None])[
-            ..., 0
-        ]
+        chart, state = self.charted, of_mesh(state, self.state, "a state")
+        return (self.reads @ chart.coordinates(self.space.to_reduced(state))[..., None])[..., 0]
 
     def state_at(self, z: Tensor) -> State:
         """The state with the departure z (..., n): the inverse of `departure`.
@@ -157,12 +164,13 @@ class Linear(Named):
         """
         z = finite("z", as_tensor(z, self.A.dtype, self.A.device))
         axis_last("z", z, self.A.shape[-1])
+        chart = self.charted
         near = replace(
             self.state,
             stress=torch.zeros_like(self.state.stress),
             reaction=torch.zeros_like(self.state.reaction),
         )
-        state = self.charted.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
+        state = chart.moved(self.space.to_reduced(near), (self.moves @ z[..., None])[..., 0])
         return self.space.to_public(state).broadcast()
 
     def slopes(self, state: State, place: Place | None = None) -> tuple[Tensor, Tensor]:
@@ -205,7 +213,8 @@ class Linear(Named):
         """Reduced model of the `count` slowest modes.
 
         If K and D are symmetric, these are the modes of the undamped beam: z are their amplitudes,
-        normalised by mass, and rates. Otherwise they are the modes of A, each pair as its real and
+        normalised by mass, and rates. Rigid motions, as `modes` counts them, have no stiffness
+        there, to the last digit. Otherwise they are the modes of A, each pair as its real and
         imaginary part.
 
         Of a scene that relaxes (`Viscoelastic`) the modes are those of the instantaneous stiffness.
@@ -222,19 +231,21 @@ class Linear(Named):
 
         Raises:
             ValueError: for a model in discrete time, for more modes than there are, and for rigid
-                motions (A singular) if K is not symmetric. For a scene that relaxes, whose K or D
-                is not symmetric, and with `static` for its rigid motions.
+                motions if K is not symmetric, or if sections without rotary inertia are damped. For
+                a scene that relaxes, whose K or D is not symmetric, and with `static` for its rigid
+                motions.
         """
         self._continuous("reduced")
         boolean("static", static)
         n = self.A.shape[-1] - self.arms
         if check_count("count", count) > n // 2:
             raise ValueError(f"count = {count} was given; the model has {n // 2} modes")
-        right, left = self._by_mass(count) or self._by_pairs(count)
+        basis = by_mass(self.A, self.mass, self.arms, count)
+        right, left, A = basis or by_pairs(self.A, self.arms, count)
         arms = right.shape[-1] - 2 * count
         small = replace(
             self,
-            A=left @ self.A @ right,
+            A=A,
             B=left @ self.B,
             C=self.C @ right,
             reads=left @ self.reads,
@@ -248,19 +259,10 @@ class Linear(Named):
             refuse_rigid_motions(self.mass, self.A, right[..., : self.mass.shape[-1], :count])
             small = replace(small, D=small.D + self.response(0.0).real - small.response(0.0).real)
         elif static:
-            small = replace(small, D=small.D + self._static_beside(right, left, small.A))
+            small = replace(
+                small, D=small.D + static_beside((self.A, self.B, self.C), right, left, A)
+            )
         return small
-
-    def _static_beside(self, right: Tensor, left: Tensor, A: Tensor) -> Tensor:
-        """(..., p, m) steady response of all motions but those of a basis, in which these have A:
-        finite beside rigid motions, which are in the basis.
-        """
-        eye = torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
-        rest = self.B - right @ (left @ self.B), self.C - (self.C @ right) @ left
-        scale = balance(self.A)
-        within = (right @ (eye + A) @ left - self.A) * scale[..., None, :] / scale[..., :, None]
-        moved = solve_unchecked(within, rest[0] / scale[..., :, None])
-        return rest[1] * scale[..., None, :] @ moved
 
     def response(self, omega: float | Tensor) -> Tensor:
         """Frequency response C (s I - A)^-1 B + D at s = i omega, complex.
@@ -284,8 +286,10 @@ class Linear(Named):
 
         The file holds A, B, C, D, and dt (s), 0 in continuous time. `output` (..., p) has the
         sensors' readings at the equilibrium, from which dy departs. `reads` gives z of the nodes'
-        moves. `inputs` has the name of each column of B and D ("u", or "u[2]" of several numbers).
-        Numbers of `more` follow by name: gains, the inputs at the equilibrium.
+        moves. `M` is the mass, where `reduced` knows modes by it, and `arms` is a number as here.
+        `inputs` has the name of each column of B and D ("u", or "u[2]" of several numbers),
+        `readings` that of each row of C. Numbers of `more` follow by name: gains, the inputs at the
+        equilibrium. `load` reads it.
 
         Returns:
             The path.
@@ -297,13 +301,55 @@ class Linear(Named):
             NotWritten: (an OSError) where the disk is full.
         """
         matrices = {"A": self.A, "B": self.B, "C": self.C, "D": self.D, "dt": self.dt or 0.0}
-        matrices |= {"output": self.output, "reads": self.reads}
-        if twice := [name for name in more if name in matrices or name == "inputs"]:
+        matrices |= {"output": self.output, "reads": self.reads, "arms": self.arms}
+        matrices |= {} if self.mass is None else {"M": self.mass}
+        names = {"inputs": labels(self.inputs), "readings": list(self.readings)}
+        if twice := [name for name in more if name in matrices or name in names]:
             raise ValueError(
                 f"{twice[0]!r} was given to save, which the model has; another is wanted"
             )
         arrays = {name: array_of(name, value) for name, value in {**matrices, **more}.items()}
-        return write(path, arrays, {"inputs": labels(self.inputs)})
+        return write(path, arrays, names)
+
+    @classmethod
+    def load(cls, path: str | Path) -> tuple[Linear, dict[str, Tensor]]:
+        """Read a model that `save` wrote, and the numbers saved beside it, by name. In a .mat file
+        these have two axes at least.
+
+        The model has the matrices and names of the file, and no state: `departure` and `state_at`
+        want the model of `linearize`.
+
+        Raises:
+            ValueError: for another file.
+            ImportError: for .mat without scipy.
+
+        Examples:
+            >>> path = model.save("arm.npz", K=torch.ones(3, 48))
+            >>> again, more = tb.Linear.load(path)
+            >>> (again.A == model.A).all(), more["K"].shape
+            (tensor(True), torch.Size([3, 48]))
+        """
+        arrays, names = read(path, NEEDED, ("inputs", "readings"))
+        A, B, C, D, reads = (arrays.pop(name) for name in ("A", "B", "C", "D", "reads"))
+        nothing: Any = None  # of the equilibrium
+        dt = arrays.pop("dt").item()
+        model = cls(
+            A,
+            B,
+            C,
+            D,
+            state=nothing,
+            output=arrays.pop("output").reshape(C.shape[:-1]),
+            inputs=columns_of(names["inputs"]),
+            outputs=(slice(0, C.shape[-2]),),
+            reads=reads,
+            space=nothing,
+            dt=dt or None,
+            mass=arrays.pop("M", None),
+            arms=int(arrays.pop("arms").item()),
+            readings=tuple(names["readings"]),
+        )
+        return model, arrays
 
     def to_control(self) -> Any:
         """The same as a `control.StateSpace` of python-control (extra `control`), in float64 and
@@ -319,8 +365,10 @@ class Linear(Named):
                 f"to_control() of a model with the batch axes {shape} was asked for; it wants one "
                 "without"
             )
-        matrices, nodes = (self.A, self.B, self.C, self.D), self.state.position.shape[-2]
-        states = labels_of_states(self.reads, self.space, nodes)
+        states = [f"z[{k}]" for k in range(self.A.shape[-1])]
+        if self.state is not None:
+            states = labels_of_states(self.reads, self.space, self.state.position.shape[-2])
+        matrices = self.A, self.B, self.C, self.D
         return state_space(matrices, self.dt, labels(self.inputs), self.readings, states)
 
     def _continuous(self, what: str) -> None:
@@ -329,65 +377,6 @@ class Linear(Named):
                 f"{what}() of a model in discrete time (dt = {self.dt:g}) was asked for; it "
                 "wants continuous time"
             )
-
-    def _by_mass(self, count: int) -> tuple[Tensor, Tensor] | None:
-        """Basis of the slowest undamped modes: right (..., n, 2 count), left with left @ right = I;
-        None where mass, damping or stiffness is not symmetric.
-        """
-        if self.mass is None:
-            return None
-        k = self.mass.shape[-1]
-        rows = self.mass @ self.A[..., k : 2 * k, :]
-        K, D = -rows[..., :k], -rows[..., k : 2 * k]
-        if any(
-            (X - X.mT).detach().abs().amax() > SYMMETRIC * X.detach().abs().amax()
-            for X in (K, D, self.mass)
-        ):
-            return None
-        mass, K = (self.mass + self.mass.mT) / 2, (K + K.mT) / 2
-        shift = covering(mass.detach(), K.detach())
-        if shift is None:
-            return None
-        shapes = lowest(mass, K, shift, count)[1]
-        root = torch.linalg.cholesky(shapes.mT @ mass @ shapes)
-        right = torch.linalg.solve_triangular(root, shapes.mT, upper=False).mT
-        moves = tuple(block_diagonal(X, X) for X in (right, (mass @ right).mT))
-        if not self.arms:
-            return moves
-        creep = reduced_arms(self.A[..., 2 * k :, :k] @ right, self.A[..., 2 * k :, 2 * k :])
-        return tuple(block_diagonal(*parts) for parts in zip(moves, creep, strict=True))
-
-    def _by_pairs(self, count: int) -> tuple[Tensor, Tensor]:
-        """Basis by the largest eigenvalues of A^-1, one of each pair: right (..., n, 2 count), left
-        with left @ right = I.
-        """
-        if self.arms:
-            raise ValueError(
-                "a model of a scene that relaxes, by Viscoelastic, was asked for its reduction; "
-                "symmetric stiffness and damping are wanted there: no load that turns with the "
-                "beam, no air"
-            )
-        scale = balance(self.A)
-        inverse = inverse_unchecked(self.A * scale[..., None, :] / scale[..., :, None])
-        if not torch.isfinite(inverse.detach()).all():
-            raise ValueError(
-                "a model with rigid motions and unsymmetric stiffness was given; supports that "
-                "hold the beam are wanted for its reduction"
-            )
-        eigenvalues, vectors = torch.linalg.eig(inverse)
-        # of 1/eigenvalue: one of each pair
-        size = torch.where(eigenvalues.detach().imag > 0, -1.0, eigenvalues.detach().abs())
-        chosen = size.sort(dim=-1, descending=True, stable=True)[1][..., :count]
-        if (eigenvalues.detach().imag.gather(-1, chosen) == 0).any():
-            raise ValueError(
-                f"count = {count} was given; a motion among the slowest does not oscillate and "
-                "has no pair"
-            )
-        at = chosen[..., None, :].expand(*chosen.shape[:-1], self.A.shape[-1], count)
-        right = torch.view_as_real(vectors.gather(-1, at)).flatten(-2)
-        left = torch.view_as_real(inverse_unchecked(vectors).mT.gather(-1, at)).flatten(-2).mT
-        sign = left.new_tensor([2.0, -2.0]).repeat(count)
-        return right * scale[..., :, None], sign[:, None] * left / scale[..., None, :]
 
 
 torch.serialization.add_safe_globals([Linear, Chart])

@@ -176,9 +176,7 @@ def _symmetric(
     if found is None:
         return None
     square, vectors, unknown = found
-    unknown = unknown + _of_shift(shift)
-    apart = _apart(square.clamp(min=0), unknown)
-    none = (square.abs() < unknown) | apart & (square < 0) & (-square <= SURE * unknown)
+    none, unknown, apart = unresisted(square, unknown, shift)
     square = torch.where(none, 0.0, square)
     gap = (square[..., 1:] - square[..., :-1]).abs()
     near = gap <= DISTINCT * square[..., :-1].abs()
@@ -193,6 +191,16 @@ def _symmetric(
         (unknown / (2 * square.abs()))[..., :count],
         apart[..., :count],
     )
+
+
+def unresisted(square: Tensor, unknown: Tensor, shift: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Of squares (..., m) of eigenvalues by a `covering` shift, and their `rounding`: which are
+    zero but for rounding, (..., m) bool; their rounding with the shift's; and `Pairs.apart`.
+    """
+    unknown = unknown + _of_shift(shift)
+    apart = _apart(square.clamp(min=0), unknown)
+    none = (square.abs() < unknown) | apart & (square < 0) & (-square <= SURE * unknown)
+    return none, unknown, apart
 
 
 def _upper(value: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ from ..core.arguments import boolean, choice, instance, tolerance
 from ..scene.scene import Scene
 from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
-from .canvas import GREY, Axes, numbers, written_number
+from .canvas import GREY, Axes, is_3d, numbers, written_number
 from .limits import even, extent, prepared
 from .shapes import EDGE_ON
 from .symbols import Symbols
@@ -20,6 +20,10 @@ from .symbols import Symbols
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
 SIDES = {"F1": (2, 1), "F2": (1, 1), "F3": (2, 1), "M1": (2, 1), "M2": (2, 1), "M3": (1, -1)}
 FEW = 0.02  # of the largest value: what is less, or as near to another, is not written
+LITTLE = 1e-3  # of it: a beam with less has no curve, and is written 0
+OUTWARD, FONT = 5.0, 8.0  # points: from a curve to a value; of its letters
+ROOM = 0.2  # of the largest value, beside it
+STRAIGHT = 0.05  # of its size: what is as flat stands along one axis
 # of the largest force, or of its moment across what is drawn, times the root of eps: what is less
 # is what rounding leaves of zero
 NOTHING = 10.0
@@ -42,7 +46,8 @@ def diagram(
     F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
     moments (N m). All are in section axes. Bending moments stand on the side that they stretch; the
     others stand on the side of z, F2 on that of y. A resultant that is rounding beside the others
-    is zero.
+    is zero. A beam with less than a thousandth of the largest value has no curve, and a 0. A
+    structure along one axis leaves the other to the values, without metres.
 
     Args:
         state: one sample, of the nodal form
@@ -85,13 +90,18 @@ def diagram(
         foot = _by_interval(axis_curve(x[None], R[None, :, :, 0])[0])
         way = _by_interval(axis_curve(R[None, ..., column], torch.zeros_like(x)[None])[0])
         top = foot + scale * value[..., None] * way
-        _draw(ax, foot[..., seen], top[..., seen])
-        if values:
-            _write(ax, top[..., seen], value, FEW * most)
+        foot, top, zero = foot[..., seen], top[..., seen], value.abs().max() <= LITTLE * most
+        _draw(ax, foot, foot if zero else top)
+        if values and zero:
+            _value(ax, foot[len(foot) // 2, 0 if len(foot) % 2 == 0 else POINTS // 2], 0.0)
+        elif values:
+            _write(ax, foot, top, value, FEW * most)
     if symbols:
         Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
     ax.set_title(f"{resultant} / {'N' if resultant[0] == 'F' else 'N m'}")
-    return even(ax, seen)
+    even(ax, seen)
+    _values_alone(ax, seen, position, size)
+    return ax
 
 
 def _by_interval(curve: Tensor) -> Tensor:
@@ -118,19 +128,60 @@ def _along(told: Tensor, order: int) -> Tensor:
 
 
 def _draw(ax: Axes, base: Tensor, top: Tensor) -> None:
-    """The beam's axis, the curve (intervals, points, 2 or 3), and lines from one to the other."""
+    """The beam's axis, the curve (intervals, points, 2 or 3) where it is another, and lines from
+    one to the other.
+    """
     ax.plot(*numbers(base.flatten(0, 1)).T, color=GREY, lw=1.5)
+    if top is base:
+        return
     closed = torch.cat((base[:1, 0], top.flatten(0, 1), base[-1:, -1]))
     ax.plot(*numbers(closed).T, color="C0", lw=1.5)
     for foot, end in zip(base[:, ::2].flatten(0, 1), top[:, ::2].flatten(0, 1), strict=True):
         ax.plot(*numbers(torch.stack((foot, end))).T, color="C0", lw=0.5, alpha=0.5)
 
 
-def _write(ax: Axes, top: Tensor, value: Tensor, least: Tensor) -> None:
+def _write(ax: Axes, base: Tensor, top: Tensor, value: Tensor, least: Tensor) -> None:
     """Values at the ends of a beam and at its extremes, each once, that are not next to nothing."""
-    top, value, written = top.flatten(0, 1), value.flatten(), [0.0]
+    base, top, value, written = base.flatten(0, 1), top.flatten(0, 1), value.flatten(), [0.0]
     for k in (0, len(value) - 1, int(value.argmax()), int(value.argmin())):
         number = value[k].item()
         if all(abs(number - other) > least for other in written):
             written.append(number)
-            ax.text(*top[k].tolist(), written_number(number), fontsize=8)
+            _value(ax, top[k], number, top[k] - base[k])
+
+
+def _value(ax: Axes, at: Tensor, number: float, outward: Tensor | None = None) -> None:
+    """A number beside a point (2,) m, on the side of a way `outward`; at a point (3,)."""
+    if is_3d(ax):
+        ax.text(*at.tolist(), written_number(number), fontsize=FONT)
+        return
+    x = y = 0.0
+    if outward is not None:
+        x, y = (outward / outward.norm()).tolist()
+        ax.update_datalim([(at + ROOM * outward).tolist()])  # room for it
+    ax.annotate(
+        written_number(number),
+        at.tolist(),
+        (OUTWARD * x, OUTWARD * y),
+        textcoords="offset points",
+        fontsize=FONT,
+        ha=_side(x, "left", "right"),
+        va=_side(y, "bottom", "top"),
+        bbox=dict(facecolor="white", edgecolor="none", alpha=0.7, pad=0.5),
+        annotation_clip=False,
+    )
+
+
+def _side(way: float, ahead: str, behind: str) -> str:
+    """Where a text is held that lies beside a point."""
+    return "center" if abs(way) < 0.4 else ahead if way > 0 else behind
+
+
+def _values_alone(ax: Axes, seen: list[int], position: Tensor, size: float) -> None:
+    """Without metres along the axis across what stands along the other."""
+    if not is_3d(ax):
+        wide, high = (position[..., i].max() - position[..., i].min() for i in seen)
+        if high < STRAIGHT * size:
+            ax.set(ylabel="", yticks=[])
+        elif wide < STRAIGHT * size:
+            ax.set(xlabel="", xticks=[])

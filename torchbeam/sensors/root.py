@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ..core.arguments import whole
 from ..core.functions_of_time import shared
 from ..core.leaves import option
 from ..nodal.conditions import conditions
 from ..nodal.loads import external
 from ..scene.effects import RootSpring
+from ..scene.parts import Place, check_node
 from ..state.state import State
 from .sensor import XYZ, OfScene, Sensor
 
@@ -92,20 +92,24 @@ class Reaction(Sensor):
     They are the state's own (see `State`).
 
     Args:
-        support: its place in `scene.supports`, which are in the order given
+        support: its place in `scene.supports`, which are in the order given; in a structure also
+            the node that it holds, (name, node) or a body's name
 
     Examples:
         >>> tb.sensors.Reaction(0)(tb.equilibrium(scene))[2]  # N of the clamp, then N m
         tensor(-2.)
     """
 
-    support: int = option(whole)
+    support: Place = option(check_node)
     unit = "N, N m"
     labels = RootReaction.labels
 
     @property
     def name(self) -> str:
-        return f"reaction of support {self.support}"
+        at = self.support
+        if isinstance(at, tuple):
+            at = f"{at[0]} node {at[1]}"
+        return f"reaction of {at if isinstance(at, str) else f'support {at}'}"
 
     def read(self, state: Any) -> Tensor:
         if not isinstance(state, State):

@@ -239,8 +239,18 @@ class State(Instant):
             )
         return self.reaction_of(nodes.index(0))
 
-    def reaction_of(self, support: int) -> Reaction:
-        """Load of support k of `scene.supports`, which are in the order given."""
+    def reaction_of(self, support: Any) -> Reaction:
+        """Load of support k of `scene.supports`, which are in the order given; in a structure also
+        of the one at a node, (name, node) or a body's name. Raises ValueError where there is none.
+        """
+        if isinstance(support, (str, tuple)):
+            row, held = row_of(self.parts, support, "support"), self.supports or ()
+            if row not in held:
+                raise ValueError(
+                    f"support = {support!r} was given, a node that no support holds; a node that "
+                    "one holds, or its place in supports=, is wanted"
+                )
+            support = held.index(row)
         k = place("support", support, self.reaction.shape[-2], "there are the supports")
         return Reaction(*self.reaction[..., k, :].split(3, -1))
 

@@ -57,6 +57,47 @@ def test_a_loop_of_numpy_by_the_file_moves_as_the_model_does(ending, tmp_path):
 
 
 @pytest.mark.parametrize("ending", [".npz", ".mat"])
+@pytest.mark.parametrize("batch", [(), (3,)])
+def test_a_model_comes_back_from_its_file_to_the_last_digit(ending, batch, tmp_path):
+    """All numbers and names, gains of float32, and what follows from the mass; no state."""
+    pytest.importorskip("scipy")
+    whole, K = model(batch), torch.rand(2, 12)
+    for saved in (whole, whole.reduced(2, static=True).discrete(DT)):
+        path = saved.save(tmp_path / f"strip{ending}", K=K, gate=0.5)
+        again, more = tb.Linear.load(path)
+        for name in ("A", "B", "C", "D", "output", "reads", "mass"):
+            ours, theirs = getattr(saved, name), getattr(again, name)
+            assert (ours is None and theirs is None) or torch.equal(ours, theirs)
+        for name in ("dt", "inputs", "readings", "arms"):
+            assert getattr(again, name) == getattr(saved, name)
+        assert list(more) == ["K", "gate"] and torch.equal(more["K"], K) and more["gate"] == 0.5
+        assert torch.equal(again.response(3.0), saved.response(3.0))
+        with pytest.raises(ValueError, match="model of linearize is wanted"):
+            again.departure(whole.state)
+    again, _ = tb.Linear.load(whole.save(tmp_path / f"whole{ending}"))
+    assert torch.equal(again.reduced(2).A, whole.reduced(2).A)
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat"])
+def test_other_files_are_no_linear_models(ending, tmp_path):
+    path = tmp_path / f"other{ending}"
+    with pytest.raises(ValueError, match="cannot be read"):
+        tb.Linear.load(path)
+    path.write_bytes(b"no archive")
+    with pytest.raises(ValueError, match="no linear model"):
+        tb.Linear.load(path)
+    with open(path, "wb") as file:
+        if ending == ".npz":
+            np.savez(file, A=np.eye(2))
+        else:
+            pytest.importorskip("scipy.io").savemat(file, dict(A=np.eye(2)))
+    with pytest.raises(ValueError, match="no linear model"):
+        tb.Linear.load(path)
+    with pytest.raises(ValueError, match=r"Linear.load.* is wanted"):
+        tb.load(path)
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat"])
 def test_names_that_writers_have_arguments_of(ending, tmp_path):
     more = {"file": (1.0, 2.0), "allow_pickle": 3.0, "arr_0": 4.0, "appendmat": 5.0}
     content, _ = read(model().save(tmp_path / f"strip{ending}", **more))

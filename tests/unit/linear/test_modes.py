@@ -272,3 +272,20 @@ def test_small_motions_are_damped_by_drag_in_a_flow():
     alone = ratios()
     assert (alone > 0.1).all()
     torch.testing.assert_close(alone, ratios(tb.Spring(1, 0.0, (0.3, 0.2, 0.1))), rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("elements", "order", "percent"),
+    [(16, 1, (-0.03, 0.43, 1.50, 3.28)), (8, 2, (0.0, 0.0, 0.0, 0.05))],
+)
+def test_frequencies_of_a_mesh_are_as_docs_say(elements, order, percent):
+    """docs/linear.md: of a slender cantilever, over Euler and Bernoulli's (beta_k L)^2
+    sqrt(EI/(m L^4)), whose shear and rotary inertia are 0.01 % here.
+    """
+    strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
+    beam = tb.Beam.straight(1.0, elements, strip, order=order)
+    roots = torch.tensor([1.8751041, 4.6940911, 7.8547574, 10.9955407], dtype=torch.float64)
+    exact = roots.square() * (69e9 * 0.002**2 / 12 / 2700.0) ** 0.5
+    error = 100 * (tb.modes(tb.Scene(beam, plane="xz"), count=4).frequency / exact - 1)
+    wanted = torch.tensor(percent, dtype=torch.float64)
+    assert_close(error, wanted, rtol=0, atol=0.011)

@@ -265,6 +265,9 @@ def test_mixed_states():
     assert_close(s.Stress(element=0, beam=beam)(state), torch.cat((state.F, state.M), -1)[:, 0])
 
 
+FEET = ("left", 0.0), ("right", 1.0)
+
+
 def test_reactions_of_supports():
     """A beam hinged at both ends under a load in its middle: each support carries a half."""
     pins = (tb.Support(0, rotation="xz"), tb.Support(-1, rotation=""))
@@ -273,6 +276,35 @@ def test_reactions_of_supports():
     for k in (0, 1):
         assert_close(s.Reaction(k)(state)[:3], torch.tensor([0, 0, 5e-4]), rtol=0, atol=1e-6)
     assert_close(s.Reaction(0)(state), s.RootReaction()(state))
+
+
+def test_reactions_of_a_structure_by_node():
+    """A beam between two posts: each foot by its node, or its place in `supports`, and alike."""
+    upright = dict(direction=(0, 0, 1.0), up=(-1.0, 0, 0))
+    posts = {k: tb.Beam.straight(1.0, 1, SECTION, root=(x, 0, 0), **upright) for k, x in FEET}
+    parts = posts | {"bar": tb.Beam.straight(1.0, 1, SECTION, root=(0.0, 0, 1))}
+    joints = [tb.Weld((k, -1), ("bar", -int(x))) for k, x in FEET]
+    frame = tb.Scene(
+        parts,
+        [tb.PointLoad(("bar", 0), (0, 0, -1e-3))],
+        joints=joints,
+        supports=[tb.Support((k, 0)) for k, _ in FEET],
+        plane="xz",
+    )
+    state = tb.equilibrium(frame)
+    for k, (name, _) in enumerate(FEET):
+        by_node = s.Reaction((name, 0))
+        assert torch.equal(by_node(state), s.Reaction(k)(state))
+        assert by_node.name == f"reaction of {name} node 0"
+    left, right = (s.Reaction((name, 0))(state)[2] for name, _ in FEET)
+    assert left > 0.9e-3  # N, right above it
+    assert_close(left + right, torch.tensor(1e-3), rtol=1e-9, atol=0)
+    with pytest.raises(ValueError, match=r"no support holds.*its place in supports="):
+        s.Reaction(("bar", 0))(state)
+    with pytest.raises(ValueError, match="the structure has the nodes"):
+        s.Reaction("hub")(state)
+    with pytest.raises(ValueError, match="whole number is wanted"):
+        s.Reaction(0.5)
 
 
 def test_parts_and_stacks(solution):
