@@ -47,9 +47,10 @@ SOFT = 1e-3  # rad
 
 class RopeStep(NamedTuple):
     """Points (..., m, 3) where forces act, after and before (None = an instant, where they are the
-    same); given (..., 1 or 2): tension N or length m, of a winch at the step's start and end; dt (...) s, rates of the points before and the way
-    that they go (..., m, 3), None = at an instant, or without friction. The way is not from after
-    and before, of which single precision leaves too few digits. told (..., m - 2, 2): see `Grip`.
+    same); given (..., 1 or 2): tension N or length m, two of a winch, at start and end; dt (...) s,
+    rates of the points before and the way that they go (..., m, 3), None = at an instant, or
+    without friction. The way is not from after and before, of which single precision leaves too few
+    digits. told (..., m - 2, 2): see `Grip`.
     """
 
     acting: Tensor
