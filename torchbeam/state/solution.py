@@ -112,14 +112,8 @@ class Solution(Named):
     event: Event | None = None
 
     _elsewhere = by_word(
-        {
-            "nodes": "coordinate place position x",
-            "state.reaction_of": "reaction reactionof",
-            "state.rotation": "frame orientation rotation",
-            "state.stress": "force stress",
-            "state.tendons": "tendon tension",
-            "state.velocity": "speed velocity",
-        }
+        {"nodes": "position", "state.reaction_of": "reaction reactionof"}
+        | {f"state.{name}": name for name in ("rotation", "stress", "tendons", "velocity")}
     )
 
     def __reduce__(self) -> tuple[Any, ...]:
