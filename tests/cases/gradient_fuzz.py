@@ -14,7 +14,7 @@ from tests.cases.gradient_cases import INITIAL, SPACES, WAYS, Case, Row, Spec, U
 from tests.cases.gradient_ingredients import VARIANTS
 
 LOADS = ("TipLoad", "PointLoad", "LineLoad", "Gravity.g", "History")
-NO_SOLUTION = ("has no equilibrium", "the step shrank to nothing")
+NO_SOLUTION = ("found no equilibrium", "the step shrank to nothing")
 DAMPINGS = ("Damping", "rayleigh")  # of which a scene has one
 TRIES = 4  # of an ingredient in company; after them it comes alone
 COLUMNS = (

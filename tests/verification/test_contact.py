@@ -197,3 +197,33 @@ def test_a_round_end_beside_its_rod_counts_twice():
     state = tb.equilibrium(scene, engine="eager")
     borne = [tb.sensors.ContactForce(scene, k)(state)[2] for k in range(3)]
     assert_close(torch.stack(borne), torch.full((3,), 0.1 * 9.81 * 0.2 / 3), rtol=1e-2, atol=0)
+
+
+def test_a_thick_rope_rubs_at_its_surface():
+    """Slowly pulled over half a bar of radius R, its axis at R + r, the rope's tensions differ by
+    exp(mu pi R/(R + r)): of the moment about the bar (R + r) dT = R mu T da. The polygon, and where
+    the rope's shear force mu T r/(R + r) begins and ends, leave 1 %; exp(mu pi) is 10 % above.
+    """
+    mu, R, r, W, free = 0.4, 0.05, 0.004, 10.0, 0.15
+    outer = R + r + 6e-5  # its axis rests within the thickness
+    s = torch.linspace(0, math.pi * outer + 2 * free, 41)
+    a, down = ((s - free) / outer).clamp(0, math.pi), (free - s).clamp(min=0)
+    down = down + (s - free - math.pi * outer).clamp(min=0)
+    nodes = torch.stack((-outer * torch.cos(a), 0 * s, outer * torch.sin(a) - down), -1)
+    rope = tb.Section.from_stiffness(EA=2e4, GA=2e4, GJ=1e-4, EI=1e-5, mass=0.05, inertia=1e-7)
+    bar = tb.Contact(
+        tb.Cylinder((0.0, 0, 0), (0, 1.0, 0), R), radius=r, thickness=4e-4, force=2e3, friction=mu,
+        slip_speed=2e-4, damping=1e-3,
+    )  # fmt: skip
+    pull = tb.Support(
+        0, "xyz", "", displacement=lambda t: (0 * t, 0 * t, -0.05 * t**2 / (t + 0.05))
+    )
+    scene = tb.Scene(
+        tb.Beam.from_nodes(nodes, rope),
+        [tb.TipLoad(force=(0, 0, -W)), tb.MassDamping(20.0), tb.Damping(2e-4), bar],
+        supports=[pull],
+        plane="xz",
+    )
+    held = -tb.simulate(scene, torch.linspace(0, 0.2, 11), step=1e-3).root.force[-4:, 2].mean()
+    wanted = math.exp(mu * math.pi * R / outer)
+    assert_close(held.item() / W, wanted, rtol=1.5e-2, atol=0)

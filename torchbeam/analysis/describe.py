@@ -38,6 +38,7 @@ from ..scene.effects import (
     Polar,
     WindField,
 )
+from ..scene.effects.contact_terms import ContactTerms
 from ..scene.parts import part_of
 from ..scene.scene import Scene
 from ..scene.section import notes
@@ -211,10 +212,12 @@ def _effect(effect: Effect, scene: Scene) -> str:
         and f.name not in ("node", "on")
         and _named(v := getattr(effect, f.name), f.default)
     ]
-    if isinstance(effect, Contact) and effect.radius is None:
-        names = [name for name in (effect.on, effect.partner) if name is not None]
-        along = not any(part_of(beam.parts, name).body for name in names)
-        said += ["no radius: axes touch"] * (along and node is None)
+    if isinstance(effect, ContactTerms) and node is None:
+        names = [name for name in (effect.on, getattr(effect, "partner", None)) if name is not None]
+        if not any(part_of(beam.parts, name).body for name in names):
+            capped = any(isinstance(x, Contact) and x.node is not None for x in scene.effects)
+            ends = ["no round ends: a tip that pushes sinks in"] * (not capped)
+            said += ["no radius: axes touch"] if effect.radius is None else ends
     return f"{effect.called}{at}" + (f": {', '.join(said)}" if said else "")
 
 

@@ -36,9 +36,9 @@ class Conditions:
     eigenstrain (..., N or 1, k), 0.0 = none. supports: at the end of a step; none where nothing
     moves. root: where the support of node 0 stands, if a load asks. orientation: of frame a at this
     instant, None = it does not turn, or follows from a state. elements: of the beam. tendons
-    (..., K): tensions N or lengths m that are given of them, None = there are none. between: loads
-    that act between nodes, see `element_loads`; `node` of each are the stations along which it
-    does. interactions: of several nodes, which are `node` of each.
+    (..., K, 1 or 2): tensions N or lengths m, see `Tendons.values`, None = there are none. between:
+    loads that act between nodes, see `element_loads`; `node` of each are the stations along which
+    it does. interactions: of several nodes, which are `node` of each.
     """
 
     t: Tensor

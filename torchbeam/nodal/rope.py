@@ -7,9 +7,13 @@ the tension of stretch k is T_k = T rho_k, and over a step
 
 As mean q_k . (q_{n+1} - q_n) = (d_{n+1}^2 - d_n^2)/2, u_k . (q_{n+1} - q_n) is the change of its
 length, and stretch k does the work -T_k times that, to rounding: f is a discrete gradient (Gonzalez
-1996). T is given (what is negative of it is 0), or follows from the length l that a winch gives,
+1996). T is given (what is negative of it is 0), or follows from the length l that a winch gives at
+both ends of the step,
 
-    T = (V(c_{n+1} - l) - V(c_n - l))/(c_{n+1} - c_n)        V(x) = k x^2/2 where x > 0, else 0
+    T = (V(x_{n+1}) - V(x_n))/(x_{n+1} - x_n)        x = c - l, V = k x^2/2 where x > 0, else 0
+
+so that T (c_{n+1} - c_n) = V(x_{n+1}) - V(x_n) + T (l_{n+1} - l_n): the winch's work is the rest.
+With the mean of l instead, a haul makes a rope slack at the end of each step that is taut there.
 
 At the point j between two stretches, whose directions differ by theta_j, the rope slides by the
 rate r_j = d/dt sum_{k >= j} d_k, and (Euler and Eytelwein)
@@ -43,9 +47,10 @@ SOFT = 1e-3  # rad
 
 class RopeStep(NamedTuple):
     """Points (..., m, 3) where forces act, after and before (None = an instant, where they are the
-    same); given (...): tension N or length m; dt (...) s, rates of the points before and the way
-    that they go (..., m, 3), None = at an instant, or without friction. The way is not from after
-    and before, of which single precision leaves too few digits. told (..., m - 2, 2): see `Grip`.
+    same); given (..., 1 or 2): tension N or length m, two of a winch, at start and end; dt (...) s,
+    rates of the points before and the way that they go (..., m, 3), None = at an instant, or
+    without friction. The way is not from after and before, of which single precision leaves too few
+    digits. told (..., m - 2, 2): see `Grip`.
     """
 
     acting: Tensor
@@ -124,13 +129,13 @@ class Rope(Tree):
     slip_speed: Tensor | None = leaf(0, default=None)
 
     def raised(self, drive: Tensor, share: Tensor | None) -> Tensor:
-        """What is given (...) where loads are raised as far as `share` (...), None = all: from
-        slack, or from as drawn.
+        """What is given (..., 1 or 2) where loads are raised as far as `share` (...), None = all:
+        from slack, or from as drawn.
         """
         if share is None:
             return drive
-        start = 0.0 if self.stiffness is None else self.drawn
-        return start + share * (drive - start)
+        start = 0.0 if self.stiffness is None else self.drawn[..., None]
+        return start + share[..., None] * (drive - start)
 
     def forces(self, step: RopeStep) -> Tensor:
         """(..., m, 3) N on the points."""
@@ -182,18 +187,20 @@ class Rope(Tree):
         change: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """T (...) of the whole, of this length after a step and before it, None = at an instant;
-        and its derivative by the length after. change (...) m: of the length, which single
-        precision has to more digits than the difference of both, None = not known by itself.
+        and its derivative by the length after. drive: see `RopeStep`. change (...) m: of the
+        length, which single precision has to more digits than the difference of both, None = not
+        known by itself.
         """
+        start, end = drive[..., 0], drive[..., -1]
         if self.stiffness is None:
-            return drive.clamp(min=0), torch.zeros_like(after)
-        x = after - drive
+            return end.clamp(min=0), torch.zeros_like(after)
+        x = after - end
         p = x.clamp(min=0)
         if before is None:
             return self.stiffness * p, self.stiffness * (x > 0)
-        y = before - drive
+        y = before - start
         if change is not None:
-            x = y + change
+            x = y + change if drive.shape[-1] == 1 else y + change - (end - start)
             p = x.clamp(min=0)
         q = y.clamp(min=0)
         across = (x > 0) != (y > 0)

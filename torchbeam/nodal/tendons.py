@@ -97,7 +97,7 @@ class Tendons(BetweenNodes):
         return self.loaded(nodes, motion.placed(self.eyelets), motion.now.tendons), gap
 
     def loaded(self, nodes: Tensor, motion: Placed, drives: Tensor) -> Tensor:
-        """The nodes' balances (..., nodes, w), with the forces of these; drives (..., K) N or m."""
+        """The nodes' balances (..., nodes, w), with the forces of these; drives: see `values`."""
         steps = zip(self.ropes, self.steps(motion, drives), strict=True)
         force = torch.cat([rope.forces(step) for rope, step in steps], -2)
         wrench = self.wrench(motion.acting.lever, force)
@@ -144,14 +144,21 @@ class Tendons(BetweenNodes):
         return {"tendons": torch.cat(rows, -2)}
 
     def values(self, scene: Any, t: Tensor, inputs: Inputs, end: Tensor) -> Tensor:
-        """(..., K): the tension N or length m that is given."""
-        values = [
-            rope.drawn
-            if (value := tendon.length if tendon.tension is None else tendon.tension) is None
-            else scalar_at("what is given of a Tendon", value, t, inputs, self.arms)
-            for tendon, rope in zip(scene.tendons, self.ropes, strict=True)
-        ]
-        return torch.stack(torch.broadcast_tensors(*values), -1)
+        """(..., K, 1): the tension N or length m that is given; (..., K, 2) at start and end of the
+        step, where a length is a function of t.
+        """
+
+        def value(tendon: Any, rope: Rope, of_length: Tensor) -> Tensor:
+            lengths = tendon.tension is None
+            given, at = (tendon.length, of_length) if lengths else (tendon.tension, t)
+            if given is None:
+                return rope.drawn
+            return scalar_at("what is given of a Tendon", given, at, inputs, self.arms)
+
+        winched = any(callable(tendon.length) for tendon in scene.tendons)
+        pairs = [*zip(scene.tendons, self.ropes, strict=True)]
+        values = [value(*x, at) for x in pairs for at in ((2 * t - end, end) if winched else (t,))]
+        return torch.stack(torch.broadcast_tensors(*values), -1).unflatten(-1, (len(pairs), -1))
 
     def finished(
         self, fields: dict[str, Any], motion: NodeMotion, before: Any, moving: Rates | None
@@ -181,7 +188,7 @@ class Tendons(BetweenNodes):
                     motion.acting.p[..., part, :],
                     motion.end.p[..., part, :],
                     motion.start.p[..., part, :] if over else None,
-                    rope.raised(drives[..., k], of.share),
+                    rope.raised(drives[..., k, :], of.share),
                     of.dt,
                     None if rates is None else rates[..., part, :],
                     None if way is None else way[..., part, :],

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import cached
+from ..core.missing_name import Named, by_word
 from ..core.summary import counted, kind, lines, span, statuses
 from ..scene.parts import Part, one_beam, part_of
 from .instant import Point, Reaction, where
@@ -85,7 +86,7 @@ class Stats:
 
 
 @dataclass(frozen=True)
-class Solution:
+class Solution(Named):
     """A trajectory; time is the first axis of everything in it.
 
     Args:
@@ -109,6 +110,11 @@ class Solution:
     energies: Energy | Callable[[], Energy]
     stats: Stats
     event: Event | None = None
+
+    _elsewhere = by_word(
+        {"nodes": "position", "state.reaction_of": "reaction reactionof"}
+        | {f"state.{name}": name for name in ("rotation", "stress", "tendons", "velocity")}
+    )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.t, self.state, self.energy, self.stats, self.event)

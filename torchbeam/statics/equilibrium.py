@@ -250,13 +250,14 @@ def _differentiable(
 def _refuse(
     problem: SteadyProblem, x: Configuration, failed: Tensor, status: Tensor, relax: bool
 ) -> NoReturn:
-    """Say which sample has no equilibrium, and why."""
+    """Say of which sample no equilibrium was found, and why."""
     alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
     failed, status = concrete(failed), concrete(status)
     which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
     first = None if alike else tuple(failed.nonzero()[0].tolist())
     raise RuntimeError(
-        f"{which} has no equilibrium: {reason(problem, x, int(status[failed][0]), first, relax)}"
+        f"found no equilibrium of {which}: "
+        f"{reason(problem, x, int(status[failed][0]), first, relax)}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Why a sample has no equilibrium."""
+"""Why no equilibrium of a sample was found."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ FAR = 1e3  # lengths
 CLOSE = 1e-6  # of a length
 BENT = 2.0  # rad, of an element, which takes less than half a turn
 NOT_FOUND = (
-    "Newton's method found none; the load may be past a limit point, which `path` goes through, or "
-    "the beam slack: relax=True starts from a damped run"
+    "Newton's method failed; the load may be past a limit point, which `path` goes through, or the "
+    "shape far off: relax=True starts from a damped run, initial=State.from_nodes from your shape"
 )
 SWING = "relax=True lets it swing to where its loads hold it"
 NO_REST = "the damped run came to no rest"

@@ -266,3 +266,8 @@ def test_a_contact_without_a_radius_says_that_axes_touch():
     scene = tb.Scene(parts, contacts, supports=[tb.Support(("a", 0)), tb.Support(("b", 0))])
     lines = tb.describe(scene).lines["effects"]
     assert [line.endswith("no radius: axes touch") for line in lines] == [True, True, False, False]
+    sinks = [line.endswith("that pushes sinks in") for line in lines]
+    assert sinks == [False, False, True, False]
+    cap = tb.Contact(floor, radius=0.005, node=("a", -1))
+    capped = tb.Scene(parts, [*contacts, cap], supports=scene.supports)
+    assert not any("sinks in" in line for line in tb.describe(capped).lines["effects"])

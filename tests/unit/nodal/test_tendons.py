@@ -15,12 +15,13 @@ R, E = 0.005, 5e6
 EI, EA = E * math.pi * R**4 / 4, E * math.pi * R**2
 SECTION = tb.Section.circle(R, E=E, nu=0.3, rho=1200)
 LAWS = {
-    "given": (Rope(torch.tensor(1.0)), 3.0),
-    "elastic": (Rope(torch.tensor(1.0), torch.tensor(5.0)), 4.0),
-    "going slack": (Rope(torch.tensor(1.0), torch.tensor(5.0)), 6.6),
+    "given": (Rope(torch.tensor(1.0)), [3.0]),
+    "elastic": (Rope(torch.tensor(1.0), torch.tensor(5.0)), [4.0]),
+    "going slack": (Rope(torch.tensor(1.0), torch.tensor(5.0)), [6.6]),
+    "hauled in": (Rope(torch.tensor(1.0), torch.tensor(5.0)), [6.9, 6.6]),
     "friction": (
         Rope(torch.tensor(1.0), torch.tensor(5.0), torch.tensor(0.3), torch.tensor(0.5)),
-        2.0,
+        [2.0],
     ),
 }
 
@@ -114,6 +115,38 @@ def test_elastic_tendon_keeps_energy(order, plane):
     assert_close(total, total[:1].expand_as(total), rtol=0, atol=1e-9 * energy.kinetic.max())
     own = energy.kinetic + energy.strain - solution.state.work
     assert_close(own, torch.zeros_like(own), rtol=0, atol=1e-9 * energy.kinetic.max())
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_winch_hauls_in_and_pays_out(engine):
+    """A mass m on a rope of length l = 8 - r (t - 1 + exp(-t)) swings by what the winch's start
+    makes, A of about r/w^2, in steps of a ninth of a period that haul in five times the stretch:
+    its stretch is g/w^2 + r exp(-t)/(1 + w^2) + A cos(w t - phase). The winch's work is the gain of
+    energy, to rounding. While taut the path is linear in r, and so is its slope.
+    """
+    g, m, k, steps = 9.81, 200.0, 1e6, 120 if engine == "compiled" else 20
+    r = torch.tensor([1.0, -1.0], requires_grad=True)
+
+    def length(t):
+        return 8 - r * (t - 1 + torch.exp(-t))
+
+    body = tb.Body(m, 1.0, position=(0, 0, -8 - m * g / k))
+    rope = tb.Tendon([(None, (0, 0, 0)), ("load", (0, 0, 0))], length=length, stiffness=k)
+    t = 0.01 * torch.arange(steps + 1)
+    scene = tb.Scene({"load": body}, [tb.Gravity((0, 0, -g)), rope])
+    solution = tb.simulate(scene, t, step=0.01, engine=engine, tolerance=1e-12)
+    depth, l = -solution.state["load"].position[..., 2], torch.stack([length(x) for x in t])
+    slope = torch.autograd.grad(depth[-1].sum(), r)[0]
+    depth, l, w2 = depth.detach(), l.detach(), k / m
+    assert_close(slope, (depth[-1, :1] - depth[-1, 1:]).expand(2) / 2, rtol=1e-8, atol=0)
+    x = depth - l
+    swing = x - g / w2 - r.detach() * torch.exp(-t)[:, None] / (1 + w2)
+    assert (swing.abs() <= 1.1 / w2 * (1 + 1 / w2) ** 0.5).all()  # 1.1: of so coarse steps
+    kinetic = m * solution.state["load"].velocity[..., 2].detach() ** 2 / 2
+    total = kinetic - m * g * depth + k * x**2 / 2
+    work = -(solution.state.tendons[1:, ..., 0, 0].detach() * l.diff(dim=0)).cumsum(0)
+    assert work[-1].abs().min() > 20  # J
+    assert_close(total[1:] - total[:1], work, rtol=0, atol=1e-9 * total.abs().max().item())
 
 
 def test_free_bodies_keep_their_momentum_and_friction_takes_energy():

@@ -1,4 +1,4 @@
-"""Why a sample has no equilibrium."""
+"""Why no equilibrium of a sample was found."""
 
 import pytest
 import torch

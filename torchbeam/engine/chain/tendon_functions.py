@@ -44,13 +44,13 @@ SUMMED = "length", "before", "change", "rate"
 
 @dataclass(frozen=True)
 class StretchConstants(Tree):
-    """Rows of stretches, see `Rope` and `Tendons`: arms of both ends; given (..., S): tension N or
-    length m; the law's numbers, 0 where others have one, None = none has.
+    """Rows of stretches, see `Rope` and `Tendons`: arms of both ends; given (..., S, 1 or 2): see
+    `Tendons.values`; the law's numbers, 0 where others have one, None = none has.
     """
 
     arms: Tensor = leaf(3)
     drawn: Tensor = leaf(1)
-    given: Tensor = leaf(1)
+    given: Tensor = leaf(2)
     stiffness: Tensor | None = leaf(1)
     friction: Tensor | None = leaf(1)
     slip_speed: Tensor | None = leaf(1)
@@ -113,8 +113,8 @@ class TendonFunctions(InteractionFunctions):
     def values(model: Model, t: Tensor, inputs: Inputs, end: Later) -> Fields:
         if not model.tendons.stretches:
             return {}
-        drives = model.tendons.values(model.scene, t, inputs, t)
-        return {"tendon given": drives[..., [k for k, _ in model.tendons.stretches]]}
+        drives = model.tendons.values(model.scene, t, inputs, end())
+        return {"tendon given": drives[..., [k for k, _ in model.tendons.stretches], :]}
 
     @staticmethod
     def constants(model: Model, values: Fields) -> StretchConstants | None:
@@ -224,8 +224,8 @@ class TendonFunctions(InteractionFunctions):
             self.problems.model.space.unknowns,
             len(kind.sides),
         )
-        unit = tendons.loaded(T.new_zeros(n, w), placed, T.new_ones(1))
-        blocks = tendons.blocks(placed, T[None]).unflatten(0, (n, n))
+        unit = tendons.loaded(T.new_zeros(n, w), placed, T.new_ones(1, 1))
+        blocks = tendons.blocks(placed, T[None, None]).unflatten(0, (n, n))
         outputs = pushed(T * unit, kind.sides, blocks)
         if kind.coupled:
             outputs |= self._own_blocks(fields)
