@@ -342,9 +342,7 @@ def test_the_value_of_a_time_limit_is_that_before_the_reset():
     for name in LEARNERS:
         one = learner(name, horizon=12)
         data = one.window()[1] if name == "shac" else one.collect()
-        if name == "sac":  # rows of all sub-environments, one interval after the other
-            data = {key: x.unflatten(0, (12, 4)) for key, x in data.items()}
-        else:
+        if name != "sac":
             assert data["over"][-1].all() and not data["over"][:-1].any()
         assert not data["terminated"].any()
         # displacement since the start of the episode
