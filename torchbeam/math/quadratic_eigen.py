@@ -53,11 +53,11 @@ def slowest(
     derivatives: bool,
     lags: int = 0,
 ) -> Pairs:
-    """The `count` slowest, one of each conjugate pair, by their imaginary part; constants.
+    """The `count` slowest, one of each conjugate pair, by their imaginary part, those that decay
+    without oscillating last, see `slow_first`; constants.
 
     symmetric    whether K is, and nothing turns with it;  derivatives: whether `left` is wanted
-    lags         how many of the last unknowns are internal states of loads: those that decay
-                 without oscillating then come last, see `slow_first`
+    lags         how many of the last unknowns are internal states of loads
     """
     M, K = M.detach(), K.detach()
     D = None if D is None else D.detach()
@@ -272,10 +272,19 @@ def _inverted(K: Tensor, right: Tensor) -> Tensor:
         ) from None
 
 
-def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
+def relaxes(value: Tensor, least: Tensor | None = None) -> Tensor:
+    """(..., n) bool: which eigenvalues decay without oscillating, beyond `least` (..., n) 1/s of
+    rounding, None = that of themselves. What is zero is a rigid motion and does not decay.
+    """
+    least = STRAIGHT * value.abs() if least is None else least
+    return (value.imag.abs() <= least) & (value.real < -least)
+
+
+def slow_first(value: Tensor, count: int, damped: bool) -> Tensor:
     """Places (..., count) of the slowest among eigenvalues (..., n), one of each conjugate pair,
-    the slowest first; `lags`: first those that oscillate or grow, as lags decay, and may be many
-    and slow. Of two that are as slow, one growing and one decaying, the growing one is first.
+    the slowest first; `damped`: behind all others those that decay without oscillating, which may
+    be many and slow. Of two that are as slow, one growing and one decaying, the growing one is
+    first.
     """
     size = value.abs()
     grows = (value.imag.abs() <= STRAIGHT * size) & (value.real > 0)
@@ -283,13 +292,9 @@ def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
     # two that are equal and real may come as a pair, by rounding
     size = torch.where((value.imag < -STRAIGHT * size) | ~torch.isfinite(size), torch.inf, size)
     order = size.argsort(dim=-1, stable=True)
-    if lags:
-        decays = torch.isinf(size) | (
-            (value.imag.abs() <= STRAIGHT * size) & (value.real <= STRAIGHT * size)
-        )
-        order = order.gather(
-            -1, decays.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True)
-        )
+    if damped:
+        last = torch.isinf(size) | relaxes(value)
+        order = order.gather(-1, last.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True))
     return order[..., :count]
 
 
@@ -314,8 +319,9 @@ def _dense(
     grown = (value.real > 0) & (value.real <= least)
     value = torch.complex(torch.where(grown, 0.0, value.real), value.imag)
     value = torch.where(value.abs() <= least, 0.0, value)  # of a motion that nothing resists
-    slow = slow_first(value, count, lags > 0)
-    slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
+    slow = slow_first(value, count, D is not None)
+    key = torch.where(relaxes(value), torch.inf, value.imag).gather(-1, slow)
+    slow = slow.gather(-1, key.argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
         inverse = inverse_unchecked(vectors).gather(-2, rows)[..., :n]
