@@ -1,9 +1,8 @@
 """Modes of a spinning rotor at each of its speeds: eigenvalues where multiblade coordinates have
 constant coefficients, Floquet's exponents of others.
 
-Of a rotor in air, or of blades that relax, internal states have motions of their own, which decay
-without oscillating in axes that turn with their harmonic: eigenvalue - i W harmonic is real. Those
-come last.
+Motions that decay without oscillating in axes that turn with their harmonic, eigenvalue - i W
+harmonic being real, come last, see `whirl.relaxing`: overdamped ones, and those of internal states.
 """
 
 from __future__ import annotations
@@ -19,18 +18,18 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.validation import concrete, refusal
 from ..math.eigen_derivatives import attach
-from ..math.quadratic_eigen import STRAIGHT, Pairs, slowest
+from ..math.quadratic_eigen import Pairs, slowest
 from .multiblade import SpinningModel
 from .periodic import HARMONICS, NONE, ORDER, UNSEEN, Exponents, exponents, fastest
-from .whirl import whirl
+from .whirl import in_turning_axes, relaxing, whirl
 
 SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
 EQUAL = 1e-7
 ROUNDING = 4  # of the sum of what cancels in a coupling of two modes, in units of the last place
 ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
+APERIODIC = 0.95  # damping ratio from which on a motion with internal states counts as relaxing
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
-APERIODIC = 0.95  # damping ratio from which on a motion does not oscillate
 
 
 Orbit = Callable[[int, int, int, Tensor], Exponents]
@@ -58,14 +57,11 @@ def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float]:
         raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")
     several, derivatives = min(count + SPARE, free), wants_gradient(M, D, K)
     with no_derivatives():
-        if not spinning.states:
-            pairs = _finite(slowest(M, D, K, several, False, derivatives), count)
-        else:
-            pairs = slowest(M, D, K, M.shape[-1], False, derivatives, spinning.states)
-            upper = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
-            at, swings = _swinging(spinning, upper, pairs.right)
-            known = int(concrete(swings.sum(-1)).min())
-            pairs = _finite(_taken(pairs, at[..., : max(count, min(several, known))]), count)
+        pairs = slowest(M, D, K, M.shape[-1], False, derivatives, spinning.states)
+        upper = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
+        at, swings = _swinging(spinning, upper, pairs.right)
+        known = int(concrete(swings.sum(-1)).min())
+        pairs = _finite(_taken(pairs, at[..., : max(count, min(several, known))]), count)
         change = _periodic(spinning, pairs.eigenvalue, pairs.right)
     return pairs, concrete(change).max().item()
 
@@ -81,16 +77,17 @@ def multiblade_modes(spinning: SpinningModel, pairs: Pairs) -> SpinningModes:
 
 def _swinging(spinning: SpinningModel, value: Tensor, shape: Tensor) -> tuple[Tensor, Tensor]:
     """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first those of motions that
-    oscillate or grow, the slowest first, NONE last; and which are such (..., m) bool.
+    do not relax, the slowest first, NONE last; and which are such (..., m) bool.
     """
-    moves = shape[..., : -spinning.states]
-    harmonic = whirl(spinning.mechanical, moves).round()
-    seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
-    size = (value - 1j * spinning.speed[..., None] * harmonic).abs()
-    least = STRAIGHT * torch.maximum(value.abs(), spinning.speed[..., None])
-    swings = (value.imag.abs() > least) | (value.real > least)
-    swings = swings & (value.real > -APERIODIC * size)
-    swings = swings & seen & (value.abs() < abs(NONE) / 2)
+    moves = shape[..., : shape.shape[-1] - spinning.states]
+    harmonic = whirl(spinning.mechanical, moves)
+    swings = ~relaxing(spinning.speed, value, harmonic)
+    if spinning.states:
+        turning = in_turning_axes(spinning.speed[..., None], value, harmonic)
+        swings = swings & (turning.real > -APERIODIC * turning.abs())
+        seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
+        swings = swings & seen
+    swings = swings & (value.abs() < abs(NONE) / 2)
     order = value.abs().nan_to_num(torch.inf).argsort(dim=-1, stable=True)
     last = (~swings).to(torch.int8).gather(-1, order).argsort(dim=-1, stable=True)
     return order.gather(-1, last), swings
@@ -167,7 +164,7 @@ def floquet_modes(
     results = [_at_rest(pairs, several, first)] if first else []
     size = spinning.speed[0].numel() * steps * 4 * spinning.M.shape[-1] ** 2
     at_once = max(1, ROOM // size) if orbit is None else 1
-    wanted = 2 * free + spinning.states if spinning.states else several
+    wanted = 2 * free + spinning.states
     for k in range(first, len(spinning.speed), at_once):
         some = spinning.at(slice(k, k + at_once))
         limit = fastest(some.speed, steps)
@@ -177,9 +174,7 @@ def floquet_modes(
                 return (x[None] for x in orbit(k, steps, wanted, limit[0]))
             return exponents(some.periodic, some.speed, steps, wanted, limit, spinning.states)
 
-        value, shape = by(steps)
-        if spinning.states:
-            value, shape = _swinging_exponents(some, value, shape, several, count)
+        value, shape = _swinging_exponents(some, *by(steps), several, count)
         with no_derivatives():
             coarse = next(iter(by(steps // 2))).flatten(-2)
             coarse = torch.cat((coarse, coarse.conj()), -1)  # either one of a pair may be known

@@ -7,26 +7,29 @@ from collections import Counter
 import torch
 from torch import Tensor
 
+from ..math.quadratic_eigen import STRAIGHT, relaxes
 from .bearing import Bearing
 from .mode_pairing import modal_assurance, pairs
 from .multiblade import SpinningModel
 
 SAME = 1e-6  # of a growth, by how much frequencies may differ that are the same
 WHIRLS = 0.3  # mean harmonic from which on a mode whirls
+BEHIND = 1e20  # rad/s, in order of frequency: before what is none, behind all others
 NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
 
 
-def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
+def tracked(speed: Tensor, value: Tensor, shape: Tensor, relaxed: Tensor, count: int) -> Tensor:
     """(n, ..., count) places among eigenvalues (n, ..., m h) with shapes (n, ..., m h, channels),
     of m motions by each of h harmonics, value (n, ..., m, h): the slowest at the last speed, by
-    their first harmonic, and at each speed before those most like them, by modal assurance and
-    frequency; in order of their mean frequencies. Where a frequency passes zero the other one of
-    its pair goes on.
+    their first harmonic, those that relax there, `relaxed` (..., m) bool, behind the others; and at
+    each speed before those most like them, by modal assurance and frequency; in order of their mean
+    frequencies. Where a frequency passes zero the other one of its pair goes on.
     """
     h, value = value.shape[-1], value.flatten(-2)
     first = value[-1, ..., ::h]
     first = first.imag.abs() - SAME * first.real  # of those as fast the growing ones
-    index = [h * first.argsort(dim=-1, stable=True)[..., :count]]
+    chosen = torch.where(relaxed, BEHIND + first, first).argsort(dim=-1, stable=True)[..., :count]
+    index = [h * chosen]
     for k in range(len(value) - 2, -1, -1):
         last = _taken(shape[k + 1], index[-1])
         before = value[k + 1].gather(-1, index[-1])[..., :, None]
@@ -38,7 +41,9 @@ def tracked(speed: Tensor, value: Tensor, shape: Tensor, count: int) -> Tensor:
         motion = pairs(best)
         index.append(h * motion + harmonic.gather(-1, motion[..., None])[..., 0])
     index = torch.stack(index[::-1])
-    order = value.gather(-1, index).imag.abs().mean(0).argsort(dim=-1, stable=True)
+    mean = value.gather(-1, index).imag.abs().mean(0)
+    mean = torch.where(relaxed.gather(-1, chosen), BEHIND + mean, mean)
+    order = mean.argsort(dim=-1, stable=True)
     return index.gather(-1, order.expand(index.shape))
 
 
@@ -55,6 +60,20 @@ def whirl(spinning: SpinningModel, shape: Tensor) -> Tensor:
     energy = (r.conj() * (M @ r)).sum(-2).real
     turning = (r.conj() * (M @ (-1j * (S @ r)))).sum(-2).real
     return turning / torch.where(energy > 0, energy, 1.0)
+
+
+def relaxing(speed: Tensor, value: Tensor, harmonic: Tensor) -> Tensor:
+    """(..., m) bool: which eigenvalues (..., m) of a rotor at a speed (...) decay without
+    oscillating, seen from the ground or in axes that turn with their mean harmonic (..., m).
+    """
+    speed = speed[..., None]
+    least = STRAIGHT * torch.maximum(value.abs(), speed)
+    return relaxes(value, least) | relaxes(in_turning_axes(speed, value, harmonic), least)
+
+
+def in_turning_axes(speed: Tensor, value: Tensor, harmonic: Tensor) -> Tensor:
+    """Eigenvalues as seen in axes that turn with the nearest harmonic."""
+    return value - 1j * speed * harmonic.round()
 
 
 def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[str]:
