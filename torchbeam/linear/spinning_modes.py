@@ -52,16 +52,14 @@ def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float]:
     that coefficients that change with the azimuth would move one, or couple two, of an eigenvalue.
     """
     M, D, K = spinning.constant()
-    free = spinning.mechanical.M.shape[-1]
-    if count > free:
-        raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")
-    several, derivatives = min(count + SPARE, free), wants_gradient(M, D, K)
+    derivatives = wants_gradient(M, D, K)
     with no_derivatives():
-        pairs = slowest(M, D, K, M.shape[-1], False, derivatives, spinning.states)
-        upper = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
-        at, swings = _swinging(spinning, upper, pairs.right)
-        known = int(concrete(swings.sum(-1)).min())
-        pairs = _finite(_taken(pairs, at[..., : max(count, min(several, known))]), count)
+        pairs = slowest(M, D, K, 2 * M.shape[-1], False, derivatives, spinning.states)
+        value = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
+        at, swings = _swinging(spinning, value, pairs.right)
+        several = min(count + SPARE, int(concrete(swings.sum(-1)).min()))
+        pairs = _taken(pairs._replace(eigenvalue=value), at[..., : max(count, several)])
+        pairs = _known(pairs, count)
         change = _periodic(spinning, pairs.eigenvalue, pairs.right)
     return pairs, concrete(change).max().item()
 
@@ -103,11 +101,11 @@ def _taken(pairs: Pairs, at: Tensor) -> Pairs:
     return Pairs(of(value), of(right, n), of(left, n), *map(of, rest))
 
 
-def _finite(pairs: Pairs, count: int) -> Pairs:
+def _known(pairs: Pairs, count: int) -> Pairs:
     """Those that all speeds and samples have: coordinates without inertia have none. ValueError
     where they are less than `count`.
     """
-    known = int(concrete(torch.isfinite(pairs.eigenvalue)).sum(-1).min())
+    known = int((concrete(pairs.eigenvalue).abs() < abs(NONE) / 2).sum(-1).min())
     if count > known:
         raise refusal(f"count = {count}", f"at most {known}, all modes of the scene,")
     parts = (x if x is None else x[..., :known] for x in pairs[3:])

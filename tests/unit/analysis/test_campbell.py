@@ -151,7 +151,7 @@ def test_a_rotor_that_turns_freely_swings_against_its_blades():
     roots = np.linalg.eigvals(np.vstack((np.eye(6)[3:], below)))
     roots = roots[roots.imag > 1]
     free = tb.campbell(scene, [5.0], bearing=0, held=False, count=3).eigenvalue[0]
-    np.testing.assert_allclose(free[-1], roots[roots.imag.argmin()], rtol=1e-9)
+    np.testing.assert_allclose(free[1:], roots[roots.imag.argsort()], rtol=1e-9)
     held = tb.campbell(scene, [5.0], bearing=0, count=2).frequency[0]
     square = np.linalg.eigvals(np.diag(1 / np.array(J[1:])) @ K[1:, 1:])
     np.testing.assert_allclose(held, np.sort(square) ** 0.5, rtol=1e-9)
@@ -164,11 +164,12 @@ def test_a_generator_whose_torque_rises_with_the_speed_damps_it():
     generator = tb.Hinge(None, "hub", axis=(0, 0, 1), torque=lambda rate: -k * rate**2)
     joints = [generator, tb.Hinge("hub", "ring", axis=(0, 0, 1), stiffness=spring)]
     scene = tb.Scene(parts, joints=joints, plane="xy")
-    value = tb.campbell(scene, [W], bearing=0, held=False, count=2).eigenvalue[0]
+    value = tb.campbell(scene, [W], bearing=0, held=False, count=3).eigenvalue[0]
     roots = np.polymul([J, 2 * k * W, spring], [ring, 0, spring])
     roots = np.roots(np.polysub(roots, [spring**2]))
     slow = roots[np.abs(roots).argsort()[:2]].real
-    np.testing.assert_allclose(np.sort(value.real), np.sort(slow), atol=1e-9)
+    assert value[1].imag > 10
+    np.testing.assert_allclose(value[::2], slow[np.abs(slow).argsort()], atol=1e-9)
 
 
 def test_critical_speeds_lie_where_a_multiple_of_the_speed_meets_a_frequency():
