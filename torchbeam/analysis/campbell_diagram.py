@@ -16,6 +16,7 @@ from ..core.validation import concrete
 from ..linear.elsewhere import array_of, write
 from ..linear.whirl import relaxing
 from ..plot.canvas import Axes
+from ..plot.curves import SPEED_UNITS
 from ..plot.curves import campbell as frequencies_over_speed
 
 # of |eigenvalue|, or of the speed: growth from which on a mode is unstable; where two eigenvalues
@@ -137,10 +138,11 @@ class Campbell:
         *,
         orders: Sequence[int] = (1, 2, 3),
         damping: Axes | None = None,
+        unit: str = "rad/s",
     ) -> Axes:
         """Frequencies over speed, with rays at multiples of the speed and unstable ranges shaded;
         in the axes `damping` the damping ratios, in the same colours. Motions that relax at all
-        speeds are left out.
+        speeds are left out. unit="rpm": speeds in rpm, frequencies in Hz.
 
         Raises ValueError for a batch, ImportError without matplotlib.
         """
@@ -148,15 +150,17 @@ class Campbell:
         swings = self._swings if self._swings.any() else torch.ones_like(self._swings)
         names = [name for name, there in zip(self.names, swings, strict=True) if there]
         speed, frequency = self.speed.detach(), concrete(self.frequency.detach())[:, swings]
-        ax = frequencies_over_speed(speed, frequency, ax, orders=orders, names=names)
+        look = dict(orders=orders, names=names, unit=unit)
+        ax = frequencies_over_speed(speed, frequency, ax, **look)
+        size = SPEED_UNITS[unit][0]
         if damping is not None:
             for k, ratio in enumerate(self.damping.detach().T[swings]):
-                damping.plot(speed, ratio, color=f"C{k % 10}", lw=1.6)
+                damping.plot(size * speed, ratio, color=f"C{k % 10}", lw=1.6)
             damping.axhline(0.0, color="0.6", lw=0.8)
-            damping.set(xlabel="speed / (rad/s)", ylabel="damping ratio", xlim=ax.get_xlim())
+            damping.set(xlabel=ax.get_xlabel(), ylabel="damping ratio", xlim=ax.get_xlim())
         for k, (low, high) in enumerate(self._ranges()):
             for axes in filter(None, (ax, damping)):
-                axes.axvspan(low, high, label=None if k else "unstable", **SHADE)
+                axes.axvspan(size * low, size * high, label=None if k else "unstable", **SHADE)
         ax.legend(frameon=False, fontsize=8)
         return ax
 

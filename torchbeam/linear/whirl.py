@@ -89,10 +89,18 @@ def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[s
     )
     turning = whirl(spinning, shape)
     place = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
-    place = place[:, bearing.rotor, : space.dims.position]
-    axis = space.project_vector(bearing.direction.reshape(-1, 3)[0]).to(shape.dtype)
-    along = (place @ axis).abs().square().sum(-1)
-    flaps = along > 0.5 * place.abs().square().sum((-1, -2))
+    unit = bearing.model.unit.reshape(-1, space.unknowns)[0]
+    p, place = space.dims.position, (place / unit)[:, bearing.rotor]
+    axis = bearing.direction.reshape(-1, 3)[0]
+    along, about = (
+        (x @ of.to(x.dtype)).abs().square().sum(-1)
+        for x, of in (
+            (place[..., :p], space.project_vector(axis)),
+            (place[..., p:], space.project_spin(axis)),
+        )
+    )
+    everything = place.abs().square().sum((-1, -2))
+    flaps = along > 0.5 * place[..., :p].abs().square().sum((-1, -2))
     names = []
     for k in range(len(shape)):
         words = ["support"] if energy[k] < 0.5 * whole[k] else []
@@ -100,9 +108,12 @@ def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[s
             words = ["flap" if flaps[k] else "lag"]
         if abs(turning[k]) > WHIRLS:
             words.append("forward" if turning[k] > 0 else "backward")
-        elif spinning.order and harmonics[k] < WHIRLS * energy[k]:
+        elif spinning.bladed and spinning.order and harmonics[k] < WHIRLS * energy[k]:
             words.append("collective")
-        names.append(" ".join(words or ["rotor"]))
+        elif not words:
+            axial, twists = (x[k] > 0.5 * everything[k] for x in (along, about))
+            words.append("axial" if axial else "torsion" if twists else "bending")
+        names.append(" ".join(words))
     seen: Counter[str] = Counter()
     for k, name in enumerate(names):
         seen[name] += 1
