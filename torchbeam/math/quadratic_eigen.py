@@ -233,7 +233,11 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     eigenvalues, vectors = torch.linalg.eig(
         torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2)
     )
-    return 1 / eigenvalues + shift[..., None], vectors, K
+    # what has no inertia has none, but for rounding
+    size = eigenvalues.abs()
+    least = SURE * size.shape[-1] * torch.finfo(size.dtype).eps * size.amax(-1, keepdim=True)
+    eigenvalues = torch.where(size < least, torch.inf, 1 / eigenvalues)
+    return eigenvalues + shift[..., None], vectors, K
 
 
 def slow_values(M: Any, D: Tensor | None, K: Any, count: int) -> tuple[Tensor, Tensor]:
