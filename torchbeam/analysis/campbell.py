@@ -221,15 +221,13 @@ def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: i
     space = bearing.model.space
     speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
     value, shape, error, about = modes
-    end = spinning.at(-1)
-    harmonic = whirl(end, shape[-1, ..., 0, : spinning.M.shape[-1]])
-    last = relaxing(end.speed, value[-1, ..., 0], harmonic)
+    relaxed = relaxing(spin.drawn.at(-1), value[-1, ..., 0], shape[-1, ..., 0, :])
     shape = shape.flatten(-3, -2)[..., : spinning.M.shape[-1]]
     moves = spinning.moves.to(shape.dtype)
     with no_derivatives():
         nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
         unit = bearing.model.unit[..., None, None, :]
-        index = tracked(speeds, value, (nodal / unit).flatten(-2), last, count)
+        index = tracked(speeds, value, (nodal / unit).flatten(-2), relaxed, count)
     value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
     _refuse_few_steps(speeds, value, about[..., :count], steps)
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]

@@ -14,7 +14,7 @@ from ..core.arguments import count, listed
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
 from ..linear.elsewhere import array_of, write
-from ..linear.whirl import relaxing
+from ..math.quadratic_eigen import relaxes
 from ..plot.canvas import Axes
 from ..plot.curves import SPEED_UNITS
 from ..plot.curves import campbell as frequencies_over_speed
@@ -184,7 +184,8 @@ class Campbell:
     def _swings(self) -> Tensor:
         """(count,) bool: which modes do not relax at all speeds, those of a picture."""
         value, whirl = (concrete(x).detach() for x in (self.eigenvalue, self.whirl))
-        return ~relaxing(concrete(self.speed), value, whirl).all(0)
+        turning = value - 1j * concrete(self.speed)[:, None] * whirl.round()
+        return ~(relaxes(value) | relaxes(turning)).all(0)
 
     def _ranges(self) -> list[tuple[float, float]]:
         if self.eigenvalue.ndim > 2:

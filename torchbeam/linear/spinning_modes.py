@@ -1,8 +1,9 @@
 """Modes of a spinning rotor at each of its speeds: eigenvalues where multiblade coordinates have
 constant coefficients, Floquet's exponents of others.
 
-Motions that decay without oscillating in axes that turn with their harmonic, eigenvalue - i W
-harmonic being real, come last, see `whirl.relaxing`: overdamped ones, and those of internal states.
+Overdamped motions, and those of internal states of a rotor in air or of blades that relax, decay
+without oscillating, many in axes that turn with their harmonic: eigenvalue - i W harmonic is real.
+Those come last, see `whirl.relaxing`.
 """
 
 from __future__ import annotations
@@ -21,14 +22,13 @@ from ..math.eigen_derivatives import attach
 from ..math.quadratic_eigen import Pairs, slowest
 from .multiblade import SpinningModel
 from .periodic import HARMONICS, NONE, ORDER, UNSEEN, Exponents, exponents, fastest
-from .whirl import in_turning_axes, relaxing, whirl
+from .whirl import relaxing
 
 SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
 EQUAL = 1e-7
 ROUNDING = 4  # of the sum of what cancels in a coupling of two modes, in units of the last place
 ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
-APERIODIC = 0.95  # damping ratio from which on a motion with internal states counts as relaxing
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 
 
@@ -77,12 +77,9 @@ def _swinging(spinning: SpinningModel, value: Tensor, shape: Tensor) -> tuple[Te
     """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first those of motions that
     do not relax, the slowest first, NONE last; and which are such (..., m) bool.
     """
-    moves = shape[..., : shape.shape[-1] - spinning.states]
-    harmonic = whirl(spinning.mechanical, moves)
-    swings = ~relaxing(spinning.speed, value, harmonic)
+    swings = ~relaxing(spinning, value, shape)
     if spinning.states:
-        turning = in_turning_axes(spinning.speed[..., None], value, harmonic)
-        swings = swings & (turning.real > -APERIODIC * turning.abs())
+        moves = shape[..., : -spinning.states]
         seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
         swings = swings & seen
     swings = swings & (value.abs() < abs(NONE) / 2)

@@ -7,7 +7,7 @@ from collections import Counter
 import torch
 from torch import Tensor
 
-from ..math.quadratic_eigen import STRAIGHT, relaxes
+from ..math.quadratic_eigen import relaxes
 from .bearing import Bearing
 from .mode_pairing import modal_assurance, pairs
 from .multiblade import SpinningModel
@@ -15,6 +15,7 @@ from .multiblade import SpinningModel
 SAME = 1e-6  # of a growth, by how much frequencies may differ that are the same
 WHIRLS = 0.3  # mean harmonic from which on a mode whirls
 BEHIND = 1e20  # rad/s, in order of frequency: before what is none, behind all others
+APERIODIC = 0.95  # damping ratio from which on a motion hardly oscillates
 NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
 
 
@@ -62,18 +63,20 @@ def whirl(spinning: SpinningModel, shape: Tensor) -> Tensor:
     return turning / torch.where(energy > 0, energy, 1.0)
 
 
-def relaxing(speed: Tensor, value: Tensor, harmonic: Tensor) -> Tensor:
-    """(..., m) bool: which eigenvalues (..., m) of a rotor at a speed (...) decay without
-    oscillating, seen from the ground or in axes that turn with their mean harmonic (..., m).
+def relaxing(spinning: SpinningModel, value: Tensor, shape: Tensor) -> Tensor:
+    """(..., m) bool: which eigenvalues (..., m), with shapes (..., m, n), decay without oscillating,
+    seen from the ground; or nearly so in axes that turn with the mean harmonic, where internal
+    states do or where inertia hardly counts: without that a whirl as fast as the speed decays there
+    as well.
     """
-    speed = speed[..., None]
-    least = STRAIGHT * torch.maximum(value.abs(), speed)
-    return relaxes(value, least) | relaxes(in_turning_axes(speed, value, harmonic), least)
-
-
-def in_turning_axes(speed: Tensor, value: Tensor, harmonic: Tensor) -> Tensor:
-    """Eigenvalues as seen in axes that turn with the nearest harmonic."""
-    return value - 1j * speed * harmonic.round()
+    plain = spinning.mechanical
+    moves = shape[..., : plain.M.shape[-1]]
+    (M, _, K), x = plain.constant(), moves.mT
+    inertia, stiffness = ((x.conj() * (A.to(x.dtype) @ x)).sum(-2).real for A in (M, K))
+    light = value.abs().square() * inertia < stiffness / 4
+    turning = value - 1j * spinning.speed[..., None] * whirl(plain, moves).round()
+    still = turning.real < -APERIODIC * turning.abs()
+    return relaxes(value) | (still if spinning.states else still & light)
 
 
 def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[str]:

@@ -233,10 +233,11 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     eigenvalues, vectors = torch.linalg.eig(
         torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2)
     )
-    # what has no inertia has none, but for rounding
-    size = eigenvalues.abs()
+    # what has no inertia has none, and what decays does not oscillate, but for rounding
+    size, turning = eigenvalues.abs(), eigenvalues.imag
     least = SURE * size.shape[-1] * torch.finfo(size.dtype).eps * size.amax(-1, keepdim=True)
-    eigenvalues = torch.where(size < least, torch.inf, 1 / eigenvalues)
+    turning = torch.where(turning.abs() < least, 0.0, turning)
+    eigenvalues = torch.where(size < least, torch.inf, 1 / torch.complex(eigenvalues.real, turning))
     return eigenvalues + shift[..., None], vectors, K
 
 
@@ -276,12 +277,11 @@ def _inverted(K: Tensor, right: Tensor) -> Tensor:
         ) from None
 
 
-def relaxes(value: Tensor, least: Tensor | None = None) -> Tensor:
-    """(..., n) bool: which eigenvalues decay without oscillating, beyond `least` (..., n) 1/s of
-    rounding, None = that of themselves. What is zero is a rigid motion and does not decay.
+def relaxes(value: Tensor) -> Tensor:
+    """(..., n) bool: which eigenvalues decay without oscillating. What is zero is a rigid motion
+    and does not decay.
     """
-    least = STRAIGHT * value.abs() if least is None else least
-    return (value.imag.abs() <= least) & (value.real < -least)
+    return (value.imag.abs() <= STRAIGHT * value.abs()) & (value.real < 0)
 
 
 def slow_first(value: Tensor, count: int, damped: bool) -> Tensor:
