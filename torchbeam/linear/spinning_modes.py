@@ -56,11 +56,12 @@ def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float]:
     with no_derivatives():
         pairs = slowest(M, D, K, 2 * M.shape[-1], False, derivatives, spinning.states)
         value = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
-        at, swings = _swinging(spinning, value, pairs.right)
-        several = min(count + SPARE, int(concrete(swings.sum(-1)).min()))
-        pairs = _taken(pairs._replace(eigenvalue=value), at[..., : max(count, several)])
+        at, swings = _swinging(spinning, value, pairs.right, count + SPARE)
+        several = max(count, min(count + SPARE, int(concrete(swings.sum(-1)).min())))
+        pairs = _taken(pairs._replace(eigenvalue=value), at[..., : several + SPARE])
         pairs = _known(pairs, count)
-        change = _periodic(spinning, pairs.eigenvalue, pairs.right)
+        seen = pairs.eigenvalue[..., :several], pairs.right[..., :several, :]
+        change = _periodic(spinning, *seen)
     return pairs, concrete(change).max().item()
 
 
@@ -73,19 +74,24 @@ def multiblade_modes(spinning: SpinningModel, pairs: Pairs) -> SpinningModes:
     return SpinningModes(value[..., None], shape[..., None, :], error, pairs.eigenvalue)
 
 
-def _swinging(spinning: SpinningModel, value: Tensor, shape: Tensor) -> tuple[Tensor, Tensor]:
-    """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first those of motions that
-    do not relax, the slowest first, NONE last; and which are such (..., m) bool.
+def _swinging(
+    spinning: SpinningModel, value: Tensor, shape: Tensor, several: int
+) -> tuple[Tensor, Tensor]:
+    """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first `several` of motions
+    that do not relax, the slowest first, then those that do, which may not at other speeds, then
+    the others, NONE last; and which do not relax (..., m) bool.
     """
     swings = ~relaxing(spinning, value, shape)
     if spinning.states:
         moves = shape[..., : -spinning.states]
         seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
         swings = swings & seen
-    swings = swings & (value.abs() < abs(NONE) / 2)
+    known = value.abs() < abs(NONE) / 2
+    swings = swings & known
     order = value.abs().nan_to_num(torch.inf).argsort(dim=-1, stable=True)
-    last = (~swings).to(torch.int8).gather(-1, order).argsort(dim=-1, stable=True)
-    return order.gather(-1, last), swings
+    first, none = swings.gather(-1, order), ~known.gather(-1, order)
+    late = torch.where(first, 2 * (first.cumsum(-1) > several), torch.where(none, 3, 1))
+    return order.gather(-1, late.argsort(dim=-1, stable=True)), swings
 
 
 def _taken(pairs: Pairs, at: Tensor) -> Pairs:
@@ -193,7 +199,7 @@ def _swinging_exponents(
     do not oscillate.
     """
     with no_derivatives():
-        at, swings = _swinging(spinning, value[..., 0], shape[..., 0, :])
+        at, swings = _swinging(spinning, value[..., 0], shape[..., 0, :], several)
         at = at[..., :several, None].expand(*at.shape[:-1], several, HARMONICS)
         none = ~swings.gather(-1, at[..., 0]) & (torch.arange(several, device=at.device) >= count)
     value = torch.where(none[..., None], NONE, value.gather(-2, at))

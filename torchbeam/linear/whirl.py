@@ -7,7 +7,7 @@ from collections import Counter
 import torch
 from torch import Tensor
 
-from ..math.quadratic_eigen import relaxes
+from ..math.quadratic_eigen import STRAIGHT, relaxes
 from .bearing import Bearing
 from .mode_pairing import modal_assurance, pairs
 from .multiblade import SpinningModel
@@ -64,19 +64,21 @@ def whirl(spinning: SpinningModel, shape: Tensor) -> Tensor:
 
 
 def relaxing(spinning: SpinningModel, value: Tensor, shape: Tensor) -> Tensor:
-    """(..., m) bool: which eigenvalues (..., m), with shapes (..., m, n), decay without oscillating,
-    seen from the ground; or nearly so in axes that turn with the mean harmonic, where internal
-    states do or where inertia hardly counts: without that a whirl as fast as the speed decays there
-    as well.
+    """(..., m) bool: which eigenvalues (..., m), with shapes (..., m, n), decay without
+    oscillating, seen from the ground or in axes that turn with the mean harmonic. There, nearly so,
+    where there are internal states; else where inertia hardly counts, or the decay is faster than
+    the speed: a whirl that is as fast as the speed stands still there too.
     """
-    plain = spinning.mechanical
+    plain, speed = spinning.mechanical, spinning.speed[..., None]
     moves = shape[..., : plain.M.shape[-1]]
+    turning = value - 1j * speed * whirl(plain, moves).round()
+    if spinning.states:
+        return relaxes(value, True) | (turning.real < -APERIODIC * turning.abs())
     (M, _, K), x = plain.constant(), moves.mT
     inertia, stiffness = ((x.conj() * (A.to(x.dtype) @ x)).sum(-2).real for A in (M, K))
-    light = value.abs().square() * inertia < stiffness / 4
-    turning = value - 1j * spinning.speed[..., None] * whirl(plain, moves).round()
-    still = turning.real < -APERIODIC * turning.abs()
-    return relaxes(value) | (still if spinning.states else still & light)
+    light = (value.abs().square() * inertia < stiffness / 4) | (-value.real > value.imag.abs())
+    still = turning.imag.abs() <= STRAIGHT * torch.maximum(value.abs(), speed)
+    return relaxes(value) | light & still & (turning.real < 0)
 
 
 def names_of(bearing: Bearing, spinning: SpinningModel, shape: Tensor) -> list[str]:

@@ -277,14 +277,15 @@ def _inverted(K: Tensor, right: Tensor) -> Tensor:
         ) from None
 
 
-def relaxes(value: Tensor) -> Tensor:
+def relaxes(value: Tensor, states: bool = False) -> Tensor:
     """(..., n) bool: which eigenvalues decay without oscillating. What is zero is a rigid motion
-    and does not decay.
+    and does not decay, but where there are internal states it may be one of theirs.
     """
-    return (value.imag.abs() <= STRAIGHT * value.abs()) & (value.real < 0)
+    decays = value.real <= 0 if states else value.real < 0
+    return (value.imag.abs() <= STRAIGHT * value.abs()) & decays
 
 
-def slow_first(value: Tensor, count: int, damped: bool) -> Tensor:
+def slow_first(value: Tensor, count: int, damped: bool, states: bool = False) -> Tensor:
     """Places (..., count) of the slowest among eigenvalues (..., n), one of each conjugate pair,
     the slowest first; `damped`: behind all others those that decay without oscillating, which may
     be many and slow. Of two that are as slow, one growing and one decaying, the growing one is
@@ -297,7 +298,7 @@ def slow_first(value: Tensor, count: int, damped: bool) -> Tensor:
     size = torch.where((value.imag < -STRAIGHT * size) | ~torch.isfinite(size), torch.inf, size)
     order = size.argsort(dim=-1, stable=True)
     if damped:
-        last = torch.isinf(size) | relaxes(value)
+        last = torch.isinf(size) | relaxes(value, states)
         order = order.gather(-1, last.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True))
     return order[..., :count]
 
@@ -323,8 +324,8 @@ def _dense(
     grown = (value.real > 0) & (value.real <= least)
     value = torch.complex(torch.where(grown, 0.0, value.real), value.imag)
     value = torch.where(value.abs() <= least, 0.0, value)  # of a motion that nothing resists
-    slow = slow_first(value, count, D is not None)
-    key = torch.where(relaxes(value), torch.inf, value.imag).gather(-1, slow)
+    slow = slow_first(value, count, D is not None, lags > 0)
+    key = torch.where(relaxes(value, lags > 0), torch.inf, value.imag).gather(-1, slow)
     slow = slow.gather(-1, key.argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
