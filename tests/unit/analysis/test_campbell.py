@@ -205,6 +205,17 @@ def test_a_disc_that_is_not_round_is_unstable_between_two_critical_speeds():
     assert abs(low - math.sqrt(k1 / m)) < step and abs(high - math.sqrt(k2 / m)) < step
 
 
+def test_a_damped_whirl_as_fast_as_the_speed_is_no_relaxing_motion():
+    """In axes that turn it stands still and decays, as an overdamped motion does."""
+    drag = tb.Load(lambda x, R, v, w, t: (-4.0 * v, None), node="disc")
+    scene, W = overhung(effects=[drag], inertia=(0.04, 0.05, 0.05)), 40.0
+    for _ in range(12):
+        W = tb.campbell(scene, [W], count=2).frequency[0, 1].item()
+    diagram = tb.campbell(scene, [W], count=2)
+    assert diagram.names == ["backward 1", "forward 1"]
+    assert abs(diagram.frequency[0, 1] / W - 1) < 1e-7 and (diagram.damping[0] > 0.01).all()
+
+
 def test_files_and_pictures(tmp_path):
     diagram = tb.campbell(overhung(), SPEED, count=3)
     with np.load(diagram.save(tmp_path / "rotor.npz")) as kept:
