@@ -117,7 +117,8 @@ OF_RESULTS = {
     "plot.bands": (tb.plot.bands, dict(t=torch.linspace(0, 1, 8), samples=CURVES, **LEVEL,
                                        interval=0.95, label=None)),
     "plot.campbell": (tb.plot.campbell, dict(speed=torch.linspace(0, 1, 4), orders=(1, 2),
-                                             frequency=torch.ones(4, 2), names=("a", "b"))),
+                                             frequency=torch.ones(4, 2), names=("a", "b"),
+                                             unit="rpm")),
     "plot.convergence": (tb.plot.convergence, dict(runs={"a": SAMPLES}, reference=1.0)),
     "plot.correlation": (tb.plot.correlation, dict(fit=FIT)),
     "plot.cross_section": (tb.plot.cross_section, dict(

@@ -74,6 +74,41 @@ def test_overdamped_modes_do_not_oscillate():
     assert_close(modes.damping_ratio, torch.ones(4))
 
 
+def test_overdamped_motions_come_behind_those_that_oscillate():
+    """s^2 + tau w^2 s + w^2 = 0 of each mode w: with tau = 2e-3 s a steel shaft's bending
+    oscillates up to 1000 rad/s, all that is faster decays, at 1/tau at the slowest. That does not
+    take the places of slow bending; a mode without either has both of its real roots.
+    """
+    tau, shaft = 2e-3, tb.Section.circle(0.01, E=210e9, nu=0.3, rho=7850.0)
+    beam = tb.Beam.straight(0.8, 4, shaft, order=2)
+    w = tb.modes(tb.Scene(beam), count=48).frequency
+    fast = -tau / 2 * w**2 - torch.complex((tau * w / 2) ** 2 - 1, 0 * w).sqrt() * w
+    roots = (w**2 / fast).conj()  # the other one of each
+    roots = torch.where(roots.imag < 0, roots.conj(), roots)
+    swings = roots.imag > 0
+    relaxed = torch.cat((roots[~swings], fast[~swings])).real
+    damped = tb.modes(tb.Scene(beam, [tb.Damping(tau)]), count=12)
+    n = int(swings.sum())
+    assert n == 4
+    assert_close(damped.eigenvalue[:n], roots[swings], rtol=1e-7, atol=0)
+    assert (damped.frequency[n:] == 0).all()
+    slow = relaxed.sort(descending=True).values[: 12 - n]
+    assert_close(damped.eigenvalue[n:].real, slow, rtol=1e-7, atol=0)
+    few = tb.modes(tb.Scene(beam, [tb.Damping(tau)]), count=3)
+    assert_close(few.eigenvalue, damped.eigenvalue[:3], rtol=1e-9, atol=0)
+    poles = tb.linearize(
+        tb.Scene(beam, [tb.Damping(tau)]), outputs=tb.sensors.TipPosition()
+    ).poles  # all of them
+    assert (poles.real - damped.eigenvalue[-1].real).abs().min() < 1.0
+
+
+def test_rigid_motions_come_first_and_what_damps_them_last():
+    """A free bar in drag: rigid motions of eigenvalue 0, bending, and drag's own rates -c/m."""
+    beam = tb.Beam.straight(1.0, 4, finite())
+    modes = tb.modes(tb.Scene(beam, [tb.MassDamping(0.5)], supports=[]), count=12)
+    assert (modes.eigenvalue[:6] == 0).all() and (modes.frequency[6:] > 1).all()
+
+
 def test_shape_moves_as_it_says():
     """Released from the bent equilibrium plus a small second mode shape, the beam oscillates about
     it at that frequency: the tip is back after one period. (Midpoint at period/200: phase error

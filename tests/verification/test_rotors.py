@@ -162,6 +162,104 @@ def test_a_shaft_between_bearings_whirls_as_rayleighs_beam():
         np.testing.assert_allclose(np.sort(frequency), [(root - b) / a, (root + b) / a], rtol=3e-5)
 
 
+# an elastic shaft almost without mass, pinned, with a disc in the middle: m, m, kg, N/m
+SPAN, DISC = 0.8, 5.0
+BENDING = 210e9 * math.pi * 0.01**4 / 4
+STIFFNESS = 48 * BENDING / SPAN**3
+
+
+def jeffcott(effects=(), bearings=None, slides=False):
+    """bearings: (stiffness, damping) of each by y and by z, None = rigid; slides: whether the last
+    one leaves the shaft's length free.
+    """
+    section = tb.Section.from_stiffness(
+        EA=1e9, GA=math.inf, GJ=1e4, EI=BENDING, mass=1e-6, inertia=1e-10
+    )
+    parts = {"pivot": tb.Body(1e-9, 1e-9), "shaft": tb.Beam.straight(SPAN, 4, section, order=2)}
+    axes, joints, ends = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}, [], []
+    for name, place in (("left", 0.0), ("right", SPAN)):
+        laws = {} if bearings is None else dict(zip("yz", bearings, strict=True))
+        laws |= {"x": (0.0, 0.0)} if slides and place else {}
+        end = None
+        for axis, (k, c) in laws.items():
+            parts[f"{name} {axis}"] = tb.Body(1e-6, 1e-9, position=(place, 0, 0))
+            law = dict(axis=axes[axis], stiffness=k, damping=c)
+            joints.append(tb.Slider(end, f"{name} {axis}", **law))
+            end = f"{name} {axis}"
+        ends.append(end)
+    first = tb.Hinge("pivot", ("shaft", 0), axis=(1, 0, 0)), tb.Ball(ends[1], ("shaft", -1))
+    held = tb.Universal(ends[0], "pivot", axis=(0, 1, 0), second=(0, 0, 1))
+    disc = tb.PointMass(DISC, inertia=(0.025, 0.0125, 0.0125), node=("shaft", 4))
+    return tb.Scene(parts, [disc, *effects], joints=[*first, held, *joints])
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5, 1.0, 2.0])
+def test_internal_damping_has_kimballs_onset(ratio):
+    """m s^2 + (c_i + c_e) s + k - i W c_i = 0 of y + i z: damping that turns with the shaft,
+    c_i = tau k of `Damping`, and c_e that stands. Forward whirl grows from W = w (1 + c_e/c_i) on
+    (Kimball 1924, Gen. Electr. Rev. 27, 244; Genta 2005, Dynamics of Rotating Systems, ch. 4).
+    Stretching, overdamped here, is left out: two modes are the two whirls.
+    """
+    tau = 2e-4
+    c = tau * STIFFNESS
+
+    def drag(x, R, v, w, t):
+        return -ratio * c * v, None
+
+    effects = [tb.Load(drag, node=("shaft", 4)), tb.Damping(tau)]
+    onset = math.sqrt(STIFFNESS / DISC) * (1 + ratio)
+    speed = torch.linspace(0.99 * onset, 1.01 * onset, 3, dtype=torch.float64)
+    diagram = tb.campbell(jeffcott(effects), speed, bearing=(0, 1), count=2)
+    assert diagram.names == ["backward 1", "forward 1"]
+    for W, value in zip(speed.tolist(), diagram.eigenvalue, strict=True):
+        roots = np.roots([DISC, (1 + ratio) * c, STIFFNESS - 1j * W * c])
+        roots = np.where(roots.imag < 0, roots.conj(), roots)
+        # the shaft's length is held by its ends, and has mass: 2e-6 of the frequency
+        near = np.abs(roots[:, None] - value.numpy()).min(0)
+        assert (near < 3e-6 * abs(roots[0])).all()
+    ((low, _),) = diagram.unstable_ranges
+    np.testing.assert_allclose(low, onset, rtol=3e-6)
+
+
+def test_bearings_with_stiffness_and_damping_by_direction():
+    """Shaft and bearings in series: m s^2 + k z/(k + z) = 0 with z = 2 (k_b + c_b s), by y and by
+    z. Journals almost without mass relax at rates of k_b/c_b, behind all vibrations.
+    """
+    laws = (1.2e5, 40.0), (2.5e5, 60.0)
+    scene = jeffcott(bearings=laws, slides=True)
+    diagram = tb.campbell(scene, [100.0, 200.0], bearing=(0, 1), count=56)  # all
+    assert diagram.names[:2] == ["bending 1", "bending 2"]
+    assert (diagram.frequency[0, :48] > 100).all() and (diagram.frequency[0, 48:] == 0).all()
+    for value, (k, c) in zip(diagram.eigenvalue[0], laws, strict=False):
+        both = STIFFNESS * np.array([2 * c, 2 * k])
+        roots = np.roots(np.polyadd([DISC * 2 * c, DISC * (2 * k + STIFFNESS), 0, 0], both))
+        np.testing.assert_allclose(value, roots[roots.imag > 0][0], rtol=3e-6)
+        # beside the mass of the journals: m s/c = 3e-4
+        relaxed = diagram.eigenvalue[0, 48:].real.numpy() / roots[roots.imag == 0].real
+        assert np.abs(relaxed - 1).min() < 5e-4
+    few = tb.campbell(scene, [100.0, 200.0], bearing=(0, 1), count=2)
+    assert torch.allclose(few.eigenvalue, diagram.eigenvalue[:, :2], rtol=1e-9)
+    assert {c.mode for c in diagram.critical(orders=1)} == {"bending 1", "bending 2"}
+    with pytest.raises(ValueError, match="at most 56"):
+        tb.campbell(scene, [100.0], bearing=(0, 1), count=57)
+
+
+def test_overdamped_motions_of_the_shaft_are_no_lines_of_the_picture():
+    """Damping of 1/tau = 50 1/s: all that is faster relaxes at that rate, and lies on the axis."""
+    speed = torch.linspace(50, 400, 3, dtype=torch.float64)
+    diagram = tb.campbell(jeffcott([tb.Damping(2e-2)]), speed, bearing=(0, 1), count=6)
+    whirls = ["backward 1", "forward 1"]
+    assert diagram.names[:2] == whirls and (diagram.frequency[:, 2:] == 0).all()
+    assert torch.allclose(diagram.eigenvalue[:, 2:].real, torch.tensor(-50.0).double(), rtol=1e-3)
+    ax = diagram.plot(orders=(1,), unit="rpm")
+    assert [line.get_label() for line in ax.lines[:-1]] == whirls
+    np.testing.assert_allclose(ax.lines[0].get_xdata(), speed * 30 / math.pi)
+    np.testing.assert_allclose(ax.lines[1].get_ydata(), diagram.frequency[:, 1] / (2 * math.pi))
+    ray_x, ray_y = ax.lines[2].get_data()
+    np.testing.assert_allclose(60 * ray_y[1], ray_x[1])  # 1/rev: rpm/60 = Hz
+    assert ax.get_xlabel() == "speed / rpm" and ax.get_ylabel() == "frequency / Hz"
+
+
 @pytest.mark.parametrize("method", ["multiblade", "floquet"])
 def test_a_top_on_a_spring_keeps_its_weight_in_the_bearing(method):
     """A disc spins on a mast that stands on a universal joint with springs k: J p'' - i Jp W p' +

@@ -28,7 +28,7 @@ from ..linear.spinning_modes import (
     orbit_steps,
 )
 from ..linear.steady_check import unsteady
-from ..linear.whirl import names_of, tracked, whirl
+from ..linear.whirl import names_of, relaxing, tracked, whirl
 from ..math.eigen_derivatives import upright
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
@@ -84,8 +84,9 @@ def campbell(
     - **Loads** that change with the azimuth, as gravity across the axis, and a rotor out of balance
       make a periodic orbit, about which small motions are then. It is found by "floquet", of a
       speed that is held, and has no derivatives.
-    - **Internal states** of loads and of `Viscoelastic` are part of the motions. Motions that decay
-      without oscillating are then left out, as far as there are others.
+    - **Relaxing** motions decay without oscillating. They are left out as far as there are others,
+      and come last. Such are overdamped ones, and those of the internal states of loads and of
+      `Viscoelastic`.
     - **Derivatives** by all that the scene holds and by the speeds, where eigenvalues are distinct.
     - **Cost.** Dense: O(n^3) of all coordinates a speed; "floquet" that for every step of a turn.
 
@@ -220,12 +221,13 @@ def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: i
     space = bearing.model.space
     speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
     value, shape, error, about = modes
+    relaxed = relaxing(spin.drawn.at(-1), value[-1, ..., 0], shape[-1, ..., 0, :])
     shape = shape.flatten(-3, -2)[..., : spinning.M.shape[-1]]
     moves = spinning.moves.to(shape.dtype)
     with no_derivatives():
         nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
         unit = bearing.model.unit[..., None, None, :]
-        index = tracked(speeds, value, (nodal / unit).flatten(-2), count)
+        index = tracked(speeds, value, (nodal / unit).flatten(-2), relaxed, count)
     value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
     _refuse_few_steps(speeds, value, about[..., :count], steps)
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]

@@ -14,7 +14,9 @@ from ..core.arguments import count, listed
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
 from ..linear.elsewhere import array_of, write
+from ..math.quadratic_eigen import relaxes
 from ..plot.canvas import Axes
+from ..plot.curves import SPEED_UNITS
 from ..plot.curves import campbell as frequencies_over_speed
 
 # of |eigenvalue|, or of the speed: growth from which on a mode is unstable; where two eigenvalues
@@ -123,7 +125,8 @@ class Campbell:
         crossings = []
         for order in listed(orders):
             gap = y - count("an order", order) * x[:, None]
-            for i, k in ((gap[:-1] > 0) != (gap[1:] > 0)).nonzero().tolist():
+            crossed = ((gap[:-1] > 0) != (gap[1:] > 0)) & self._swings
+            for i, k in crossed.nonzero().tolist():
                 share = (gap[i, k] / (gap[i, k] - gap[i + 1, k])).item()
                 at = x[i].item() + share * (x[i + 1] - x[i]).item()
                 crossings.append(Critical(at, order, self.names[k]))
@@ -135,23 +138,29 @@ class Campbell:
         *,
         orders: Sequence[int] = (1, 2, 3),
         damping: Axes | None = None,
+        unit: str = "rad/s",
     ) -> Axes:
         """Frequencies over speed, with rays at multiples of the speed and unstable ranges shaded;
-        in the axes `damping` the damping ratios, in the same colours.
+        in the axes `damping` the damping ratios, in the same colours. Motions that relax at all
+        speeds are left out. unit="rpm": speeds in rpm, frequencies in Hz.
 
         Raises ValueError for a batch, ImportError without matplotlib.
         """
         self._one("plot")
-        speed, frequency = self.speed.detach(), self.frequency.detach()
-        ax = frequencies_over_speed(speed, frequency, ax, orders=orders, names=self.names)
+        swings = self._swings if self._swings.any() else torch.ones_like(self._swings)
+        names = [name for name, there in zip(self.names, swings, strict=True) if there]
+        speed, frequency = self.speed.detach(), concrete(self.frequency.detach())[:, swings]
+        look = dict(orders=orders, names=names, unit=unit)
+        ax = frequencies_over_speed(speed, frequency, ax, **look)
+        size = SPEED_UNITS[unit][0]
         if damping is not None:
-            for k, ratio in enumerate(self.damping.detach().T):
-                damping.plot(speed, ratio, color=f"C{k % 10}", lw=1.6)
+            for k, ratio in enumerate(self.damping.detach().T[swings]):
+                damping.plot(size * speed, ratio, color=f"C{k % 10}", lw=1.6)
             damping.axhline(0.0, color="0.6", lw=0.8)
-            damping.set(xlabel="speed / (rad/s)", ylabel="damping ratio", xlim=ax.get_xlim())
+            damping.set(xlabel=ax.get_xlabel(), ylabel="damping ratio", xlim=ax.get_xlim())
         for k, (low, high) in enumerate(self._ranges()):
             for axes in filter(None, (ax, damping)):
-                axes.axvspan(low, high, label=None if k else "unstable", **SHADE)
+                axes.axvspan(size * low, size * high, label=None if k else "unstable", **SHADE)
         ax.legend(frameon=False, fontsize=8)
         return ax
 
@@ -170,6 +179,13 @@ class Campbell:
                 f"{what} of a diagram with the batch axes {tuple(self.eigenvalue.shape[1:-1])} was "
                 "asked for; one without is wanted"
             )
+
+    @property
+    def _swings(self) -> Tensor:
+        """(count,) bool: which modes do not relax at all speeds, those of a picture."""
+        value, whirl = (concrete(x).detach() for x in (self.eigenvalue, self.whirl))
+        turning = value - 1j * concrete(self.speed)[:, None] * whirl.round()
+        return ~(relaxes(value) | relaxes(turning)).all(0)
 
     def _ranges(self) -> list[tuple[float, float]]:
         if self.eigenvalue.ndim > 2:

@@ -186,10 +186,10 @@ class LoadPath:
 
     def spectrum(self, factor: Tensor, state: State | None = None) -> Spectrum:
         model, state, (M, D, K), _ = self.matrices(factor, state=state)
-        self.damped, lags = D is not None, model.lag_count > 0
+        self.damped = D is not None
         value, vectors = slow_values(M, D, K, self.count)
-        slow = slow_first(value, self.count, lags)
-        if lags:  # and the slowest that decay, which are the next to diverge
+        slow = slow_first(value, self.count, self.damped)
+        if self.damped:  # and the slowest of all: those that decay are the next to diverge
             slow = torch.cat((slow, slow_first(value, self.count, False)), -1)
         value = value.gather(-1, slow)
         vectors = vectors.gather(-1, slow[..., None, :].expand(*vectors.shape[:-1], -1))

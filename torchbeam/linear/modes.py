@@ -39,7 +39,8 @@ NORMS = ("largest", "mass")
 
 @dataclass(frozen=True)
 class Modes:
-    """The slowest motions x exp(eigenvalue t), one of each conjugate pair, by frequency.
+    """The slowest motions x exp(eigenvalue t), one of each conjugate pair, by frequency; those that
+    decay without oscillating last.
 
     Args:
         eigenvalue: (..., count) complex, 1/s; a positive real part grows
@@ -124,7 +125,8 @@ def modes(
 
     Args:
         state: an equilibrium of the scene; None = the equilibrium under its loads at time t (s)
-        count: pairs of eigenvalues, the slowest first; an overdamped pair counts as two
+        count: pairs of eigenvalues, the slowest first, behind them motions that decay without
+            oscillating, the slowest first; an overdamped pair counts as two of these
         normalize: of the shapes: "largest", their largest entry is 1; "mass", v^H M v = 1 kg m^2,
             their largest entry real
         lumped: as in `Stepper`: the mass of the explicit form
@@ -143,8 +145,9 @@ def modes(
     - **Precision.** A scene in single precision is solved in double, and the answer rounded:
       stretching is so much stiffer than bending that float32 would lose the slowest modes. If its
       functions return only single precision, all is single, with a warning.
-    - **Internal states** of loads are unknowns of the dense solver. Their motions decay without
-      oscillating, often slowly. Where loads have such states, all decaying motions come last.
+    - **Overdamped** motions and those of internal states of loads, which the dense solver has as
+      unknowns, decay without oscillating. They come last, however slow; rigid ones, of eigenvalue
+      0, come first. `Linear.poles` has all eigenvalues.
 
     Raises:
         ValueError: for more modes than the mesh has, a state that moves or is no equilibrium, or a

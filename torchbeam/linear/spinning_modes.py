@@ -1,9 +1,9 @@
 """Modes of a spinning rotor at each of its speeds: eigenvalues where multiblade coordinates have
 constant coefficients, Floquet's exponents of others.
 
-Of a rotor in air, or of blades that relax, internal states have motions of their own, which decay
-without oscillating in axes that turn with their harmonic: eigenvalue - i W harmonic is real. Those
-come last.
+Overdamped motions, and those of internal states of a rotor in air or of blades that relax, decay
+without oscillating, many in axes that turn with their harmonic: eigenvalue - i W harmonic is real.
+Those come last, see `whirl.relaxing`.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.validation import concrete, refusal
 from ..math.eigen_derivatives import attach
-from ..math.quadratic_eigen import STRAIGHT, Pairs, slowest
+from ..math.quadratic_eigen import Pairs, slowest
 from .multiblade import SpinningModel
 from .periodic import HARMONICS, NONE, ORDER, UNSEEN, Exponents, exponents, fastest
-from .whirl import whirl
+from .whirl import relaxing
 
 SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
@@ -30,7 +30,6 @@ EQUAL = 1e-7
 ROUNDING = 4  # of the sum of what cancels in a coupling of two modes, in units of the last place
 ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
-APERIODIC = 0.95  # damping ratio from which on a motion does not oscillate
 
 
 Orbit = Callable[[int, int, int, Tensor], Exponents]
@@ -53,20 +52,16 @@ def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float]:
     that coefficients that change with the azimuth would move one, or couple two, of an eigenvalue.
     """
     M, D, K = spinning.constant()
-    free = spinning.mechanical.M.shape[-1]
-    if count > free:
-        raise refusal(f"count = {count}", f"at most {free}, all modes of the scene,")
-    several, derivatives = min(count + SPARE, free), wants_gradient(M, D, K)
+    derivatives = wants_gradient(M, D, K)
     with no_derivatives():
-        if not spinning.states:
-            pairs = _finite(slowest(M, D, K, several, False, derivatives), count)
-        else:
-            pairs = slowest(M, D, K, M.shape[-1], False, derivatives, spinning.states)
-            upper = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
-            at, swings = _swinging(spinning, upper, pairs.right)
-            known = int(concrete(swings.sum(-1)).min())
-            pairs = _finite(_taken(pairs, at[..., : max(count, min(several, known))]), count)
-        change = _periodic(spinning, pairs.eigenvalue, pairs.right)
+        pairs = slowest(M, D, K, 2 * M.shape[-1], False, derivatives, spinning.states)
+        value = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
+        at, swings = _swinging(spinning, value, pairs.right, count + SPARE)
+        several = max(count, min(count + SPARE, int(concrete(swings.sum(-1)).min())))
+        pairs = _taken(pairs._replace(eigenvalue=value), at[..., : several + SPARE])
+        pairs = _known(pairs, count)
+        seen = pairs.eigenvalue[..., :several], pairs.right[..., :several, :]
+        change = _periodic(spinning, *seen)
     return pairs, concrete(change).max().item()
 
 
@@ -79,21 +74,24 @@ def multiblade_modes(spinning: SpinningModel, pairs: Pairs) -> SpinningModes:
     return SpinningModes(value[..., None], shape[..., None, :], error, pairs.eigenvalue)
 
 
-def _swinging(spinning: SpinningModel, value: Tensor, shape: Tensor) -> tuple[Tensor, Tensor]:
-    """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first those of motions that
-    oscillate or grow, the slowest first, NONE last; and which are such (..., m) bool.
+def _swinging(
+    spinning: SpinningModel, value: Tensor, shape: Tensor, several: int
+) -> tuple[Tensor, Tensor]:
+    """Places (..., m) of eigenvalues (..., m), with shapes (..., m, n): first `several` of motions
+    that do not relax, the slowest first, then those that do, which may not at other speeds, then
+    the others, NONE last; and which do not relax (..., m) bool.
     """
-    moves = shape[..., : -spinning.states]
-    harmonic = whirl(spinning.mechanical, moves).round()
-    seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
-    size = (value - 1j * spinning.speed[..., None] * harmonic).abs()
-    least = STRAIGHT * torch.maximum(value.abs(), spinning.speed[..., None])
-    swings = (value.imag.abs() > least) | (value.real > least)
-    swings = swings & (value.real > -APERIODIC * size)
-    swings = swings & seen & (value.abs() < abs(NONE) / 2)
+    swings = ~relaxing(spinning, value, shape)
+    if spinning.states:
+        moves = shape[..., : -spinning.states]
+        seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
+        swings = swings & seen
+    known = value.abs() < abs(NONE) / 2
+    swings = swings & known
     order = value.abs().nan_to_num(torch.inf).argsort(dim=-1, stable=True)
-    last = (~swings).to(torch.int8).gather(-1, order).argsort(dim=-1, stable=True)
-    return order.gather(-1, last), swings
+    first, none = swings.gather(-1, order), ~known.gather(-1, order)
+    late = torch.where(first, 2 * (first.cumsum(-1) > several), torch.where(none, 3, 1))
+    return order.gather(-1, late.argsort(dim=-1, stable=True)), swings
 
 
 def _taken(pairs: Pairs, at: Tensor) -> Pairs:
@@ -106,11 +104,11 @@ def _taken(pairs: Pairs, at: Tensor) -> Pairs:
     return Pairs(of(value), of(right, n), of(left, n), *map(of, rest))
 
 
-def _finite(pairs: Pairs, count: int) -> Pairs:
+def _known(pairs: Pairs, count: int) -> Pairs:
     """Those that all speeds and samples have: coordinates without inertia have none. ValueError
     where they are less than `count`.
     """
-    known = int(concrete(torch.isfinite(pairs.eigenvalue)).sum(-1).min())
+    known = int((concrete(pairs.eigenvalue).abs() < abs(NONE) / 2).sum(-1).min())
     if count > known:
         raise refusal(f"count = {count}", f"at most {known}, all modes of the scene,")
     parts = (x if x is None else x[..., :known] for x in pairs[3:])
@@ -167,7 +165,7 @@ def floquet_modes(
     results = [_at_rest(pairs, several, first)] if first else []
     size = spinning.speed[0].numel() * steps * 4 * spinning.M.shape[-1] ** 2
     at_once = max(1, ROOM // size) if orbit is None else 1
-    wanted = 2 * free + spinning.states if spinning.states else several
+    wanted = 2 * free + spinning.states
     for k in range(first, len(spinning.speed), at_once):
         some = spinning.at(slice(k, k + at_once))
         limit = fastest(some.speed, steps)
@@ -177,9 +175,7 @@ def floquet_modes(
                 return (x[None] for x in orbit(k, steps, wanted, limit[0]))
             return exponents(some.periodic, some.speed, steps, wanted, limit, spinning.states)
 
-        value, shape = by(steps)
-        if spinning.states:
-            value, shape = _swinging_exponents(some, value, shape, several, count)
+        value, shape = _swinging_exponents(some, *by(steps), several, count)
         with no_derivatives():
             coarse = next(iter(by(steps // 2))).flatten(-2)
             coarse = torch.cat((coarse, coarse.conj()), -1)  # either one of a pair may be known
@@ -203,7 +199,7 @@ def _swinging_exponents(
     do not oscillate.
     """
     with no_derivatives():
-        at, swings = _swinging(spinning, value[..., 0], shape[..., 0, :])
+        at, swings = _swinging(spinning, value[..., 0], shape[..., 0, :], several)
         at = at[..., :several, None].expand(*at.shape[:-1], several, HARMONICS)
         none = ~swings.gather(-1, at[..., 0]) & (torch.arange(several, device=at.device) >= count)
     value = torch.where(none[..., None], NONE, value.gather(-2, at))

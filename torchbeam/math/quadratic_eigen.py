@@ -53,11 +53,11 @@ def slowest(
     derivatives: bool,
     lags: int = 0,
 ) -> Pairs:
-    """The `count` slowest, one of each conjugate pair, by their imaginary part; constants.
+    """The `count` slowest, one of each conjugate pair, by their imaginary part, those that decay
+    without oscillating last, see `slow_first`; constants.
 
     symmetric    whether K is, and nothing turns with it;  derivatives: whether `left` is wanted
-    lags         how many of the last unknowns are internal states of loads: those that decay
-                 without oscillating then come last, see `slow_first`
+    lags         how many of the last unknowns are internal states of loads
     """
     M, K = M.detach(), K.detach()
     D = None if D is None else D.detach()
@@ -241,7 +241,12 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     eigenvalues, vectors = torch.linalg.eig(
         torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2)
     )
-    return 1 / eigenvalues + shift[..., None], vectors, K
+    # what has no inertia has none, and what decays does not oscillate, but for rounding
+    size, turning = eigenvalues.abs(), eigenvalues.imag
+    least = SURE * size.shape[-1] * torch.finfo(size.dtype).eps * size.amax(-1, keepdim=True)
+    turning = torch.where(turning.abs() < least, 0.0, turning)
+    eigenvalues = torch.where(size < least, torch.inf, 1 / torch.complex(eigenvalues.real, turning))
+    return eigenvalues + shift[..., None], vectors, K
 
 
 def slow_values(M: Any, D: Tensor | None, K: Any, count: int) -> tuple[Tensor, Tensor]:
@@ -280,10 +285,19 @@ def _inverted(K: Tensor, right: Tensor) -> Tensor:
         ) from None
 
 
-def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
+def relaxes(value: Tensor, states: bool = False) -> Tensor:
+    """(..., n) bool: which eigenvalues decay without oscillating. What is zero is a rigid motion
+    and does not decay, but where there are internal states it may be one of theirs.
+    """
+    decays = value.real <= 0 if states else value.real < 0
+    return (value.imag.abs() <= STRAIGHT * value.abs()) & decays
+
+
+def slow_first(value: Tensor, count: int, damped: bool, states: bool = False) -> Tensor:
     """Places (..., count) of the slowest among eigenvalues (..., n), one of each conjugate pair,
-    the slowest first; `lags`: first those that oscillate or grow, as lags decay, and may be many
-    and slow. Of two that are as slow, one growing and one decaying, the growing one is first.
+    the slowest first; `damped`: behind all others those that decay without oscillating, which may
+    be many and slow. Of two that are as slow, one growing and one decaying, the growing one is
+    first.
     """
     size = value.abs()
     grows = (value.imag.abs() <= STRAIGHT * size) & (value.real > 0)
@@ -291,13 +305,9 @@ def slow_first(value: Tensor, count: int, lags: bool) -> Tensor:
     # two that are equal and real may come as a pair, by rounding
     size = torch.where((value.imag < -STRAIGHT * size) | ~torch.isfinite(size), torch.inf, size)
     order = size.argsort(dim=-1, stable=True)
-    if lags:
-        decays = torch.isinf(size) | (
-            (value.imag.abs() <= STRAIGHT * size) & (value.real <= STRAIGHT * size)
-        )
-        order = order.gather(
-            -1, decays.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True)
-        )
+    if damped:
+        last = torch.isinf(size) | relaxes(value, states)
+        order = order.gather(-1, last.gather(-1, order).to(torch.int8).argsort(dim=-1, stable=True))
     return order[..., :count]
 
 
@@ -322,8 +332,9 @@ def _dense(
     grown = (value.real > 0) & (value.real <= least)
     value = torch.complex(torch.where(grown, 0.0, value.real), value.imag)
     value = torch.where(value.abs() <= least, 0.0, value)  # of a motion that nothing resists
-    slow = slow_first(value, count, lags > 0)
-    slow = slow.gather(-1, value.imag.gather(-1, slow).argsort(dim=-1, stable=True))
+    slow = slow_first(value, count, D is not None, lags > 0)
+    key = torch.where(relaxes(value, lags > 0), torch.inf, value.imag).gather(-1, slow)
+    slow = slow.gather(-1, key.argsort(dim=-1, stable=True))
     rows, left = slow[..., None].expand(*slow.shape, vectors.shape[-1]), None
     if derivatives:
         inverse = inverse_unchecked(vectors).gather(-2, rows)[..., :n]

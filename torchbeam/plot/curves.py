@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..core.arguments import instance, listed, number
+from ..core.arguments import choice, instance, listed, number
 from ..core.validation import converted, finite, refusal, shown
 from ..sensors import Sensor
 from ..state.solution import Solution
@@ -137,6 +138,13 @@ def load_path(
     return _legend(ax) if sensor.size > 1 or label else ax
 
 
+# of a Campbell diagram: of a speed and of a frequency, by rad/s, and their names
+SPEED_UNITS = {
+    "rad/s": (1.0, 1.0, "(rad/s)", "(rad/s)"),
+    "rpm": (30 / math.pi, 0.5 / math.pi, "rpm", "Hz"),
+}
+
+
 def campbell(
     speed: Tensor,
     frequency: Tensor,
@@ -144,6 +152,7 @@ def campbell(
     *,
     orders: Sequence[int] = (1, 2, 3),
     names: Sequence[str] | None = None,
+    unit: str = "rad/s",
 ) -> Axes:
     """Campbell diagram (Campbell 1924): frequencies of a beam over its speed of rotation, with rays
     at multiples of that speed. Where a ray crosses a curve, that order of the rotation excites that
@@ -154,6 +163,7 @@ def campbell(
         frequency: (n, count) rad/s
         orders: multiples of the speed
         names: of the modes, for a legend
+        unit: of the picture: "rad/s", or "rpm", with frequencies in Hz
 
     Raises:
         ValueError: for other shapes.
@@ -175,6 +185,9 @@ def campbell(
             f"speeds {x.shape} and frequencies {y.shape} were given to campbell; (n,) and (n, "
             "count) are wanted"
         )
+    choice("unit", unit, tuple(SPEED_UNITS))
+    of_speed, of_frequency, by, seen = SPEED_UNITS[unit]
+    x, y, slope = of_speed * x, of_frequency * y, of_frequency / of_speed
     names = None if names is None else listed(names)
     if names is not None and (
         len(names) < y.shape[1] or not all(isinstance(n, str) for n in names)
@@ -184,12 +197,14 @@ def campbell(
         ax.plot(x, curve, color=f"C{k % 10}", lw=1.6, label=None if names is None else names[k])
     top = 1.05 * y.max()
     for order in (number("an order", order) for order in listed(orders)):
-        end = min(x.max(), top / order)
-        ax.plot([0, end], [0, order * end], color=GREY, lw=0.8, ls=":")
+        rise = order * slope
+        end = min(x.max(), top / rise)
+        ax.plot([0, end], [0, rise * end], color=GREY, lw=0.8, ls=":")
         look = dict(color="0.4", fontsize=8, va="center" if end == x.max() else "bottom")
         place = dict(textcoords="offset points", annotation_clip=False)
-        ax.annotate(f"{order:g}/rev", (end, order * end), (2, 0), **place, **look)
-    ax.set(xlabel="speed / (rad/s)", ylabel="frequency / (rad/s)", xlim=(0, x.max()), ylim=(0, top))
+        ax.annotate(f"{order:g}/rev", (end, rise * end), (2, 0), **place, **look)
+    ax.set(xlabel=f"speed / {by}", ylabel=f"frequency / {seen}")
+    ax.set(xlim=(0, x.max()), ylim=(0, top))
     return ax if names is None else _legend(ax)
 
 

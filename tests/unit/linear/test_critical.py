@@ -428,3 +428,29 @@ def test_a_bent_column_is_followed_in_few_iterations(monkeypatch):
         lambda P: tb.Scene(beam, [tb.TipLoad(force=along_x(-P)), spring]), 30.0
     )
     assert found.divergence and sum(iterations) < 100
+
+
+def test_motions_that_relax_take_no_place_of_those_that_flutter():
+    """Beck's column, slightly damped, beside carriages that relax at k/c = 1e-3 1/s: they are the
+    slowest, but the column flutters as it does alone.
+    """
+    section = tb.Section.from_stiffness(EA=1e4, GA=1e4, GJ=1.0, EI=1.0, mass=1.0, inertia=1e-6)
+    column = {"column": tb.Beam.straight(1.0, 4, section)}
+    names = [f"carriage {k}" for k in range(3)]
+    law = dict(axis=(1, 0, 0), stiffness=1.0, damping=1e3)
+    carriages = {name: tb.Body(mass=1.0, inertia=1.0, position=(0, 2.0, 0)) for name in names}
+
+    def factor(parts, joints):
+        def scene(P):
+            force = -P[..., None] * torch.tensor([1.0, 0, 0], dtype=torch.float64)
+            push = tb.PointLoad(("column", -1), force=force, follower=True)
+            foot = tb.Support(("column", 0))
+            effects = [push, tb.Damping(1e-3)]
+            return tb.Scene(parts, effects, joints=joints, supports=[foot], plane="xy")
+
+        return tb.critical_load(scene, 30.0, lowest=10.0, points=5, count=3)
+
+    alone = factor(column, [])
+    beside = factor(column | carriages, [tb.Slider(None, name, **law) for name in names])
+    assert alone.flutter and beside.flutter
+    assert torch.allclose(beside.factor, alone.factor, rtol=1e-5)
