@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,11 @@ from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
+from ..convergence.finer import Finer, finer
 from .blocks import SANDWICHED, BlockSpread
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
+from .discretisation import discretisation_doubts
 from .observed_priors import with_priors_observed
 from .prediction import Prediction, predicted, quantiles
 from .problem import FitProblem
@@ -291,15 +293,26 @@ class Fit(NamedFit):
             ValueError: where the finer model fails, or the steps do not shrink because the models
                 differ too much.
         """
-        finer, search, region = refined(
-            self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale
-        )
+        problem = self._problem("refined fit")
+        with finer() as runs:
+            fine, search, region = refined(
+                problem, model, self.x[None], self.jacobian[None], self.scale
+            )
         if search.status[0] != CONVERGED:
             raise ValueError(
                 "a finer model that fails at the fit, or differs too much from the one that was "
                 "fitted, was given; one of the same beam, a little finer, is wanted"
             )
-        return Fit.of(finer, search, region, self.derivatives, 1e-6)
+        return Fit.of(fine, search, region, self.derivatives, 1e-6).doubted(runs)
+
+    def doubted(self, runs: Finer) -> Fit:
+        """With doubts about the steps and the mesh of the runs of its model."""
+        said = discretisation_doubts(self, runs) if self.status == CONVERGED and runs.used else ()
+        if not said:
+            return self
+        message = "; ".join([self.message, *said])
+        every = dict(doubts=(*self.doubts, *said), hints=(*self.hints, *said), message=message)
+        return replace(self, **every)
 
     def summary(self, level: float = 0.95) -> str:
         """Table of parameters with intervals, the misfit, undetermined parameters, and hints."""

@@ -18,6 +18,7 @@ from ...core.warning import SlowPathWarning, warn
 from ...solvers.lbfgs import descend
 from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
+from ..convergence.finer import finer
 from .experiment import Model, experiments_of
 from .fit import Fit
 from .measurement import Measurement, each
@@ -164,7 +165,10 @@ def identify(
         >>> fit.theta, fit.interval(0.95)  # the estimate, where it is
         (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
     """
-    return searched(model, data, start, SearchOptions.of(locals()))
+    options = SearchOptions.of(locals())
+    with finer() as runs:
+        fit = searched(model, data, start, options)
+    return fit.doubted(runs)
 
 
 def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:

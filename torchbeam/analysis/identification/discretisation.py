@@ -1,0 +1,89 @@
+"""Discretisation: by how much a fit would move with shorter steps or a finer mesh."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...state.solution import Solution
+from ...state.state import State
+from ..convergence.finer import Finer, finer
+from ..convergence.reading import on_mesh
+from .experiment import Experiment, with_status
+from .problem import FitProblem
+
+APART = 1.0  # deviations by which a parameter may move
+KINDS = dict(steps="steps half as long", elements="twice as many elements")
+
+
+def discretisation_doubts(fit: Any, runs: Finer) -> tuple[str, ...]:
+    """Sentences on steps, and on a mesh, that move parameters of a `Fit` by more than a deviation
+    when they are refined. Each refined model runs once, with the fit's parameters; its readings
+    give a Gauss-Newton step by the fit's derivatives (defect correction, as in `Fit.refined`).
+
+    runs  of the fitted model. Nothing is known of meshes if a model returns tensors, whose nodes
+          are the user's, or of a structure; nor of steps that control their own error
+    """
+    kinds = [kind for kind in KINDS if kind == "elements" or runs.stepped]
+    return tuple(sentence for kind in kinds for sentence in _doubt(fit, kind))
+
+
+def _doubt(fit: Any, kind: str) -> Iterator[str]:
+    problem: FitProblem = fit.problem
+    x, every = fit.x[None], torch.zeros(1, dtype=torch.long, device=fit.x.device)
+    with torch.no_grad(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            before = problem.residuals(x, every)
+            with finer(**{kind: 2}):
+                of = problem if kind == "steps" else _on_meshes(problem, x)
+                change = of.residuals(x, every) - before
+        except Exception:  # a mesh that does not divide, a start of another mesh, a failure
+            return
+        A = fit.jacobian.mT @ fit.jacobian + torch.diag(problem.prior(x)[2][0])
+        move = _step(A, fit.jacobian.mT @ change[0], ~fit.held & ~fit.open)
+        apart = (move / fit.x_covariance.diagonal().sqrt())[: problem.parameters.model]
+        theta = fit.transform.theta(fit.x + move)
+    moved = [k for k in apart.abs().argsort(descending=True).tolist() if abs(apart[k]) > APART]
+    if moved:
+        said = ", ".join(
+            f"{fit.names[k]} by {apart[k]:+.2g} deviations (to {theta[k]:.4g})" for k in moved
+        )
+        yield (
+            f"{KINDS[kind]} would move {said}: the error of the {kind} is larger than stated "
+            "deviations, which leave it out; a finer model is wanted, as `fit.refined` takes"
+        )
+
+
+def _step(A: Tensor, gradient: Tensor, free: Tensor) -> Tensor:
+    """(p,) coordinates by which least squares move; 0 of those that are not free."""
+    size = A.diagonal().clamp(min=torch.finfo(A.dtype).tiny).rsqrt() * free
+    return -size * (torch.linalg.pinv(size[:, None] * A * size, hermitian=True) @ (size * gradient))
+
+
+def _on_meshes(problem: FitProblem, x: Tensor) -> FitProblem:
+    """The problem whose experiments have run on finer meshes, and whose sensors follow these."""
+    parts = [_on_mesh(e, problem, x) for e in problem.experiments]
+    return replace(problem, experiments=tuple(parts))
+
+
+def _on_mesh(experiment: Experiment, problem: FitProblem, x: Tensor) -> Experiment:
+    if not experiment.measured:
+        return experiment
+    runs = Finer.now.get()
+    runs.scenes.clear()
+    given = problem.parameters.given(problem.theta(x), experiment.name)
+    result = experiment.model(given)
+    y, _ = with_status(result, 1)
+    if not isinstance(y, (Solution, State)):
+        raise ValueError("a model that gave tensors, on a mesh that is not theirs")
+    coarse, fine = runs.scenes[-1]
+    measurements = tuple(
+        replace(m, sensor=on_mesh(m.sensor, coarse, fine)) for m in experiment.measurements
+    )
+    return replace(experiment, model=lambda _: result, measurements=measurements)
