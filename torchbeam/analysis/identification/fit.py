@@ -306,13 +306,13 @@ class Fit(NamedFit):
         return Fit.of(fine, search, region, self.derivatives, 1e-6).doubted(runs)
 
     def doubted(self, runs: Finer) -> Fit:
-        """With doubts about the steps and the mesh of the runs of its model."""
-        said = discretisation_doubts(self, runs) if self.status == CONVERGED and runs.used else ()
-        if not said:
+        """With doubts about steps and mesh of the runs of its model, if residuals raise none."""
+        if self.status != CONVERGED or self.doubts or not runs.used:
+            return self
+        if not (said := discretisation_doubts(self, runs)):
             return self
         message = "; ".join([self.message, *said])
-        every = dict(doubts=(*self.doubts, *said), hints=(*self.hints, *said), message=message)
-        return replace(self, **every)
+        return replace(self, doubts=said, hints=(*self.hints, *said), message=message)
 
     def summary(self, level: float = 0.95) -> str:
         """Table of parameters with intervals, the misfit, undetermined parameters, and hints."""
