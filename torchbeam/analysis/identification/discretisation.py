@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ...solvers.least_squares import CONVERGED
 from ...state.solution import Solution
 from ...state.state import State
 from ..convergence.finer import Finer, finer
@@ -21,34 +22,42 @@ APART = 1.0  # deviations by which a parameter may move
 KINDS = dict(steps="steps half as long", elements="twice as many elements")
 
 
-def discretisation_doubts(fit: Any, runs: Finer) -> tuple[str, ...]:
-    """Sentences on steps, and on a mesh, that move parameters of a `Fit` by more than a deviation
-    when they are refined. Each refined model runs once, with the fit's parameters; its readings
-    give a Gauss-Newton step by the fit's derivatives (defect correction, as in `Fit.refined`).
+def doubted(fit: Any, runs: Finer) -> Any:
+    """A converged `Fit` whose residuals raise no doubt, with doubts about its steps and its mesh.
+
+    Each refined model runs once, with the fit's parameters. Its readings give a Gauss-Newton step
+    by the fit's derivatives (defect correction, as in `Fit.refined`).
 
     runs  of the fitted model. Nothing is known of meshes if a model returns tensors, whose nodes
           are the user's, or of a structure; nor of steps that control their own error
     """
+    if fit.status != CONVERGED or fit.doubts or not runs.used:
+        return fit
     kinds = [kind for kind in KINDS if kind == "elements" or runs.stepped]
-    return tuple(sentence for kind in kinds for sentence in _doubt(fit, kind))
-
-
-def _doubt(fit: Any, kind: str) -> Iterator[str]:
-    problem: FitProblem = fit.problem
-    x, every = fit.x[None], torch.zeros(1, dtype=torch.long, device=fit.x.device)
+    x, which = fit.x[None], torch.zeros(1, dtype=torch.long, device=fit.x.device)
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        try:
-            before = problem.residuals(x, every)
-            with finer(**{kind: 2}):
-                of = problem if kind == "steps" else _on_meshes(problem, x)
-                change = of.residuals(x, every) - before
-        except Exception:  # a mesh that does not divide, a start of another mesh, a failure
-            return
-        A = fit.jacobian.mT @ fit.jacobian + torch.diag(problem.prior(x)[2][0])
-        move = _step(A, fit.jacobian.mT @ change[0], ~fit.held & ~fit.open)
-        apart = (move / fit.x_covariance.diagonal().sqrt())[: problem.parameters.model]
-        theta = fit.transform.theta(fit.x + move)
+        r = fit.problem.residuals(x, which)
+        said = tuple(sentence for kind in kinds for sentence in _doubt(fit, kind, r, which))
+    if not said:
+        return fit
+    message = "; ".join([fit.message, *said])
+    return replace(fit, doubts=said, hints=(*fit.hints, *said), message=message)
+
+
+def _doubt(fit: Any, kind: str, r: Tensor, which: Tensor) -> Iterator[str]:
+    """A sentence if refinement moves a parameter; r (1, T) residuals of the fit."""
+    problem, x = fit.problem, fit.x[None]
+    try:
+        with finer(**{kind: 2}):
+            of = problem if kind == "steps" else _on_meshes(problem, x)
+            change = of.residuals(x, which) - r
+    except Exception:  # a mesh that does not divide, a start of another mesh, a failure
+        return
+    A = fit.jacobian.mT @ fit.jacobian + torch.diag(problem.prior(x)[2][0])
+    move = _step(A, fit.jacobian.mT @ change[0], ~fit.held & ~fit.open)
+    apart = (move / fit.x_covariance.diagonal().sqrt())[: problem.parameters.model]
+    theta = fit.transform.theta(fit.x + move)
     moved = [k for k in apart.abs().argsort(descending=True).tolist() if abs(apart[k]) > APART]
     if moved:
         said = ", ".join(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,11 @@ from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
-from ..convergence.finer import Finer, finer
+from ..convergence.finer import finer
 from .blocks import SANDWICHED, BlockSpread
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
-from .discretisation import discretisation_doubts
+from .discretisation import doubted
 from .observed_priors import with_priors_observed
 from .prediction import Prediction, predicted, quantiles
 from .problem import FitProblem
@@ -84,7 +84,8 @@ class Fit(NamedFit):
             misfit. Empty if all are determined. `open` (p,) bool marks the parameters named
         hints: sentences about suspicious results: units, exchanged markers, bounds that are
             reached, parameters that the data hardly separate. `doubts` are about residuals: larger
-            than sigma, correlated, with a trend, or off by periods; `interval` warns with them
+            than sigma, correlated, with a trend, off by periods; or about steps and mesh that are
+            too coarse. `interval` warns with them
         message: the status in words, with these sentences, and errors that the model raised at
             trials
         iterations: number of evaluations of the model and its derivatives, without the first
@@ -295,24 +296,14 @@ class Fit(NamedFit):
         """
         problem = self._problem("refined fit")
         with finer() as runs:
-            fine, search, region = refined(
-                problem, model, self.x[None], self.jacobian[None], self.scale
-            )
+            here = self.x[None], self.jacobian[None]
+            fine, search, region = refined(problem, model, *here, self.scale)
         if search.status[0] != CONVERGED:
             raise ValueError(
                 "a finer model that fails at the fit, or differs too much from the one that was "
                 "fitted, was given; one of the same beam, a little finer, is wanted"
             )
-        return Fit.of(fine, search, region, self.derivatives, 1e-6).doubted(runs)
-
-    def doubted(self, runs: Finer) -> Fit:
-        """With doubts about steps and mesh of the runs of its model, if residuals raise none."""
-        if self.status != CONVERGED or self.doubts or not runs.used:
-            return self
-        if not (said := discretisation_doubts(self, runs)):
-            return self
-        message = "; ".join([self.message, *said])
-        return replace(self, doubts=said, hints=(*self.hints, *said), message=message)
+        return doubted(Fit.of(fine, search, region, self.derivatives, 1e-6), runs)
 
     def summary(self, level: float = 0.95) -> str:
         """Table of parameters with intervals, the misfit, undetermined parameters, and hints."""

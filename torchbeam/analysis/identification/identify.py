@@ -19,6 +19,7 @@ from ...solvers.lbfgs import descend
 from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
 from ..convergence.finer import finer
+from .discretisation import doubted
 from .experiment import Model, experiments_of
 from .fit import Fit
 from .measurement import Measurement, each
@@ -150,6 +151,10 @@ def identify(
     that may change by their own size while the misfit changes by at most `tolerance` of it, or
     rounding. The status is then never 0.
 
+    A converged fit without doubts is run again with half the step of each `simulate`, and with
+    twice the elements: one sample each. `doubts` say if that would move a parameter by more than
+    its deviation.
+
     Raises:
         ValueError: for a model whose output does not fit the data, or is finite at none of the
             starts. For fewer data than parameters without a prior, and for data without a number.
@@ -168,7 +173,7 @@ def identify(
     options = SearchOptions.of(locals())
     with finer() as runs:
         fit = searched(model, data, start, options)
-    return fit.doubted(runs)
+    return doubted(fit, runs)
 
 
 def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
