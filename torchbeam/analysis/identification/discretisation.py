@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
@@ -18,19 +19,33 @@ from ..convergence.reading import on_mesh
 from .experiment import Experiment, with_status
 from .problem import FitProblem
 
+P = ParamSpec("P")
+F = TypeVar("F")
 APART = 1.0  # deviations by which a parameter may move
 KINDS = dict(steps="steps half as long", elements="twice as many elements")
 
 
-def doubted(fit: Any, runs: Finer) -> Any:
-    """A converged `Fit` whose residuals raise no doubt, with doubts about its steps and its mesh.
+def doubted(search: Callable[P, F]) -> Callable[P, F]:
+    """A function that returns a `Fit`, whose fits have doubts about their steps and their mesh. The
+    fits have converged, and their residuals raise no doubt.
 
     Each refined model runs once, with the fit's parameters. Its readings give a Gauss-Newton step
     by the fit's derivatives (defect correction, as in `Fit.refined`).
 
-    runs  of the fitted model. Nothing is known of meshes if a model returns tensors, whose nodes
-          are the user's, or of a structure; nor of steps that control their own error
+    Nothing is known of meshes if a model returns tensors, whose nodes are the user's, or of a
+    structure; nor of steps that control their own error.
     """
+
+    @wraps(search)
+    def judged(*args: P.args, **kwargs: P.kwargs) -> F:
+        with finer() as runs:
+            fit = search(*args, **kwargs)
+        return _with_doubts(fit, runs)
+
+    return judged
+
+
+def _with_doubts(fit: Any, runs: Finer) -> Any:
     if fit.status != CONVERGED or fit.doubts or not runs.used:
         return fit
     kinds = [kind for kind in KINDS if kind == "elements" or runs.stepped]

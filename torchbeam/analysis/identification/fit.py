@@ -17,7 +17,6 @@ from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
-from ..convergence.finer import finer
 from .blocks import SANDWICHED, BlockSpread
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
@@ -84,8 +83,7 @@ class Fit(NamedFit):
             misfit. Empty if all are determined. `open` (p,) bool marks the parameters named
         hints: sentences about suspicious results: units, exchanged markers, bounds that are
             reached, parameters that the data hardly separate. `doubts` are about residuals: larger
-            than sigma, correlated, with a trend, off by periods; or about steps and mesh that are
-            too coarse. `interval` warns with them
+            than sigma, correlated, with a trend, off by periods; or steps and mesh; `interval` warns
         message: the status in words, with these sentences, and errors that the model raised at
             trials
         iterations: number of evaluations of the model and its derivatives, without the first
@@ -280,12 +278,12 @@ class Fit(NamedFit):
         problem = with_priors_observed(self._noisy("bootstrap"))
         return bootstrap(problem, self.x, self.held, self.scale, self.redundancy, repeats, seed)
 
+    @doubted
     def refined(self, model: Any) -> Fit:
         """Fit of a finer model (a finer mesh or shorter steps), by its readings and the derivatives
         of this model (defect correction; Boehmer and Stetter 1984). Gauss-Newton steps go on until
-        they are a hundredth of a deviation. This takes some evaluations of a single sample, in
-        place of a search with the finer model. Derivatives are computed anew along the way. The
-        change of the parameters is the error of the coarser mesh.
+        they are a hundredth of a deviation. This takes a few evaluations of one sample. Derivatives
+        are computed anew. The change of the parameters is the error of the coarser mesh.
 
         Args:
             model: as in `identify`, for the same parameters and data
@@ -294,16 +292,15 @@ class Fit(NamedFit):
             ValueError: where the finer model fails, or the steps do not shrink because the models
                 differ too much.
         """
-        problem = self._problem("refined fit")
-        with finer() as runs:
-            here = self.x[None], self.jacobian[None]
-            fine, search, region = refined(problem, model, *here, self.scale)
+        finer, search, region = refined(
+            self._problem("refined fit"), model, self.x[None], self.jacobian[None], self.scale
+        )
         if search.status[0] != CONVERGED:
             raise ValueError(
                 "a finer model that fails at the fit, or differs too much from the one that was "
                 "fitted, was given; one of the same beam, a little finer, is wanted"
             )
-        return doubted(Fit.of(fine, search, region, self.derivatives, 1e-6), runs)
+        return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
     def summary(self, level: float = 0.95) -> str:
         """Table of parameters with intervals, the misfit, undetermined parameters, and hints."""

@@ -18,7 +18,6 @@ from ...core.warning import SlowPathWarning, warn
 from ...solvers.lbfgs import descend
 from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
-from ..convergence.finer import finer
 from .discretisation import doubted
 from .experiment import Model, experiments_of
 from .fit import Fit
@@ -170,10 +169,7 @@ def identify(
         >>> fit.theta, fit.interval(0.95)  # the estimate, where it is
         (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
     """
-    options = SearchOptions.of(locals())
-    with finer() as runs:
-        fit = searched(model, data, start, options)
-    return doubted(fit, runs)
+    return doubted(searched)(model, data, start, SearchOptions.of(locals()))
 
 
 def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
