@@ -83,7 +83,7 @@ class Fit(NamedFit):
             misfit. Empty if all are determined. `open` (p,) bool marks the parameters named
         hints: sentences about suspicious results: units, exchanged markers, bounds that are
             reached, parameters that the data hardly separate. `doubts` are about residuals: larger
-            than sigma, correlated, with a trend, off by periods; or steps and mesh; `interval` warns
+            than sigma, correlated, with a trend, off by periods; or steps, mesh; `interval` warns
         message: the status in words, with these sentences, and errors that the model raised at
             trials
         iterations: number of evaluations of the model and its derivatives, without the first
