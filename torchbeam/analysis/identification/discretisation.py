@@ -22,7 +22,13 @@ from .problem import FitProblem
 P = ParamSpec("P")
 F = TypeVar("F")
 APART = 1.0  # deviations by which a parameter may move
-KINDS = dict(steps="steps half as long", elements="twice as many elements")
+FINER = "which leave it out; a finer model is wanted, as `fit.refined` takes"
+KINDS: dict[str, tuple[float, str, str]] = dict(
+    steps=(2, "steps half as long", FINER),
+    elements=(2, "twice as many elements", FINER),
+    springs=(10, "firm springs of the clamp ten times as stiff", "which take them as rigid; a "
+             "`Support` that holds these components beside the RootSpring is wanted"),
+)  # fmt: skip
 
 
 def doubted(search: Callable[P, F]) -> Callable[P, F]:
@@ -48,7 +54,9 @@ def doubted(search: Callable[P, F]) -> Callable[P, F]:
 def _with_doubts(fit: Any, runs: Finer) -> Any:
     if fit.status != CONVERGED or fit.doubts or not runs.used:
         return fit
-    kinds = [kind for kind in KINDS if kind == "elements" or runs.stepped]
+    kinds = [
+        kind for kind, there in zip(KINDS, (runs.stepped, True, runs.sprung), strict=True) if there
+    ]
     x, which = fit.x[None], torch.zeros(1, dtype=torch.long, device=fit.x.device)
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -62,10 +70,10 @@ def _with_doubts(fit: Any, runs: Finer) -> Any:
 
 def _doubt(fit: Any, kind: str, r: Tensor, which: Tensor) -> Iterator[str]:
     """A sentence if refinement moves a parameter; r (1, T) residuals of the fit."""
-    problem, x = fit.problem, fit.x[None]
+    (factor, refined, wanted), problem, x = KINDS[kind], fit.problem, fit.x[None]
     try:
-        with finer(**{kind: 2}):
-            of = problem if kind == "steps" else _on_meshes(problem, x)
+        with finer(**{kind: factor}):
+            of = problem if kind != "elements" else _on_meshes(problem, x)
             change = of.residuals(x, which) - r
     except Exception:  # a mesh that does not divide, a start of another mesh, a failure
         return
@@ -79,8 +87,8 @@ def _doubt(fit: Any, kind: str, r: Tensor, which: Tensor) -> Iterator[str]:
             f"{fit.names[k]} by {apart[k]:+.2g} deviations (to {theta[k]:.4g})" for k in moved
         )
         yield (
-            f"{KINDS[kind]} would move {said}: the error of the {kind} is larger than stated "
-            "deviations, which leave it out; a finer model is wanted, as `fit.refined` takes"
+            f"{refined} would move {said}: the error of the {kind} is larger than stated "
+            f"deviations, {wanted}"
         )
 
 

@@ -46,12 +46,15 @@ def ring_down(t: np.ndarray) -> np.ndarray:
     return total
 
 
-def strip(theta, elements=6, step=1e-4):
+def strip(theta, elements=6, step=1e-4, firm=None):
     section = tb.Section.rectangle(B, H, E=theta["E"], nu=0.3, rho=RHO)
     clamp, tau = theta["clamp"][:, None], theta["tau"][:, None]
     effects = [tb.RootSpring((0.0, clamp), damping=(0.0, clamp * tau)), tb.Damping(theta["tau"])]
-    beam = tb.Beam.straight(L, elements, section, order=2)
-    free = tb.Scene(beam, effects, supports=tb.Support(0, rotation="xz"), plane="xz")
+    foot, beam = tb.Support(0, rotation="xz"), tb.Beam.straight(L, elements, section, order=2)
+    if firm is not None:
+        f = torch.full_like(clamp, firm)
+        foot, effects[0] = None, tb.RootSpring(torch.cat((f, f, f, f, clamp, f), -1))
+    free = tb.Scene(beam, effects, supports=foot, plane="xz")
     pulled = replace(free, effects=[*effects, tb.TipLoad(force=(0, 0, FORCE))])
     return tb.simulate(free, T, tb.equilibrium(pulled), step=step, engine="compiled")
 
@@ -80,6 +83,24 @@ def test_a_record_by_another_formula_ends_with_a_doubt_then_with_the_truth():
     half = fit.refined(lambda theta: strip(theta, 6, 5e-5))
     moved = ((half.x - fit.x) / fit.x_covariance.diagonal().sqrt())[0].item()
     assert abs(float(said.split("move E by ")[1].split(" ")[0]) / moved - 1) < 0.1
+
+
+def test_springs_in_the_place_of_rigid_components():
+    """With 1e6 N/m E is some ten deviations off, and the fit looks right. With 1e9 nothing is said
+    about springs.
+    """
+    soft, firm = (
+        tb.identify(
+            lambda theta, firm=firm: strip(theta, 6, 5e-5, firm),
+            accelerometer(),
+            START,
+            derivatives="difference",
+        )
+        for firm in (1e6, 1e9)
+    )
+    assert (soft["E"] - TRUE["E"]).abs() > 5 * soft.deviation[0]
+    assert sum(doubt.startswith("firm springs") for doubt in soft.doubts) == 1
+    assert not any(doubt.startswith("firm springs") for doubt in firm.doubts)
 
 
 def sag(elements, tensors=False):
