@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ START = {
     "clamp": tb.Parameter(100.0, "log"),
     "tau": tb.Parameter(1e-4, "log"),
 }
-T = torch.linspace(0, 0.2005, 402, dtype=torch.float64)
+T = torch.linspace(0, 0.4005, 802, dtype=torch.float64)
 
 
 def ring_down(t: np.ndarray) -> np.ndarray:
@@ -59,9 +60,9 @@ def strip(theta, elements=6, step=1e-4, firm=None):
     return tb.simulate(free, T, tb.equilibrium(pulled), step=step, engine="compiled")
 
 
-def accelerometer():
+def accelerometer(sigma=0.3):
     t = T[60:-1]
-    noise = 0.3 * torch.randn(t.shape, generator=torch.Generator().manual_seed(1)).double()
+    noise = sigma * torch.randn(t.shape, generator=torch.Generator().manual_seed(1)).double()
     values = torch.from_numpy(ring_down(t.numpy())) + noise
     return tb.Measurement(values, None, t, tb.sensors.TipVelocity()["z"], rate=True, offset=True)
 
@@ -86,21 +87,20 @@ def test_a_record_by_another_formula_ends_with_a_doubt_then_with_the_truth():
 
 
 def test_springs_in_the_place_of_rigid_components():
-    """With 1e6 N/m E is some ten deviations off, and the fit looks right. With 1e9 nothing is said
-    about springs.
+    """Noise of 0.5 m/s^2 hides what 1e6 N/m leave in the residuals: the doubt is about springs. Of
+    1e9 N/m nothing is said.
     """
     soft, firm = (
         tb.identify(
-            lambda theta, firm=firm: strip(theta, 6, 5e-5, firm),
-            accelerometer(),
+            partial(strip, step=5e-5, firm=firm),
+            accelerometer(0.5),
             START,
             derivatives="difference",
         )
         for firm in (1e6, 1e9)
     )
-    assert (soft["E"] - TRUE["E"]).abs() > 5 * soft.deviation[0]
-    assert sum(doubt.startswith("firm springs") for doubt in soft.doubts) == 1
-    assert not any(doubt.startswith("firm springs") for doubt in firm.doubts)
+    assert any("firm springs of the clamp" in doubt for doubt in soft.doubts)
+    assert not any("firm springs of the clamp" in doubt for doubt in firm.doubts)
 
 
 def sag(elements, tensors=False):
