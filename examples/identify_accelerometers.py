@@ -31,13 +31,11 @@ def scene(theta: dict[str, torch.Tensor], elements: int, pulse: bool) -> tb.Scen
     section = tb.Section.from_stiffness(
         EA=2e6, GA=4e5, GJ=1.0, EI=theta["EI"], mass=MASS, inertia=5e-6
     )
-    stiff = torch.full_like(theta["clamp"], 1e6)
-    clamp = tb.RootSpring(torch.stack((stiff, stiff, stiff, stiff, theta["clamp"], stiff), -1))
     effects = [
         tb.Gravity((0, 0, -9.81)),
         tb.Damping(theta["tau"]),
         tb.PointMass(theta["tip"]),
-        clamp,
+        tb.RootSpring((0.0, theta["clamp"][:, None])),  # the support holds all but the turn
     ]
     if pulse:
         effects.append(
@@ -45,7 +43,8 @@ def scene(theta: dict[str, torch.Tensor], elements: int, pulse: bool) -> tb.Scen
                 force=lambda t: (0, 0, 4 * torch.sin(torch.pi * t.clamp(0, 0.03) / 0.03) ** 2)
             )
         )
-    return tb.Scene(tb.Beam.straight(LENGTH, elements, section).linked(), effects, plane="xz")
+    beam, foot = tb.Beam.straight(LENGTH, elements, section).linked(), tb.Support(0, rotation="xz")
+    return tb.Scene(beam, effects, supports=foot, plane="xz")
 
 
 def strike(theta: dict[str, torch.Tensor], elements: int = 8, step: float = 5e-4) -> tb.Solution:

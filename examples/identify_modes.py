@@ -31,11 +31,9 @@ def modes(theta: dict[str, torch.Tensor], elements: int = 12, count: int = 10) -
     section = tb.Section.from_stiffness(
         EA=1e6, GA=1e6, GJ=8.0, EI=(theta["EI_y"], theta["EI_z"]), mass=0.5, inertia=2e-5
     )
-    firm = torch.full_like(theta["clamp"], 1e6)
-    clamp = tb.RootSpring(torch.stack((firm, firm, firm, firm, theta["clamp"], firm), -1))
-    return tb.modes(
-        tb.Scene(tb.Beam.straight(0.6, elements, section).linked(), [clamp]), count=count
-    )
+    clamp, foot = tb.RootSpring((0.0, theta["clamp"][..., None])), tb.Support(0, rotation="xz")
+    beam = tb.Beam.straight(0.6, elements, section).linked()
+    return tb.modes(tb.Scene(beam, [clamp], supports=foot), count=count)
 
 
 def read(shape: torch.Tensor) -> torch.Tensor:

@@ -37,14 +37,12 @@ def sag(theta: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
     """Heights (N, weights) of the tip for EI and c (N,), and status (N,)."""
     section = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=1.0, EI=theta["EI"][:, None], mass=0.1)
     turning = 1 / theta["c"][:, None]
-    firm = torch.full_like(turning, 1e6)
     effects = [
         tb.TipLoad(force=-WEIGHTS[:, None] * torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)),
-        tb.RootSpring(torch.stack((firm, firm, firm, firm, turning, firm), -1)),
+        tb.RootSpring((0.0, turning[..., None])),
     ]
-    state = tb.equilibrium(
-        tb.Scene(tb.Beam.straight(0.5, 6, section).linked(), effects, plane="xz"), throw=False
-    )
+    beam, foot = tb.Beam.straight(0.5, 6, section).linked(), tb.Support(0, rotation="xz")
+    state = tb.equilibrium(tb.Scene(beam, effects, supports=foot, plane="xz"), throw=False)
     return state.tip.position[..., 2], state.status.amax(-1)
 
 

@@ -52,11 +52,12 @@ def displacement(
     )
     weights = -G * HUNG[:, None] * torch.tensor([0.0, 0.0, 1.0])
     effects = [tb.Gravity((0, 0, -G)), tb.TipLoad(force=weights)]
+    foot = tb.Support(0)
     if "c" in theta:
-        turning = 1 / theta["c"].clamp(min=1e-6)[:, None]
-        firm = torch.full_like(turning, 1e7)
-        effects.append(tb.RootSpring(torch.stack((firm, firm, firm, firm, turning, firm), -1)))
-    scene = tb.Scene(tb.Beam.straight(SPAN, elements, section).linked(), effects, plane="xz")
+        foot = tb.Support(0, rotation="xz")
+        effects.append(tb.RootSpring((0.0, 1 / theta["c"].clamp(min=1e-6)[:, None, None])))
+    beam = tb.Beam.straight(SPAN, elements, section).linked()
+    scene = tb.Scene(beam, effects, supports=foot, plane="xz")
     state = tb.equilibrium(scene, throw=False)
     z = state.tip.position[..., 2]
     return z[:, 1:] - z[:, :1], state.status.amax(-1)

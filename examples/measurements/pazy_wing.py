@@ -82,14 +82,13 @@ class Wing:
         section = tb.Section.from_stiffness(
             EA=EA, GA=EA / 3, GJ=GJ, EI=(EI, EI_EDGE), mass=MASS, inertia=1e-5
         )
-        firm = torch.full_like(soft, 1e7)
-        turning = 1 / soft.clamp(min=1e-6)
         effects = [
             tb.Gravity((0, 0, -G)),
             tb.PointMass(self.mass, offset=self.offset, node=-1),
-            tb.RootSpring(torch.stack((firm, firm, firm, firm, turning, firm), -1)),
+            tb.RootSpring((0.0, 1 / soft.clamp(min=1e-6)[..., None])),
         ]
-        scene = tb.Scene(tb.Beam.straight(SPAN, ELEMENTS, section), effects)
+        foot = tb.Support(0, rotation="xz")
+        scene = tb.Scene(tb.Beam.straight(SPAN, ELEMENTS, section), effects, supports=foot)
         tip = tb.equilibrium(scene, throw=False, engine="compiled").tip
         edge = tip.rotation[..., 2, 1]
         height = tip.position[..., 2] + HALF * edge

@@ -54,6 +54,13 @@ SAID = {
         (lambda names: names["fit"].interval(0.95)[0, 0], 0.2955),
         (lambda names: names["fit"].interval(0.95)[0, 1], 0.3034),
     ),
+    "modal_analysis": (
+        (lambda names: names["frequency"][0] / 12.765, 1.0),  # model's own, to 0.1 %
+        (lambda names: names["frequency"][1] / 80.056, 1.0),
+        (lambda names: names["frequency"][2] / 224.365, 1.0),
+        (lambda names: abs(names["damping"][1] / names["model"].damping_ratio[1] - 1) < 0.02, 1),
+        (lambda names: names["fit"]["E"] / 2e11, 1.0),
+    ),
     "supports": ((lambda names: names["found"] / names["exact"], 1.0),),
 }
 

@@ -291,7 +291,7 @@ CASES = {
                              "one clamp with"),
     "root spring in a clamp": (lambda: tb.Scene(BEAM, [tb.RootSpring((1.0, 1.0))],
                                                 supports=tb.Support(0)),
-        "a RootSpring and a support that holds node 0 were given"),
+        "a RootSpring and a support that clamps or moves node 0 were given"),
     "plane": (lambda: tb.Scene(BEAM, plane="yz"),
               "plane = 'yz' was given; None, 'xy', 'xz', 'auto' are there"),
     "load out of the plane": (lambda: tb.Stepper(tb.Scene(BEAM, [tb.TipLoad(force=(0, 1.0, 0))],

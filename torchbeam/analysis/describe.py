@@ -331,9 +331,7 @@ def _frequencies(scene: Scene) -> tuple[str, ...]:
     springs = [e for e in in_vibration if POSITION in e.depends and e.kind == "load"]
     if not (scene.supports or springs):
         return ("free: none of a rigid motion",)
-    held: Any = tuple(replace(s, displacement=None, turn=None) for s in scene.supports)
-    if any(e.frees_root for e in in_vibration):
-        held = None
+    held = tuple(replace(s, displacement=None, turn=None) for s in scene.supports)
     effects = (*scene.bodies, *in_vibration)
     bare = replace(scene, effects=effects, frame=None, root=None, supports=held)
     bare = sent(bare, torch.float64)

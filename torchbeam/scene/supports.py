@@ -186,8 +186,14 @@ def supports_of(scene: Any, asked: tuple[Support, ...] | None) -> list[Support]:
         if row in by_node:
             raise refusal(f"two supports of node {row}", "one", were=True)
         by_node[row] = support
-    if freed and 0 in by_node and any(by_node[0].held):
-        raise refusal("a RootSpring and a support that holds node 0", "one of them", were=True)
+    beside = by_node.get(0) if freed else None
+    if beside is not None and any(beside.held):
+        if beside.clamp or beside.displaced or scene.root is not None:
+            raise refusal(
+                "a RootSpring and a support that clamps or moves node 0",
+                "one of them, or a support at rest that leaves a component to the spring",
+                were=True,
+            )
     if scene.root is not None and not freed:
         clamp, motion = by_node.get(0), (scene.root.displacement, scene.root.rotation)
         moves = clamp is not None and (clamp.displacement, clamp.turn)

@@ -588,3 +588,55 @@ def test_the_load_of_a_root_that_nothing_holds():
     with pytest.raises(ValueError, match="the beam has no support"):
         _ = tb.rest(tb.Scene(beam, supports=())).root
     assert tb.Stepper(tb.Scene(beam), 0.01)(tb.rest(tip)).supports == (0,)
+
+
+def test_a_clamp_that_gives_way_about_an_axis_alone():
+    """Small forces: the tip sinks by F L^3/3 EI + F L^2/k along z (Euler and Bernoulli, a turning
+    spring), and by F L^3/3 EI along y, where the support holds the turn. Frequencies are those of
+    firm springs in the limit, the slope by k is that of differences, both engines agree.
+    """
+    k, section = (
+        torch.tensor([3.0, 5.0]),
+        tb.Section.from_stiffness(EA=1e5, GA=1e7, GJ=1.0, EI=(1.0, 2.0), mass=1.0, inertia=1e-3),
+    )
+
+    def scene(k, firm=None, *more):
+        if firm is None:
+            spring, foot = tb.RootSpring((0.0, k[..., None])), tb.Support(0, rotation="xz")
+        else:
+            f = torch.full_like(k, firm)
+            spring, foot = tb.RootSpring(torch.stack((f, f, f, f, k, f), -1)), None
+        return tb.Scene(tb.Beam.straight(1.0, 8, section, order=2), [spring, *more], supports=foot)
+
+    push = tb.TipLoad(force=(0, 1e-3, 1e-3))
+    tip = tb.equilibrium(scene(k, None, push)).tip.position
+    assert_close(tip[:, 1], torch.full((2,), 1e-3 / 6), rtol=1e-4, atol=0)
+    assert_close(tip[:, 2], 1e-3 * (1 / 3 + 1 / k), rtol=1e-4, atol=0)
+    found = tb.modes(scene(k), count=4).frequency
+    errors = [(tb.modes(scene(k, f), count=4).frequency - found).abs().max() for f in (1e5, 1e6)]
+    assert 0.09 * errors[0] < errors[1] < 0.11 * errors[0]  # compliance 1/f, to first order
+    assert torch.autograd.gradcheck(
+        lambda k: tb.equilibrium(scene(k, None, tb.TipLoad(force=(0.2, 0.3, 0.5)))).tip.position,
+        k.requires_grad_(),
+    )
+    motions = [
+        tb.simulate(scene(k.detach(), None, push), [0, 0.1, 0.2], step=0.02, engine=engine)
+        for engine in ("eager", "compiled")
+    ]
+    assert_close(motions[0].state.position, motions[1].state.position, rtol=0, atol=1e-12)
+    assert "a mechanism" not in str(tb.describe(scene(k.detach())))
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        dict(supports=tb.Support(0)),
+        dict(supports=tb.Support(0, rotation="", displacement=(0, 0, 0.1))),
+        dict(supports=tb.Support(0, rotation=""), root=tb.RootMotion(lambda t: (0, 0, t))),
+    ],
+    ids=["a clamp", "elsewhere", "moved"],
+)
+def test_a_root_spring_beside_a_support_that_clamps_or_moves_is_refused(more):
+    beam = tb.Beam.straight(1.0, 2, SECTION)
+    with pytest.raises(ValueError, match="a RootSpring and a support that clamps or moves node 0"):
+        tb.Scene(beam, [tb.RootSpring((0.0, 1.0))], **more)

@@ -24,12 +24,14 @@ from ...state.state import State
 from ...statics import equilibrium as statics
 from .converge import converge
 from .convergence import Convergence
+from .finer import Finer
 from .remesh import remesh
 from .setting import Setting
 
 T = TypeVar("T")
 LOG = logging.getLogger("torchbeam")
 APART = 0.5  # of the largest number of a tensor: where a scene is further off a new search is made
+POSITIONAL = "initial", "method"
 STRUCTURES, RECENT = 64, 8  # with choices, and choices of each; the oldest go first
 SEARCHED = "initial", "inputs", "engine"  # options of `simulate` that the search runs with
 # those that do not change what is computed
@@ -87,9 +89,12 @@ def shape(result: Any, scene: Scene) -> Tensor:
 @wraps(dynamics.simulate)
 def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options: Any) -> Solution:
     if accuracy is None:
+        if (finer := Finer.now.get()) is not None:
+            options |= dict(zip(POSITIONAL, given, strict=False))
+            scene, given, options = finer.scene(scene), (), finer.options(t, options)
         return dynamics.simulate(scene, t, *given, **options)
     if given:
-        options |= dict(zip(("initial", "method"), given, strict=False))
+        options |= dict(zip(POSITIONAL, given, strict=False))
     inspect.signature(dynamics.simulate).bind(scene, t, **options)  # raises for unknown keywords
     for name, value in options.items():
         if name not in (*SEARCHED, *FREE) and value is not None:
@@ -123,6 +128,8 @@ def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options:
 
 @wraps(statics.equilibrium)
 def equilibrium(scene: Scene, *, accuracy: Any = None, **options: Any) -> State:
+    if accuracy is None and (finer := Finer.now.get()) is not None:
+        scene = finer.scene(scene)
     return _static(statics.equilibrium, "initial", shape, scene, accuracy, options)
 
 

@@ -20,6 +20,7 @@ from ...solvers.region import Region
 from .blocks import SANDWICHED, BlockSpread
 from .bootstrap import Bootstrap, bootstrap
 from .covariance import half_interval
+from .discretisation import doubted
 from .observed_priors import with_priors_observed
 from .prediction import Prediction, predicted, quantiles
 from .problem import FitProblem
@@ -82,7 +83,7 @@ class Fit(NamedFit):
             misfit. Empty if all are determined. `open` (p,) bool marks the parameters named
         hints: sentences about suspicious results: units, exchanged markers, bounds that are
             reached, parameters that the data hardly separate. `doubts` are about residuals: larger
-            than sigma, correlated, with a trend, or off by periods; `interval` warns with them
+            than sigma, correlated, with a trend, off by periods; or steps, mesh; `interval` warns
         message: the status in words, with these sentences, and errors that the model raised at
             trials
         iterations: number of evaluations of the model and its derivatives, without the first
@@ -277,12 +278,12 @@ class Fit(NamedFit):
         problem = with_priors_observed(self._noisy("bootstrap"))
         return bootstrap(problem, self.x, self.held, self.scale, self.redundancy, repeats, seed)
 
+    @doubted
     def refined(self, model: Any) -> Fit:
         """Fit of a finer model (a finer mesh or shorter steps), by its readings and the derivatives
         of this model (defect correction; Boehmer and Stetter 1984). Gauss-Newton steps go on until
-        they are a hundredth of a deviation. This takes some evaluations of a single sample, in
-        place of a search with the finer model. Derivatives are computed anew along the way. The
-        change of the parameters is the error of the coarser mesh.
+        they are a hundredth of a deviation. This takes a few evaluations of one sample. Derivatives
+        are computed anew. The change of the parameters is the error of the coarser mesh.
 
         Args:
             model: as in `identify`, for the same parameters and data

@@ -18,6 +18,7 @@ from ...core.warning import SlowPathWarning, warn
 from ...solvers.lbfgs import descend
 from ...solvers.least_squares import Found, search
 from ...solvers.region import Region
+from .discretisation import doubted
 from .experiment import Model, experiments_of
 from .fit import Fit
 from .measurement import Measurement, each
@@ -149,6 +150,10 @@ def identify(
     that may change by their own size while the misfit changes by at most `tolerance` of it, or
     rounding. The status is then never 0.
 
+    A converged fit without doubts is run again with half the step of each `simulate`, and with
+    twice the elements: one sample each. `doubts` say if that would move a parameter by more than
+    its deviation.
+
     Raises:
         ValueError: for a model whose output does not fit the data, or is finite at none of the
             starts. For fewer data than parameters without a prior, and for data without a number.
@@ -164,7 +169,7 @@ def identify(
         >>> fit.theta, fit.interval(0.95)  # the estimate, where it is
         (tensor([1.9933]), tensor([[1.9274, 2.0593]]))
     """
-    return searched(model, data, start, SearchOptions.of(locals()))
+    return doubted(searched)(model, data, start, SearchOptions.of(locals()))
 
 
 def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:

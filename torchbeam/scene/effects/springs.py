@@ -191,6 +191,8 @@ class RootSpring(LoadEffect):
     Their energy is 1/2 d^T k d + 1/2 phi^T k phi. Node 0 has the displacement d and the rotation
     vector phi (|phi| < pi) from its support. Both are in the support's axes, which are the
     section's at rest. The support stays at the beam's node 0, or moves as the scene's root does.
+    A `Support` of node 0 beside it holds components rigidly, whose springs then carry nothing: with
+    `Support(0, rotation="xz")` and `RootSpring((0.0, k))` the clamp gives way about y alone.
 
     Args:
         stiffness: (..., 6) N/m and N m/rad along and about the support's axes, or a pair (forces,
