@@ -28,8 +28,8 @@ PACKAGES = {  # of functions without memory
     "dataclasses", "enum", "abc", __name__.split(".")[0],
 }
 PURE = {  # of Python's own
-    "abs", "all", "any", "bool", "complex", "dict", "divmod", "enumerate", "filter", "float",
-    "frozenset", "getattr",
+    "abs", "all", "any", "bool", "callable", "complex", "dict", "divmod", "enumerate", "filter",
+    "float", "frozenset", "getattr",
     "hasattr", "int", "isinstance", "issubclass", "len", "list", "map", "max", "min", "pow",
     "range", "repr", "reversed",
     "round", "set", "slice", "sorted", "str", "sum", "super", "tuple", "type", "zip",

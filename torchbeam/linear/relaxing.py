@@ -14,9 +14,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..core.validation import refusal
 from ..math.block_matrices import block_diagonal
-from ..math.quadratic_eigen import SURE, rounding
 from ..math.shapes import broadcast_shapes
 from ..nodal.constitutive_law import times
 from ..nodal.loads import Lags
@@ -77,21 +75,6 @@ def reduced_arms(H: Tensor, G: Tensor) -> tuple[Tensor, Tensor]:
         rights.append(none.index_copy(-2, at, right))
         lefts.append(none.mT.index_copy(-1, at, left))
     return torch.cat(rights, -1), torch.cat(lefts, -2)
-
-
-def refuse_rigid_motions(mass: Tensor, A: Tensor, shapes: Tensor) -> None:
-    """ValueError where one of the modes (..., n, count) of mass and instantaneous stiffness, in A,
-    is a rigid motion: its response to a steady input grows, and arms do not tell it from the rest.
-    """
-    n = mass.shape[-1]
-    mass, A, shapes = mass.detach(), A.detach(), shapes.detach()
-    K = -mass @ A[..., n : 2 * n, :n]
-    resistance = (shapes * (K @ shapes)).sum(-2) / (shapes * (mass @ shapes)).sum(-2)
-    if (resistance.abs() <= SURE * rounding(mass, K, shapes)).any():
-        raise refusal(
-            "static = True for a scene that relaxes and has a rigid motion",
-            "static=False, or supports that hold the beam,",
-        )
 
 
 def _both(first: Lags, second: Lags) -> Lags:

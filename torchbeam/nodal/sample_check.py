@@ -21,7 +21,7 @@ from ..core.leaves import own_leaves, with_values
 from ..math.quaternions import skew
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, Load, LoadEffect, LoadPoint
-from ..scene.effects.effect import of_library
+from ..scene.effects.effect import is_own, of_library, parts_of
 from ..scene.effects.load_point import together
 
 # fields of a point and their axes, those of sites along the beam apart
@@ -37,11 +37,13 @@ _CHECKED: dict[int, Any] = {}  # functions and classes by id; no result depends 
 
 
 def written(load: Any) -> tuple[Any, ...]:
-    """Functions of the motion that a user wrote and a load holds; its class, if a user wrote it."""
+    """Functions of the motion that a user wrote and a load holds; its class, and those of what it
+    holds, if a user wrote them.
+    """
     functions = [
         leaf.value for leaf in own_leaves(load) if leaf.axes is None and callable(leaf.value)
     ]
-    return (*functions, *(() if of_library(load) else (type(load),)))
+    return (*functions, *(type(part) for part in parts_of(load) if not is_own(part)))
 
 
 def are_checked(functions: tuple[Any, ...]) -> bool:

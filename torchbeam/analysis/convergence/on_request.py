@@ -88,14 +88,14 @@ def shape(result: Any, scene: Scene) -> Tensor:
 
 @wraps(dynamics.simulate)
 def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options: Any) -> Solution:
-    if accuracy is None:
-        if (finer := Finer.now.get()) is not None:
-            options |= dict(zip(POSITIONAL, given, strict=False))
-            scene, given, options = finer.scene(scene), (), finer.options(t, options)
+    finer = Finer.now.get()
+    if accuracy is None and finer is None:
         return dynamics.simulate(scene, t, *given, **options)
-    if given:
-        options |= dict(zip(POSITIONAL, given, strict=False))
-    inspect.signature(dynamics.simulate).bind(scene, t, **options)  # raises for unknown keywords
+    options = dict(**dict(zip(POSITIONAL, given, strict=False)), **options)
+    given = given[len(POSITIONAL) :]  # more than there may be, which are refused
+    if accuracy is None:
+        return dynamics.simulate(finer.scene(scene), t, *given, **finer.options(t, options))
+    inspect.signature(dynamics.simulate).bind(scene, t, *given, **options)  # or unknown keywords
     for name, value in options.items():
         if name not in (*SEARCHED, *FREE) and value is not None:
             raise ValueError(

@@ -13,7 +13,7 @@ from ...core.arguments import choice
 from ...core.function_dependencies import Dependencies, Unsteady
 from ...core.leaves import own_leaves
 from ...nodal.model import Model
-from ...scene.effects.effect import of_library
+from ...scene.effects.effect import is_own, parts_of
 from ..compiler.trace import NotTraceable
 from ..engine_use import slow_path
 from .compiled_step import FUNCTIONS, CompiledStep
@@ -114,11 +114,8 @@ def place(load: Any) -> str:
         leaf.value for leaf in own_leaves(load) if isinstance(leaf.value, types.FunctionType)
     ]
     if not functions:
-        return (
-            f" (class {type(load).__qualname__} of {type(load).__module__})"
-            if not of_library(load)
-            else ""
-        )
+        kinds = [type(part) for part in parts_of(load) if not is_own(part)]
+        return f" (class {kinds[0].__qualname__} of {kinds[0].__module__})" if kinds else ""
     code = functions[0].__code__
     return f" ({code.co_filename}:{code.co_firstlineno})"
 

@@ -20,7 +20,7 @@ from ...nodal.model import Model
 from ...nodal.sample_check import are_checked, check_samples
 from ...nodal.sample_check import written as functions_of
 from ...scene.effects import Drive, Inputs, Load, LoadPoint
-from ...scene.effects.effect import of_library
+from ...scene.effects.effect import is_own, of_library, parts_of
 from ...scene.effects.load_point import INTERNAL, MOTION, ROTATION, together
 from ..compiler.readings import NotTraceable, Readings, Ungraded
 from .constants import Constants
@@ -72,13 +72,13 @@ def dependencies_of(loads: list[Any]) -> Dependencies:
     what may change unnoticed.
     """
     reads: list[Read] = []
-    for load in loads:
-        users = not of_library(load)
-        functions = {leaf.name for leaf in own_leaves(load) if leaf.axes is None}
-        for field in fields(load):
+    for part in (part for load in loads for part in parts_of(load)):
+        users = not is_own(part)
+        functions = {leaf.name for leaf in own_leaves(part) if leaf.axes is None}
+        for field in fields(part):
             if field.name in functions or (users and AXES not in field.metadata):
-                reads.append((field.name, lambda load=load, name=field.name: getattr(load, name)))
-        reads += of_class(type(load))
+                reads.append((field.name, lambda part=part, name=field.name: getattr(part, name)))
+        reads += of_class(type(part))
     return Dependencies(reads)
 
 

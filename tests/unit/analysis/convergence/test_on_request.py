@@ -8,6 +8,7 @@ import torch
 
 import torchbeam as tb
 from torchbeam.analysis.convergence import on_request
+from torchbeam.analysis.convergence.finer import finer
 from torchbeam.analysis.convergence.on_request import shape
 from torchbeam.analysis.convergence.reading import Reader
 from torchbeam.statics import equilibrium as statics
@@ -176,3 +177,10 @@ def test_bad_input():
 def test_signatures_show_it():
     for call in (tb.simulate, tb.equilibrium, tb.modes):
         assert "accuracy" in inspect.signature(call).parameters and "accuracy" in call.__doc__
+
+
+@pytest.mark.parametrize("beside", [{}, {"accuracy": 1e-2}], ids=["finer", "accuracy"])
+def test_more_than_simulate_takes_is_refused_where_it_runs_otherwise(beside):
+    for given, more in (((None, "midpoint", 1e-3), {}), ((None,), {"initial": None})):
+        with finer(), pytest.raises(TypeError):
+            tb.simulate(strip(), T, *given, **more, **beside)

@@ -4,6 +4,7 @@ and of networks.
 
 import re
 from copy import deepcopy
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -12,6 +13,7 @@ from torch.testing import assert_close
 
 import torchbeam as tb
 from tests.cases.user_loads import BATCHES, LOADS, REFUSED, THREE, Contact, mixing
+from torchbeam import extend
 from torchbeam.engine.chain.coverage import why_eager, why_not_traced
 from torchbeam.nodal.discretise import discretise
 
@@ -212,3 +214,35 @@ def test_statics_refuse_functions_that_tell_sites_apart():
                  lambda **more: tb.path(scene(load), 1.0, **more)):  # fmt: skip
         with pytest.raises(ValueError, match="on other sites"):
             find(engine="compiled")
+
+
+LEVEL = torch.full((100,), -1e-3, dtype=torch.float64)  # too many numbers to be part of a program
+
+
+@dataclass(frozen=True)
+class Ground(extend.Obstacle):
+    """At a level that its class closes over."""
+
+    def distance(self, x):
+        return x[..., 2:] - LEVEL[:1]
+
+    def gradient(self, x):
+        return torch.tensor([0.0, 0.0, 1.0]).to(x).expand_as(x)
+
+
+def test_what_an_obstacle_of_ones_own_closes_over_is_read_anew(monkeypatch):
+    """In steps that are kept; natively."""
+
+    def ended(engine):
+        monkeypatch.setenv("TORCHBEAM_ENGINE", engine)
+        LEVEL.fill_(-1e-3)
+        fall = scene(tb.Gravity((0, 0, -30.0)), tb.Contact(Ground(), thickness=3e-3, force=20.0))
+        step, state = tb.Stepper(fall, 1e-2), tb.simulate(fall, [0.0, 1e-3]).state[0]
+        for level in (-1e-3, -0.02):
+            LEVEL.data.fill_(level)
+            for _ in range(5):
+                state = step(state)
+        assert engine == "eager" or step.engine != "eager"
+        return state.position[-1, -1]
+
+    assert_close(ended("auto"), ended("eager"), rtol=1e-9, atol=1e-12)
