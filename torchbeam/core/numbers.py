@@ -14,9 +14,7 @@ class Numbers(NamedTuple):
     stood there. NumPy, `.data` and fused optimizers leave a tensor's version as it was.
     """
 
-    places: list[int]
-    sizes: list[int]
-    strides: list[tuple[int, ...]]
+    places: list[tuple[int, int, tuple[int, ...]]]
     looks: list[Array[c_char]]
     values: bytes
 
@@ -24,25 +22,23 @@ class Numbers(NamedTuple):
     def of(cls, tensors: Sequence[Tensor]) -> Numbers | None:
         """Of tensors; None where nothing tells: for one off the CPU, and in torch.func."""
         try:
-            places = [x.data_ptr() for x in tensors]
+            places = _places(tensors)
         except RuntimeError:
             return None
         if not all([x.is_cpu for x in tensors]):
             return None
         pairs = zip(tensors, places, strict=True)
-        looks = [(c_char * _extent(x)).from_address(place) for x, place in pairs if place]
-        sizes, strides = [x.nbytes for x in tensors], [x.stride() for x in tensors]
-        return cls(places, sizes, strides, looks, b"".join(looks))
+        looks = [(c_char * _extent(x)).from_address(place) for x, (place, *_) in pairs if place]
+        return cls(places, looks, b"".join(looks))
 
     def stand(self, tensors: Sequence[Tensor]) -> bool:
         """Whether these are tensors at the same places, with the same numbers to the bit."""
         # numbers last: what lay elsewhere, or behind the last of fewer, may be gone
-        return (
-            [x.data_ptr() for x in tensors] == self.places
-            and [x.nbytes for x in tensors] == self.sizes
-            and [x.stride() for x in tensors] == self.strides
-            and self.values == b"".join(self.looks)
-        )
+        return _places(tensors) == self.places and self.values == b"".join(self.looks)
+
+
+def _places(tensors: Sequence[Tensor]) -> list[tuple[int, int, tuple[int, ...]]]:
+    return [(x.data_ptr(), x.nbytes, x.stride()) for x in tensors]
 
 
 def _extent(x: Tensor) -> int:
