@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...core.tree import Tree
+from ...core.tree import FunctionOfTime, Tree
 from .load_point import LoadEffect
 
 Effect = LoadEffect
 
 
 def of_library(effect: Any) -> bool:
-    """Whether the classes of an effect, and of the obstacle that it holds, are torchbeam's."""
+    """Whether an effect's class is torchbeam's own, and those of what it holds, as an obstacle."""
     return all([is_own(part) for part in parts_of(effect)])
 
 
@@ -21,6 +21,7 @@ def is_own(part: Any) -> bool:
 
 
 def parts_of(effect: Any) -> list[Any]:
-    """An effect and the trees that it holds."""
-    held = [value for value in vars(effect).values() if isinstance(value, Tree)]
+    """An effect and the trees that it holds, but those of t alone, which are asked in torch."""
+    trees = [x for x in vars(effect).values() if isinstance(x, Tree)]
+    held = [x for x in trees if not isinstance(x, FunctionOfTime)]
     return [effect, *(part for tree in held for part in parts_of(tree))]
