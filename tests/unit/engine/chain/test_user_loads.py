@@ -259,8 +259,10 @@ class Knob(extend.Obstacle):
 
 def onto_a_knob():
     """A ball that falls onto another one."""
-    bodies = {name: tb.Body(0.02, 4e-6, position=(0, 0, z), surface=shape)
-              for name, z, shape in (("anvil", 0, Knob((0, 0, 0.0))), ("ball", 0.026, None))}  # fmt: skip
+    bodies = {
+        "anvil": tb.Body(0.02, 4e-6, surface=Knob((0, 0, 0.0))),
+        "ball": tb.Body(0.02, 4e-6, position=(0, 0, 0.026)),
+    }
     contact = tb.Contact("ball", "anvil", radius=5e-3, thickness=2e-3, force=20.0)
     return tb.Scene(
         bodies, [tb.Gravity((0, 0, -30.0)), contact], supports=[tb.Support("anvil")], plane="xz"
