@@ -33,7 +33,7 @@ class _OfRoot(Sensor):
 @dataclass(frozen=True, eq=False, repr=False)
 class RootForce(_OfRoot):
     """Force (..., 3) N of the support at node 0 on the beam, frame a, as the state has it (see
-    `State`), without that of a `RootSpring` beside it, which `RootSpringLoad` reads.
+    `State`). A `RootSpring` beside it has its own, which `RootSpringLoad` reads.
 
     on: name of the beam, in a structure. ValueError without such a support.
 
@@ -51,7 +51,7 @@ class RootForce(_OfRoot):
 @dataclass(frozen=True, eq=False, repr=False)
 class RootMoment(_OfRoot):
     """Moment (..., 3) N m of the support at node 0 on the beam, frame a, as the state has it (see
-    `State`), without that of a `RootSpring` beside it, which `RootSpringLoad` reads.
+    `State`). A `RootSpring` beside it has its own, which `RootSpringLoad` reads.
 
     on: name of the beam, in a structure. ValueError without such a support.
 
@@ -70,7 +70,7 @@ class RootMoment(_OfRoot):
 class RootReaction(_OfRoot):
     """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a.
 
-    They are the state's own (see `State`), without those of a `RootSpring` beside it, which
+    They are the state's own (see `State`). A `RootSpring` beside it has its own, which
     `RootSpringLoad` reads. on: name of the beam, in a structure. ValueError without such a support.
 
     Examples:
