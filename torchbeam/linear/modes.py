@@ -215,6 +215,11 @@ def _modes(
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, model.lag_count)
+    if (known := int(concrete(pairs.known).sum(-1).amin())) < count:
+        raise ValueError(
+            f"count = {count} was given; of {free} modes {known} have an inertia beyond rounding; "
+            f"at most {known} are wanted"
+        )
     _warn_of_rounding(model, pairs, time, inputs)
     value, shape = (
         attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
