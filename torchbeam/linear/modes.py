@@ -150,8 +150,8 @@ def modes(
       0, come first. `Linear.poles` has all eigenvalues.
 
     Raises:
-        ValueError: for more modes than the mesh has or than have inertia, a state that moves or is
-            no equilibrium, or a scene that the nodal form does not take.
+        ValueError: for more modes than the mesh has, or than have inertia. For a state that moves
+            or is no equilibrium, or a scene that the nodal form does not take.
 
     Examples:
         >>> modes = tb.modes(tb.Scene(beam), count=2)

@@ -81,7 +81,7 @@ class Tendon(Effect):
         tension: (...) N at the first eyelet: a number, a function of t, or an `Input`. Negative
             values count as 0: a rope does not push
         length: (...) m, unstretched length from the first eyelet to the last, set by a winch: a
-            number, a function of t, or an `Input`. An input jumps at the start of a step: a stiff
+            number, a function of t, or an `Input`. An input jumps at the start of a step. A stiff
             rope wants jumps below its stretch, or an end on a `Slider` that the input leads. None =
             the undeformed length. In place of `tension`, with
         stiffness: (...) N/m of the whole rope: the tension is stiffness times the excess of its
