@@ -298,3 +298,19 @@ def test_what_a_class_of_ones_own_closes_over_is_read_anew(kind):
     expected = ended("eager")
     assert (expected[1] - expected[2]).norm() > 1e-4
     assert_close(ended("compiled"), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_function_that_reads_t_only_later_is_given_it():
+    """By steps that are kept, as many at once and one by one, whose function calls another."""
+    calls = {"drag": lambda v, t: -0.5 * v}
+
+    def ended(engine):
+        calls["drag"] = lambda v, t: -0.5 * v
+        load = tb.Load(lambda x, R, v, w, t: (calls["drag"](v, t), None), node=-1)
+        stepper = tb.Stepper(scene(load), 0.01, engine=engine)
+        state = stepper(stepper.rest())
+        calls["drag"] = lambda v, t: torch.sin(50 * t) - 0.5 * v
+        return stepper(state).position, tb.rollout(stepper, stepper.rest(), 4)[-1].position
+
+    for x, y in zip(ended("compiled"), ended("eager"), strict=True):
+        assert_close(x, y, rtol=1e-9, atol=1e-12)
