@@ -306,13 +306,15 @@ class Scene(Tree):
 
     @cached
     def numbers(self) -> tuple[Tensor, ...] | None:
-        """All tensors of a scene that holds, beside inputs, nothing else, and no effect of a user's
-        own: two such scenes of one structure differ in these alone. None where it holds functions.
+        """All tensors of a scene that holds, beside inputs, nothing else, and no effect or surface
+        of a user's own: two such scenes of one structure differ in these alone. None where it
+        holds functions.
         """
         values = [value for value, _ in leaves_in_order(self)]
         numbers = tuple([x for x in values if isinstance(x, Tensor)])
         plain = all([isinstance(x, Placeholder) for x in values if not isinstance(x, Tensor)])
-        return numbers if plain and all(map(of_library, self.effects)) else None
+        surfaces = [x for x in getattr(self.beam, "surfaces", ()) if x is not None]
+        return numbers if plain and all(map(of_library, (*self.effects, *surfaces))) else None
 
     @cached
     def topology(self) -> Topology:

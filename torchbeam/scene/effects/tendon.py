@@ -81,8 +81,9 @@ class Tendon(Effect):
         tension: (...) N at the first eyelet: a number, a function of t, or an `Input`. Negative
             values count as 0: a rope does not push
         length: (...) m, unstretched length from the first eyelet to the last, set by a winch: a
-            number, a function of t, or an `Input`, which jumps at the start of a step: a stiff rope
-            wants jumps below its stretch. None = the undeformed length. In place of `tension`, with
+            number, a function of t, or an `Input`. An input jumps at the start of a step. A stiff
+            rope wants jumps below its stretch, or an end on a `Slider` that the input leads. None =
+            the undeformed length. In place of `tension`, with
         stiffness: (...) N/m of the whole rope: the tension is stiffness times the excess of its
             length
         friction: (...) mu at the inner eyelets: tension falls by exp(-mu angle) along the sliding
