@@ -153,7 +153,7 @@ class PerElement(ByPlace):
         return value
 
     def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
-        """(..., sites, 3) at arclengths s (..., sites), of the elements or nodes of a beam."""
+        """(..., sites, 3) at arclengths s (..., sites), as many in each element of a beam."""
 
         def rows(now: Tensor) -> Tensor:
             value = taken("a PerElement function's value", self.value(now), s)
@@ -163,7 +163,8 @@ class PerElement(ByPlace):
         value = at_time(rows, t, axes=2) if function else self.checked(self.value, elements)
         if isinstance(value, Input):
             value = input_at(value, inputs).unflatten(-1, (elements, 3))
-        return value if s.shape[-1] == elements else _mean_of_elements(value, s)
+        points = s.shape[-1] // elements
+        return value if points == 1 else value.repeat_interleave(points, -2)
 
 
 def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
