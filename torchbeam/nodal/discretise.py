@@ -26,6 +26,7 @@ from .coordinates.spatial import Spatial
 from .inertia import impossible_strains, inertia_of, warn_of_uneven
 from .interactions import couplings_of
 from .joint_constraints import joints_of
+from .line_loads import warn_of_jumps
 from .model import Model
 from .model_check import check_plane, refuse_redundant
 from .tendons import tendons_of
@@ -100,6 +101,7 @@ def _discretised(scene: Scene, lumped: bool, topology: Topology | None) -> Model
     if space.plane is not None:
         check_plane(model)
     refuse_redundant(model)
+    warn_of_jumps(model)
     return model
 
 

@@ -14,18 +14,23 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.derivatives import no_derivatives
 from ..core.leaves import own_leaves, with_values
+from ..core.validation import concrete
+from ..core.warning import warn
 from ..math.element_shapes import SHAPES, gauss_points, point_weights
 from ..scene.effects import Inputs
-from ..scene.effects.values import AtSites
+from ..scene.effects.values import Along, AtSites
 from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .mass import corrected, too_uneven
 
-POINTS = 4  # of an element: exact for f of degree 5 at least
+POINTS = 4  # of an element: exact for f of degree 5, at least
+UNSEEN = 0.01  # of the whole load: what twice as many may differ by, in one element
 
 
 class LineRule(NamedTuple):
@@ -45,8 +50,7 @@ class LineRule(NamedTuple):
         """Values (..., N points or 1, c) -> per length of each node (..., n, c); corner: of the
         elements' nodes of this number alone, and without what they bend.
         """
-        f = f.expand(*f.shape[:-2], self.s.shape[-1], f.shape[-1])
-        f = f.unflatten(-2, self.shares.shape[-3::2])
+        f = self._of_elements(f)
         parts = (self.shares @ f).unbind(-2)
         if corner is not None:
             parts = tuple(x * (k == corner) for k, x in enumerate(parts))
@@ -57,8 +61,16 @@ class LineRule(NamedTuple):
             total = corrected(self.length[..., None, :], slope, total.mT).mT
         return total / self.tributary_length
 
+    def integrals(self, f: Tensor) -> Tensor:
+        """The same -> over each element (..., N, c)."""
+        return (self.shares.sum(-2, keepdim=True) @ self._of_elements(f))[..., 0, :]
 
-def line_rule(model: Any, node: slice | None) -> LineRule:
+    def _of_elements(self, f: Tensor) -> Tensor:
+        f = f.expand(*f.shape[:-2], self.s.shape[-1], f.shape[-1])
+        return f.unflatten(-2, self.shares.shape[-3::2])
+
+
+def line_rule(model: Any, node: slice | None, points: int = POINTS) -> LineRule:
     """Of the nodes along which a load acts, all of a model or those of a part."""
     order, beam, length = model.space.interpolation.order, model.scene.beam, model.length[..., 0]
     topology, s, tributary = model.topology, model.s, model.tributary_length
@@ -66,8 +78,8 @@ def line_rule(model: Any, node: slice | None) -> LineRule:
         length = length[..., next(part.stations for part in beam.beams if part.nodes == node)]
         topology = Framework(order, (length.shape[-1] // order,))
         s, tributary = s[..., node], tributary[..., node, :]
-    x = gauss_points(POINTS)[0]
-    values, weights = SHAPES[order].values(x).to(s), point_weights(order, length, POINTS)
+    x = gauss_points(points)[0]
+    values, weights = SHAPES[order].values(x).to(s), point_weights(order, length, points)
     s = sum(values[:, k] * at for k, at in enumerate(topology.gather(s[..., None])))
     bending = None
     if beam.linked_interpolation and length.shape[-1] > 1:
@@ -90,8 +102,30 @@ def valued(model: Any, act: Any, t: Tensor, inputs: Inputs, corner: int | None =
     if act.rule is None:
         return load
     values = {leaf.name: leaf.value for leaf in own_leaves(load)}
-    return with_values(load, **{
-        name: AtSites(act.rule.at_nodes(x.value, corner))
-        for name, x in values.items()
-        if isinstance(x, AtSites)
-    })
+    return with_values(
+        load,
+        **{
+            name: AtSites(act.rule.at_nodes(x.value, corner))
+            for name, x in values.items()
+            if isinstance(x, AtSites)
+        },
+    )
+
+
+def warn_of_jumps(model: Any) -> None:
+    """A warning about a load `Along` that Gauss points do not integrate, as it is at t = 0."""
+    t = model.length.new_zeros(())
+    for act in (act for act in model.acts if act.rule is not None):
+        for name, along in ((x.name, x.value) for x in own_leaves(act.load)):
+            if not isinstance(along, Along):
+                continue
+            rules = act.rule, line_rule(model, act.node, 2 * POINTS)
+            with no_derivatives():
+                some, twice = (rule.integrals(along(rule.s, t)) for rule in rules)
+            off = torch.linalg.vector_norm(some - twice, dim=-1).amax(-1)
+            whole = torch.linalg.vector_norm(twice, dim=-1).sum(-1)
+            if concrete(off > UNSEEN * whole).any():
+                warn(
+                    f"a {name} Along the beam that jumps inside an element was given, where its "
+                    "integral by Gauss points is off: a node at the jump is wanted"
+                )

@@ -11,9 +11,10 @@ from torch.nn.functional import pad
 
 from ..core.functions_of_time import shared
 from ..math import quaternions as quat
-from ..nodal.conditions import conditions
+from ..nodal.conditions import Conditions, conditions
 from ..nodal.discretise import discretise
 from ..nodal.element_loads import element_loads
+from ..nodal.line_loads import valued
 from ..nodal.loads import Nodes, external
 from ..nodal.model import Model
 from ..scene.scene import Scene
@@ -89,13 +90,31 @@ class SectionForces(OfScene):
         total = external(self.bare, nodes, now, tuple(act for act in now.loads if act.along))
         between = element_loads(model, nodes, now) if now.between else (0.0,) * (order + 1)
         if not isinstance(total, float):
+            rest, own = total, (0.0,) * (order + 1)
+            if any(act.rule is not None for act in model.acts):
+                own = self._known(nodes, now)
+                rest = total - model.topology.scatter(own)
             length = model.length.unflatten(-2, (-1, order)).sum(-2)
             beside = model.topology.scatter((length,) * (order + 1))  # m, of elements at a node
             beside = torch.where(beside > 0, beside, 1.0)  # bodies
-            per_length = model.topology.gather(total / beside)
-            between = tuple(length * f + g for f, g in zip(per_length, between, strict=True))
+            each = zip(model.topology.gather(rest / beside), own, between, strict=True)
+            between = tuple(length * f + g + h for f, g, h in each)
         inside = model.length.new_tensor(INSIDE.get(self.scene.plane, (1.0,)))
         return tuple(inside * f for f in between)
+
+    def _known(self, nodes: Nodes, now: Conditions) -> tuple[Tensor, ...]:
+        """Of these the shares (..., N, 6) of loads that are known along the beam."""
+        model, shares = self.model, []
+        for k in range(self.scene.beam.order + 1):
+            known = tuple(
+                act._replace(load=valued(model, act, now.t, now.inputs, k))
+                for act in model.acts
+                if act.rule is not None
+            )
+            zero = torch.zeros_like(nodes.position[..., :1]).expand(*nodes.position.shape[:-1], 6)
+            at_nodes = external(self.bare, nodes, now, known, zero)
+            shares.append(model.topology.gather(at_nodes)[k])
+        return tuple(shares)
 
 
 def bare_beams(scene: Scene) -> Model:

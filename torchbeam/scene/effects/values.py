@@ -101,9 +101,24 @@ class Along(ByPlace):
     def __call__(
         self, s: Tensor, t: Tensor, inputs: Inputs | None = None, elements: int | None = None
     ) -> Tensor:
-        return at_time(
-            lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, axes=2
-        )
+        return at_time(lambda now: self._at(s, now), t, axes=2)
+
+    def _at(self, s: Tensor, t: Tensor) -> Tensor:
+        try:
+            value = taken("an Along function's value", self.function(s, t), s, 3)
+        except RuntimeError as error:
+            if "must match the size" not in str(error):
+                raise
+            raise ValueError(
+                f"an Along function that does not take s of shape {tuple(s.shape)} was given "
+                f"({error}); what is of a batch is wanted with an axis for s, as P[..., None]"
+            ) from None
+        if value.ndim > 1 and value.shape[-2] not in (1, s.shape[-1]):
+            raise refusal(
+                f"an Along function's value of shape {tuple(value.shape)}",
+                f"(..., {s.shape[-1]}, 3), of each of s,",
+            )
+        return value
 
 
 def _rows(name: str, value: Any) -> Any:
