@@ -29,7 +29,7 @@ from ..topology.framework import Framework
 from ..topology.protocols import Topology
 from .mass import corrected, too_uneven
 
-POINTS = 4  # of an element: exact for f of degree 5, at least
+POINTS = 4  # of an element: f of degree 5 exactly, where midside nodes are in the middle
 UNSEEN = 0.01  # of the whole load: what twice as many may differ by, in one element
 
 

@@ -4,6 +4,7 @@ of s, or a value for each element.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -82,6 +83,9 @@ class AtSites(ByPlace):
         return self.value
 
 
+SIZES = re.compile("must match the size|equal size")  # of torch's words
+
+
 @dataclass(frozen=True)
 class Along(ByPlace):
     """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per
@@ -107,11 +111,12 @@ class Along(ByPlace):
         try:
             value = taken("an Along function's value", self.function(s, t), s, 3)
         except RuntimeError as error:
-            if "must match the size" not in str(error):
+            if not SIZES.search(str(error)):
                 raise
             raise ValueError(
                 f"an Along function that does not take s of shape {tuple(s.shape)} was given "
-                f"({error}); what is of a batch is wanted with an axis for s, as P[..., None]"
+                f"({error}); an axis for s is wanted in what is of a batch, as in "
+                "(P[..., None] * s, 0.0, 0.0)"
             ) from None
         if value.ndim > 1 and value.shape[-2] not in (1, s.shape[-1]):
             raise refusal(
