@@ -91,8 +91,11 @@ class Along(ByPlace):
     """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per
     metre.
 
-    s (..., sites) m is the arc length from the root, t (0-dim) s. The function returns a tensor or
-    a (nested) sequence.
+    s (..., sites) m is the arc length from the root, at four Gauss points of each element, t
+    (0-dim) s. The function returns a tensor or a (nested) sequence. The nodes of an element bear
+    its integral there. Force and moment are exact up to degree 5 in s, also where it jumps at a
+    node. A jump inside an element gives a warning: put a node there. The mixed forms ask at the
+    middles of elements.
 
     Examples:
         >>> load = tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, 0 * s, 2 * s), -1)))
@@ -143,8 +146,7 @@ class PerElement(ByPlace):
     """A line load's value for each element.
 
     It is (..., N, 3) per metre, a function t -> (..., N, 3), or an `Input` of size 3 N with the
-    elements' components one element after the other. A node takes the mean of its two elements,
-    weighted by their lengths. All nodes together bear the load of all elements.
+    elements' components one element after the other. The nodes of an element bear its load.
 
     Examples:
         >>> growing = tb.PerElement(
