@@ -92,7 +92,7 @@ class SectionForces(OfScene):
         if not isinstance(total, float):
             rest, own = total, (0.0,) * (order + 1)
             if any(act.rule is not None for act in model.acts):
-                own = self._known(nodes, now)
+                own = known_shares(model, self.bare, nodes, now)
                 rest = total - model.topology.scatter(own)
             length = model.length.unflatten(-2, (-1, order)).sum(-2)
             beside = model.topology.scatter((length,) * (order + 1))  # m, of elements at a node
@@ -102,20 +102,6 @@ class SectionForces(OfScene):
         inside = model.length.new_tensor(INSIDE.get(self.scene.plane, (1.0,)))
         return tuple(inside * f for f in between)
 
-    def _known(self, nodes: Nodes, now: Conditions) -> tuple[Tensor, ...]:
-        """Of these the shares (..., N, 6) of loads that are known along the beam."""
-        model, shares = self.model, []
-        for k in range(self.scene.beam.order + 1):
-            known = tuple(
-                act._replace(load=valued(model, act, now.t, now.inputs, k))
-                for act in model.acts
-                if act.rule is not None
-            )
-            zero = torch.zeros_like(nodes.position[..., :1]).expand(*nodes.position.shape[:-1], 6)
-            at_nodes = external(self.bare, nodes, now, known, zero)
-            shares.append(model.topology.gather(at_nodes)[k])
-        return tuple(shares)
-
 
 def bare_beams(scene: Scene) -> Model:
     """The model, in space, of a scene without masses fixed to nodes, which weigh there and not
@@ -123,6 +109,22 @@ def bare_beams(scene: Scene) -> Model:
     """
     bare = tuple(effect for effect in scene.effects if effect.kind != "inertia")
     return discretise(replace(scene, plane=None, effects=bare))
+
+
+def known_shares(model: Model, bare: Model, nodes: Nodes, now: Conditions) -> tuple[Tensor, ...]:
+    """Force N and moment N m (..., N, 6), frame a, that elements give each of their nodes, of loads
+    that are known along the beam; bare: see `bare_beams`.
+    """
+    shares, zero = [], torch.zeros_like(nodes.position[..., :1]).repeat_interleave(6, -1)
+    for k in range(model.space.interpolation.order + 1):
+        known = tuple(
+            act._replace(load=valued(model, act, now.t, now.inputs, k))
+            for act in model.acts
+            if act.rule is not None
+        )
+        at_nodes = external(bare, nodes, now, known, zero)
+        shares.append(model.topology.gather(at_nodes)[k])
+    return tuple(shares)
 
 
 def _between(

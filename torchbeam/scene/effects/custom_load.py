@@ -33,7 +33,8 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .values import Input, Inputs, to_sites, value_at
+from .sites import to_sites
+from .values import Input, Inputs, value_at
 
 PLACE = "s"  # may be asked for in `of`, and is no motion
 UNSAID = (
