@@ -90,14 +90,14 @@ class SectionForces(OfScene):
         total = external(self.bare, nodes, now, tuple(act for act in now.loads if act.along))
         between = element_loads(model, nodes, now) if now.between else (0.0,) * (order + 1)
         if not isinstance(total, float):
-            rest, own = total, (0.0,) * (order + 1)
+            rest, known = total, (0.0,) * (order + 1)
             if any(act.rule is not None for act in model.acts):
-                own = known_shares(model, self.bare, nodes, now)
-                rest = total - model.topology.scatter(own)
+                known = known_shares(model, self.bare, nodes, now)
+                rest = total - model.topology.scatter(known)
             length = model.length.unflatten(-2, (-1, order)).sum(-2)
             beside = model.topology.scatter((length,) * (order + 1))  # m, of elements at a node
             beside = torch.where(beside > 0, beside, 1.0)  # bodies
-            each = zip(model.topology.gather(rest / beside), own, between, strict=True)
+            each = zip(model.topology.gather(rest / beside), known, between, strict=True)
             between = tuple(length * f + g + h for f, g, h in each)
         inside = model.length.new_tensor(INSIDE.get(self.scene.plane, (1.0,)))
         return tuple(inside * f for f in between)
