@@ -101,7 +101,8 @@ def _discretised(scene: Scene, lumped: bool, topology: Topology | None) -> Model
     if space.plane is not None:
         check_plane(model)
     refuse_redundant(model)
-    warn_of_jumps(model)
+    if any(load.integrated for load in scene.loads):
+        warn_of_jumps(model)
     return model
 
 
