@@ -27,6 +27,7 @@ from .arrows import Arrows, normal_to
 from .axis import nodes_of
 from .canvas import Axes, numbers
 from .limits import extent, prepared
+from .line_loads import first, line_loads
 
 INK, LOAD = "0.15", "C3"
 ARROW = 0.16  # of the size of all: the longest arrow of a force; half of it of a load along a beam
@@ -84,7 +85,7 @@ class Symbols:
     @classmethod
     def of(cls, ax: Axes, seen: list[int], scene: Scene, position: Tensor, axes: Tensor) -> Symbols:
         """Of the first of positions (samples, N+1, 3) and axes (samples, N+1, 3, 3)."""
-        return cls(ax, seen, scene, _first(position, 2), _first(axes, 3))
+        return cls(ax, seen, scene, first(position, 2), first(axes, 3))
 
     def draw(self, state: Any, inputs: dict[str, Any] | None = None) -> None:
         """All of them, and the loads that act in a state. Raises ValueError for no sample."""
@@ -174,9 +175,9 @@ class Symbols:
         """Where its points (3) m on both parts are."""
         beam = self.scene.beam
         for node, drawn in zip(joint.ends, joint.drawn(beam)[:2], strict=True):
-            point = _first(drawn, 1)
+            point = first(drawn, 1)
             if node is not None:
-                arm = point - _first(beam.nodes[..., node, :], 1)
+                arm = point - first(beam.nodes[..., node, :], 1)
                 point = self.position[node] + self._turned(node) @ arm
             yield point
 
@@ -184,7 +185,7 @@ class Symbols:
         """How far (3, 3) a node, None = the ground, has turned since it was drawn."""
         if node is None:
             return torch.eye(3, dtype=self.position.dtype)
-        at_rest = _first(quat.matrix(self.scene.beam.frames[..., node, :]), 2)
+        at_rest = first(quat.matrix(self.scene.beam.frames[..., node, :]), 2)
         return self.axes[node] @ at_rest.mT
 
     def _rings(self, points: Tensor, inside: str) -> None:
@@ -195,7 +196,7 @@ class Symbols:
 
     def _rails(self, x: Tensor, joint: Joint) -> None:
         """Two short lines along the axis of a slider."""
-        along = self._turned(joint.ends[0]) @ _first(joint.axes(self.scene.beam), 2)[:, 0]
+        along = self._turned(joint.ends[0]) @ first(joint.axes(self.scene.beam), 2)[:, 0]
         reach, side = 0.05 * self.size, normal_to(along, self.seen)
         for way in (1, -1):
             middle = x + way * 0.3 * reach * side
@@ -239,16 +240,17 @@ class Symbols:
         acts = []
         for act in (act for act in now.loads if not act.along):
             x, arm = self.position[act.node], getattr(act.load, "offset", None)
-            arm = torch.zeros_like(x) if arm is None else self.axes[act.node] @ _first(arm, 1)
+            arm = torch.zeros_like(x) if arm is None else self.axes[act.node] @ first(arm, 1)
             if isinstance(act.load, Spring):
-                self._spring(_first(act.load.to, 1), x + arm)
+                self._spring(first(act.load.to, 1), x + arm)
             elif not isinstance(act.load, RootSpring):
-                F, M = _first(external(model, nodes, now, (act,))[..., act.node, :], 1).split(3)
+                F, M = first(external(model, nodes, now, (act,))[..., act.node, :], 1).split(3)
                 acts.append((x + arm, F, M - torch.linalg.cross(arm, F), self.into(act.node)))
         acting_along = tuple(act for act in now.loads if act.along)
-        along = external(bare_beams(self.scene), nodes, now, acting_along)
+        bare = bare_beams(self.scene)
+        along = external(bare, nodes, now, acting_along)
         if not isinstance(along, float):
-            fixed = _first(external(model, nodes, now, acting_along) - along, 2)
+            fixed = first(external(model, nodes, now, acting_along) - along, 2)
             for k in (fixed != 0).any(-1).nonzero()[:, 0].tolist():  # what is fixed to nodes
                 acts.append((self.position[k], *fixed[k].split(3), self.into(k)))
         arrows = Arrows(self.ax, self.seen, ARROW * self.size, LOAD)
@@ -258,12 +260,13 @@ class Symbols:
             arrows.force(x, F, strongest, into)
             arrows.moment(x, M, max(most, 1e-9 * strongest * self.size))
         if not isinstance(along, float):
-            f = _first(along[..., :3], 2) / _first(model.tributary_length, 2)
+            each = line_loads(model, bare, nodes, now)
             arrows = replace(arrows, length=arrows.length / 2)
-            rows = [list(row) for row in self._rows()]
-            most = max((f[row].norm(dim=-1).max().item() for row in rows), default=0.0)
+            rows = [[(k, f) for k in row for f in each[k]] for row in self._rows()]
+            most = max((f.norm().item() for row in rows for _, f in row), default=0.0)
             for row in rows:
-                arrows.row(self.position[row], f[row], most)
+                at, f = zip(*row, strict=True)
+                arrows.row(self.position[[*at]], torch.stack(f), most)
 
     def _spring(self, start: Tensor, end: Tensor) -> None:
         """A zigzag from what stands to a node."""
@@ -275,12 +278,6 @@ class Symbols:
         points = start + s[:, None] * along + 0.02 * self.size * out[:, None] * side
         self.ax.plot(*numbers(points[:, self.seen]).T, color=INK, lw=1.0, zorder=3)
         self._mark(start, "clamp", -along)
-
-
-def _first(x: Tensor, axes: int) -> Tensor:
-    """The first sample of (..., own axes), in double precision."""
-    x = x.detach().double().cpu()
-    return x.reshape(-1, *x.shape[x.ndim - axes :])[0]
 
 
 def _ground_below(y: float) -> list[tuple[tuple[float, float], ...]]:

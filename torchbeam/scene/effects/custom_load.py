@@ -33,7 +33,8 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .values import Input, Inputs, to_sites, value_at
+from .sites import to_sites
+from .values import Input, Inputs, value_at
 
 PLACE = "s"  # may be asked for in `of`, and is no motion
 UNSAID = (
@@ -104,7 +105,7 @@ class Load(LoadEffect):
             "spin". The others are given as None, and not differentiated. Empty: a load of t,
             inputs, values and z. Further quantities come by name: "acceleration" (..., 3) m/s^2 and
             "angular_acceleration" (..., 3) rad/s^2, absolute, frame a. Along the beam, also the arc
-            length "s" (..., sites) m from the root
+            length "s" (..., sites) m from the root, of nodes: `Along` integrates over elements
         on: along the beam: name of a beam of a structure; None = all
 
     Automatic differentiation gives the tangent. An implicit step takes z at mid step, linearly
