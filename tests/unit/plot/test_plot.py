@@ -209,17 +209,12 @@ def test_diagrams_in_space_have_axes_of_the_section():
 
 @pytest.mark.parametrize("resultant", ["M", "V"])
 def test_numbers_of_beams_that_meet_stand_once(resultant):
-    """Two posts under a ridge, as one load bends both: what both say at the ridge stands there once,
-    in the colour of the labels, also in a dark style.
+    """Two rafters under a force at the ridge: what both say there stands there once. Supports have
+    the colour of the labels, also in a dark style.
     """
     plt = pytest.importorskip("matplotlib.pyplot")
     section = tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=1e4, EI=1e6, mass=1.0)
-    parts = {
-        "left": tb.Beam.straight(2.0, 4, section, direction=(1, 0, 0.05)),
-        "right": tb.Beam.straight(
-            2.0, 4, section, root=(3.995, 0, 0), direction=(-1, 0, 0.05), up=(0, 0, 1)
-        ),
-    }
+    parts = {"left": tb.Beam.straight(2.0, 4, section, direction=(1, 0, 0.05))}
     tip = parts["left"].nodes[-1].tolist()
     parts["right"] = tb.Beam.straight(2.0, 4, section, root=tip, direction=(1, 0, -0.05))
     scene = tb.Scene(
@@ -542,8 +537,8 @@ CASES = {
                      "one sample is wanted"),
     "samples for a diagram": (lambda s: tb.plot.diagram(s.state, "M2", scene=SCENE),
                               "9 samples were given to a diagram; one sample is wanted"),
-    "another resultant": (lambda s: tb.plot.diagram(s.state[0], "M", scene=SCENE),
-                          "resultant = 'M' was given"),
+    "another resultant": (lambda s: tb.plot.diagram(s.state[0], "M4", scene=SCENE),
+                          "resultant = 'M4' was given"),
     "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)),
                          r"\(n,\) and \(n, count\)"),
     "another file": (lambda s: tb.plot.animate(s, "motion.avi"), "one that ends in .gif or .mp4"),
