@@ -19,7 +19,7 @@ from ..state.state import State
 from .animation import animate
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .limits import even, prepared
+from .limits import even, extent, prepared
 from .magnified import tilted
 
 PERIOD = 2.0  # s, of the film of a mode
@@ -36,8 +36,8 @@ def mode_shapes(
     plane: str | None = None,
 ) -> Axes:
     """The first `count` mode shapes about a state, both of one sample. The beam's axis moves by
-    each mode at the instant of its largest displacement, which is `scale` times the beam's length.
-    The legend has frequencies in Hz, or the rate in 1/s of a motion that does not oscillate. A mode
+    each mode at the instant of its largest displacement, `scale` times the structure's size. The
+    legend has frequencies in Hz, or the rate in 1/s of a motion that does not oscillate. A mode
     that hardly displaces the axis (torsion) is named, not drawn.
 
     Raises:
@@ -88,7 +88,7 @@ def mode_film(
         modes: of one sample, with their equilibrium
         path: as in `animate`, as are ax, plane, scene, fps and dpi
         mode: its number, the slowest is 1
-        scale: the largest displacement, as a share of the length of all beams. A mode that hardly
+        scale: the largest displacement, as a share of the structure's size. A mode that hardly
             displaces the axis (torsion) turns by 0.5 rad at most, visible with a `scene`
 
     Raises:
@@ -129,7 +129,7 @@ def _moves(call: str, modes: Modes, position: Tensor, scale: float) -> tuple[Ten
         raise ValueError(
             f"modes or a state of more than one sample were given to {call}; one sample is wanted"
         )
-    length = torch.linalg.vector_norm(position[0].diff(dim=0), dim=-1).sum()
+    length = extent(position)
     moves = modes.shape.detach()
     flat = moves[..., :3].flatten(1)
     peak = flat.gather(1, flat.abs().argmax(-1, keepdim=True))[..., None]

@@ -25,11 +25,11 @@ from ..sensors.sensor import nodes_of as moving_nodes
 from ..state.state_check import of_mesh
 from .arrows import Arrows, normal_to
 from .axis import nodes_of
-from .canvas import Axes, numbers
-from .limits import extent, prepared
+from .canvas import Axes, ink, numbers
+from .limits import extent, prepared, widened
 from .line_loads import first, line_loads
 
-INK, LOAD = "0.15", "C3"
+LOAD = "C3"
 ARROW = 0.16  # of the size of all: the longest arrow of a force; half of it of a load along a beam
 SIZE = 26  # points, of the symbol of a support, both sides of its node
 GROUND = 8  # strokes below it
@@ -67,7 +67,7 @@ def symbols(
     of_mesh(state, scene, "a state")
     ax, seen = prepared(ax, plane, position)
     Symbols.of(ax, seen, scene, position, turn).draw(state, inputs)
-    return ax
+    return widened(ax, seen)
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Symbols:
         """In space: one along each coordinate that is held, to a point that stands."""
         for unit in torch.eye(3, dtype=x.dtype)[list(held)]:
             ends = torch.stack((x, x - 0.1 * self.size * unit))
-            self.ax.plot(*numbers(ends).T, color=INK, lw=1.4, marker="o", ms=3, zorder=3)
+            self.ax.plot(*numbers(ends).T, color=ink(self.ax), lw=1.4, marker="o", ms=3, zorder=3)
 
     def _ground(self, moves: list[int], turns: bool, into: Tensor) -> Tensor:
         """The side (3) on which the ground lies of what holds these coordinates."""
@@ -163,7 +163,7 @@ class Symbols:
                 kind = "clamp" if joint.rotation == AXES else "pin"
                 into = self.into(next(node for node in joint.ends if node is not None))
                 self._mark(middle, kind, self._ground(self.seen[:2], kind == "clamp", into))
-            self.ax.plot(*numbers(points[:, self.seen]).T, color=INK, lw=0.8, zorder=3)
+            self.ax.plot(*numbers(points[:, self.seen]).T, color=ink(self.ax), lw=0.8, zorder=3)
             if joint.distance:
                 self._rings(points, "")
             elif len(joint.position) < 3:
@@ -189,7 +189,7 @@ class Symbols:
         return self.axes[node] @ at_rest.mT
 
     def _rings(self, points: Tensor, inside: str) -> None:
-        ring = dict(ls="", mfc=self.ax.get_facecolor(), mec=INK, zorder=6)
+        ring = dict(ls="", mfc=self.ax.get_facecolor(), mec=ink(self.ax), zorder=6)
         self.ax.plot(*numbers(points[:, self.seen]).T, marker="o", ms=6.5, **ring)
         if inside:
             self.ax.plot(*numbers(points[:, self.seen]).T, marker=inside, ms=3.5, **ring)
@@ -201,7 +201,7 @@ class Symbols:
         for way in (1, -1):
             middle = x + way * 0.3 * reach * side
             ends = torch.stack((middle - reach * along, middle + reach * along))
-            self.ax.plot(*numbers(ends[:, self.seen]).T, color=INK, lw=1.6, zorder=6)
+            self.ax.plot(*numbers(ends[:, self.seen]).T, color=ink(self.ax), lw=1.6, zorder=6)
 
     def _mark(self, x: Tensor, kind: str, side: Tensor) -> None:
         """A sign at x (3) m, whose ground lies on a side (3) of it."""
@@ -216,7 +216,7 @@ class Symbols:
         path = Path.make_compound_path(*map(Path, SIGNS[kind]))
         sign = MarkerStyle(path, transform=Affine2D().rotate(angle))
         size = SIZE * abs(path.vertices).max()  # a marker is scaled by its largest coordinate
-        look = dict(ms=size, mfc=self.ax.get_facecolor(), mec=INK, mew=1.0, zorder=3)
+        look = dict(ms=size, mfc=self.ax.get_facecolor(), mec=ink(self.ax), mew=1.0, zorder=3)
         look["clip_on"] = len(self.seen) == 3  # in space a layout takes it for far larger
         self.ax.plot(*numbers(x[None, self.seen]).T, marker=sign, ls="", **look)
 
@@ -228,7 +228,8 @@ class Symbols:
         e = normal_to(normal, self.seen)
         f = torch.linalg.cross(normal, e)
         corners = [x + 0.06 * self.size * (a * e + b * f) for a, b in CORNERS]
-        plate = Poly3DCollection([numbers(torch.stack(corners))], fc="0.8", ec=INK, alpha=0.9)
+        plate = Poly3DCollection([numbers(torch.stack(corners))], fc="0.8", ec=ink(self.ax))
+        plate.set_alpha(0.9)
         self.ax.add_collection3d(plate)
 
     def loads(self, state: Any, inputs: dict[str, Any] | None) -> None:
@@ -276,7 +277,7 @@ class Symbols:
         along = end - start
         side = normal_to(torch.nn.functional.normalize(along, dim=0), self.seen)
         points = start + s[:, None] * along + 0.02 * self.size * out[:, None] * side
-        self.ax.plot(*numbers(points[:, self.seen]).T, color=INK, lw=1.0, zorder=3)
+        self.ax.plot(*numbers(points[:, self.seen]).T, color=ink(self.ax), lw=1.0, zorder=3)
         self._mark(start, "clamp", -along)
 
 
