@@ -40,11 +40,10 @@ LOST = ("problem", "transform", "readings", "blocks")  # fields that are not sav
 def warn_of(doubts: Sequence[str]) -> None:
     """Warn of intervals whose residuals are no noise of the size that was stated."""
     if doubts:
+        said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
         warn(
             "intervals that take the model as right and what it leaves as noise were asked for, "
-            f"but {'; '.join(doubts)}. A finer mesh (`refined`) or what the model leaves out is "
-            "wanted; or, of noise that is larger than sigma, data without sigma or "
-            "absolute_sigma=False, which take its size from the misfit",
+            f"but {said} (`doubts` say more)",
             UserWarning,
         )
 
