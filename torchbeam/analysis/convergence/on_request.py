@@ -175,9 +175,7 @@ def _static(
     return call(remesh(scene, **setting.mesh), **options)
 
 
-def _run(
-    call: Callable[..., T], scene: Any, given: Sequence[Any], options: Mapping[str, Any]
-) -> T:
+def _run(call: Callable[..., T], scene: Any, given: Sequence[Any], options: Mapping[str, Any]) -> T:
     """As it is asked for, or as `finer` has it."""
     finer = Finer.now.get()
     if finer is None:

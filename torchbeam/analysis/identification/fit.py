@@ -43,7 +43,8 @@ def warn_of(doubts: Sequence[str]) -> None:
         said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
         warn(
             "intervals that take the model as right and what it leaves as noise were asked for, "
-            f"but {said} (`doubts` say more)",
+            f"but {said} (`doubts` say more). A better model or mesh is wanted; of larger noise "
+            "absolute_sigma=False",
             UserWarning,
         )
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import torch
 from torch import Tensor
 
+from .noise import SHARED, unit_of
 from .problem import FitProblem
 from .readings import Readings
 from .residuals import FEWEST, Residuals, ResidualTest
@@ -70,15 +71,18 @@ def noise_hints(freedom: int, sigma_given: bool) -> tuple[str, ...]:
 def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[str, ...]:
     """Residuals that are no noise of the size that was stated: more squares than sigma says, of all
     data and of each channel; residuals that are alike from reading to reading; a line in their
-    periodogram. All these tests together find something in one of a hundred fits of models that are
-    right, or in fewer (Bonferroni). Where sigma is not known squares say nothing; noise that counts
-    by blocks may be of any size and alike.
+    periodogram; outliers, of residuals that are not alike. All these tests together find something
+    in one of a hundred fits of models that are right, or in fewer (Bonferroni). Where sigma is not
+    known squares say nothing; noise that counts by blocks may be of any size and alike.
 
     r, J, C  weighted residuals (T,), their derivatives (T, p), covariance (p, p) of the parameters
              over the weighted noise
     """
+    free = [m for e, m in problem.measurements if e.measured and m.sigma is None]
+    units = {unit_of(m) or "" for m in free} if not problem.sigma_given else set()
+    shared = [SHARED.format(units=" and ".join(sorted(units)))] * (len(units) > 1 > ("" in units))
     if not all(torch.isfinite(part).all() for part in (r, J, C)):
-        return ()
+        return tuple(shared)
     channel = problem.noise.channel[problem.known]  # -1: sigma is known
     every = problem.measured & (channel < 0) & problem.independent
     whole = Residuals("", None, r[every], J[every], C, True)
@@ -89,12 +93,15 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     ]
     parts = channels if len(channels) > 1 else []
     sizes, each = (
-        [rest.excess() for rest in some if rest.known and rest.left >= 1]
+        [rest.excess() for rest in some if rest.known and rest.left > 0.99]
         for some in ([whole], parts)
     )
     long = [rest for rest in channels if rest.left >= FEWEST]
     alike, lines = [rest.correlation() for rest in long], [rest.line() for rest in long]
-    level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines), 1)
+    far = [rest.outliers() for rest in channels]
+    level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines) + len(far), 1)
+    smooth = {a.name for a in alike if a.probability < level}
+    far = [a for a in far if a.name not in smooth]
     said = [
         f"the misfit{of} is {a.size:.3g} times what sigma says ({chance}): noise is larger, or the "
         "model or its mesh does not explain the data"
@@ -111,7 +118,14 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
         "the model misses a vibration, or what drives or damps it"
         for a, of, chance in _least(lines, level)
     ]
-    return tuple(f"{sentence}, and stated intervals are too narrow" for sentence in said)
+    said = [f"{sentence}, and stated intervals are too narrow" for sentence in said]
+    said += [
+        f"readings{of} are further off than normal noise: {a.at}, by up to {a.size:.3g} deviations "
+        f"of the others ({chance}): outliers move the fit, which loss='student' or 'huber' "
+        "gives less weight"
+        for a, of, chance in _least(far, level)
+    ]
+    return (*shared, *said)
 
 
 def series(problem: FitProblem) -> Iterator[tuple[str | None, str, Tensor, Tensor | None]]:
