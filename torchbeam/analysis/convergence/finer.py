@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -15,7 +16,7 @@ from ...dynamics.runs import STEPS
 from ...linear.critical import Critical
 from ...linear.modes import Modes
 from ...scene.beam import Beam
-from ...scene.effects import RootSpring
+from ...scene.effects import RootSpring, Tendon
 from ...scene.scene import Scene
 from ...sensors.sensor import Sensor
 from ...state.reduced import AT_NODES
@@ -30,6 +31,10 @@ T = TypeVar("T")
 BY_ELEMENT = "stress", "inelastic"  # fields of a state
 READS = "outputs", "control"  # arguments that are functions of states
 OWN = "rtol", "atol"  # of steps that control their own error
+
+
+class NotRefined(ValueError):
+    """A finer mesh would be another structure."""
 
 
 @dataclass
@@ -66,6 +71,12 @@ class Finer:
                 scene = replace(scene, effects=effects)
         if self.elements == 1:
             return scene
+        if any(_many_eyelets(effect, scene.beam.order) for effect in scene.effects):
+            raise NotRefined(
+                "the mesh was not refined: a Tendon goes through neighbouring nodes by their "
+                "numbers, and a finer mesh without more eyelets is another structure; "
+                "Tendon.along has an eyelet at each end of an element, of any mesh"
+            )
         fine = remesh(scene, self.elements * scene.beam.element_count)
         self.scenes.append((scene, fine))
         return fine
@@ -124,6 +135,14 @@ class Finer:
         if self.steps == 1:
             return options
         return options | dict(step=_step(t, options.get("step")) / self.steps)
+
+
+def _many_eyelets(effect: Any, order: int) -> bool:
+    """Whether a tendon goes through three ends of elements in a row that numbers of nodes name."""
+    if not isinstance(effect, Tendon) or effect.is_along:
+        return False
+    steps = [abs(b - a) for a, b in itertools.pairwise(effect.nodes)]
+    return any(a == b == order for a, b in itertools.pairwise(steps))
 
 
 def _firmer(effect: Any, factor: float) -> Any:

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ...solvers.least_squares import CONVERGED
-from ..convergence.finer import Finer, finer
+from ..convergence.finer import Finer, NotRefined, finer
 from ..convergence.reading import on_mesh
 from .experiment import Experiment
 from .problem import FitProblem
@@ -60,20 +60,25 @@ def _with_doubts(fit: Any, runs: Finer) -> Any:
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         r = fit.problem.residuals(x, which)
-        said = tuple(sentence for kind in kinds for sentence in _doubt(fit, kind, r, which))
-    if not said:
+        each = [pair for kind in kinds for pair in _doubt(fit, kind, r, which)]
+    if not each:
         return fit
+    said = [sentence for _, sentence in each]
+    doubts = tuple(sentence for is_doubt, sentence in each if is_doubt)
     message = "; ".join([fit.message, *said])
-    return replace(fit, doubts=said, hints=(*fit.hints, *said), message=message)
+    return replace(fit, doubts=doubts, hints=(*fit.hints, *said), message=message)
 
 
-def _doubt(fit: Any, kind: str, r: Tensor, which: Tensor) -> Iterator[str]:
-    """A sentence if refinement moves a parameter; r (1, T) residuals of the fit."""
+def _doubt(fit: Any, kind: str, r: Tensor, which: Tensor) -> Iterator[tuple[bool, str]]:
+    """Whether it is a doubt, and a sentence: refinement moves a parameter; r (1, T) of the fit."""
     (factor, refined, wanted), problem, x = KINDS[kind], fit.problem, fit.x[None]
     try:
         with finer(**{kind: factor}):
             of = problem if kind != "elements" else _on_meshes(problem, x)
             change = of.residuals(x, which) - r
+    except NotRefined as error:
+        yield False, str(error)
+        return
     except Exception:  # a mesh that does not divide, a start of another mesh, a failure
         return
     A = fit.jacobian.mT @ fit.jacobian + torch.diag(problem.prior(x)[2][0])
@@ -92,7 +97,7 @@ def _doubt(fit: Any, kind: str, r: Tensor, which: Tensor) -> Iterator[str]:
             f"{fit.names[k]} by {apart[k]:+.2g} deviations (to {_apart(theta[k], fit.theta[k])})"
             for k in moved
         )
-        yield f"{refined} would move {said}{rest}: {reason}"
+        yield True, f"{refined} would move {said}{rest}: {reason}"
 
 
 def _apart(value: Tensor, other: Tensor) -> str:

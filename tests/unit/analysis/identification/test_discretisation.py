@@ -230,3 +230,32 @@ def test_a_model_without_steps_or_mesh_is_not_called_again():
 
     tb.identify(line, 2 * x + 0.1 * torch.sin(9 * x), {"k": 1.0})
     assert calls[-1] != 1
+
+
+@pytest.mark.parametrize("along", [True, False])
+def test_eyelets_of_a_tendon_on_a_finer_mesh(along):
+    """Twice the elements have twice the stretches of a tendon along the beam, and the doubt says by
+    how much. Eyelets by numbers are discs, maybe: nothing is run on another mesh, and a hint says
+    so.
+    """
+
+    def model(theta, elements=3):
+        section = tb.Section.from_stiffness(EA=1e4, GA=1e4, GJ=1.0, EI=theta["EI"], mass=1.0)
+        beam = tb.Beam.straight(1.0, elements, section)
+        place = torch.tensor([0.0, 0.0, 0.05])
+        rope = tb.Tendon.along(beam, place, tension=15.0)
+        if not along:
+            rope = tb.Tendon([(k, place) for k in range(elements + 1)], tension=15.0)
+        scene = tb.Scene(beam, [rope, tb.TipLoad(force=(0, 0, 0.5))], plane="xz")
+        return tb.equilibrium(scene, engine="eager")
+
+    truth = model({"EI": torch.tensor([1.0])}, 12).tip.position[0, 2]
+    data = tb.Measurement(truth, 2e-3, sensor=tb.sensors.TipPosition()["z"])
+    fit = tb.identify(model, data, {"EI": 0.9}, log=True)
+    if not along:
+        assert not fit.doubts and fit.hints[0].startswith("the mesh was not refined: a Tendon")
+        return
+    (said,) = fit.doubts
+    fine = tb.identify(lambda theta: model(theta, 6), data, {"EI": 0.9}, log=True)
+    moved = ((fine.x - fit.x) / fit.x_covariance.diagonal().sqrt()).item()
+    assert float(said.split("EI by ")[1].split(" ")[0]) == pytest.approx(moved, rel=0.1)
