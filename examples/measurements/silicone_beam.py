@@ -30,9 +30,9 @@ it, as one from below may count a period too few (and says so then, `fit.doubts`
 cannot: the first swings, of 20 mm and more, which are damped more than those after them (they are
 left out; fitted too, they make the prediction twice as bad). Residuals are alike for a while, so
 that deviations count blocks of times; bands have as noise what the model missed in the last 0.2 s
-that were fitted, as it misses less where less moves. The fit by steps of 5 ms is refined by steps of a
-quarter, which move E by more than its deviation. It ends with a line of JSON: parameters with 95 %
-intervals, the RMS by marker over what was predicted, the share of its readings that 95 % bands
+that were fitted, as it misses less where less moves. The fit by steps of 5 ms is refined by steps
+of a quarter, which move E by more than its deviation. It ends with a line of JSON: parameters with
+95 % intervals, the RMS by marker over what was predicted, the share of its readings that 95 % bands
 hold.
 """
 

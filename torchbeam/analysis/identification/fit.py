@@ -299,6 +299,7 @@ class Fit(NamedFit):
             raise ValueError(
                 "a finer model that fails at the fit, or differs too much from the one that was "
                 "fitted, was given; one of the same beam, a little finer, is wanted"
+                f"{self._reason}"
             )
         return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
@@ -366,8 +367,15 @@ class Fit(NamedFit):
                 "tb.identify is wanted"
             )
         if bool(self.open.all()):
-            raise ValueError(f"a {what} of a fit that determines nothing was asked for")
+            raise ValueError(
+                f"a {what} of a fit that determines nothing was asked for{self._reason}"
+            )
         return self.problem
+
+    @property
+    def _reason(self) -> str:
+        """What was odd before."""
+        return f"; of the fit it was said: {'; '.join(self.hints)}" if self.hints else ""
 
     def _noisy(self, what: str) -> FitProblem:
         """The problem, whose noise is known."""

@@ -20,6 +20,7 @@ UNITS = (
     (180 / math.pi, 2.0, True, "degrees for rad", "rad for degrees"),
     (9.80665, 2.0, True, "m/s^2 for g", "g for m/s^2"),
 )
+OPPOSITE = -0.5  # correlation of data with a model at its start
 KNOWN = 0.1  # of a parameter's size, to which it is known with the others where they are
 SHOWN = 0.1  # of a direction: smaller parts are not named
 ALARM = 0.01  # of the fits of models that are right, in which any test may find something
@@ -29,18 +30,24 @@ def unit_hints(
     readings: Sequence[Readings], offset: Sequence[bool], converged: bool
 ) -> tuple[str, ...]:
     """Channels whose data are about a thousand times the model's at the start, or a thousandth; of
-    a fit that has not converged, degrees for rad and g for m/s^2 too. Of those with an `offset`
-    what is beside their mean.
+    a fit that has not converged, degrees for rad and g for m/s^2 too, and another sign. Of those
+    with an `offset` what is beside their mean.
     """
     said = []
     for reading, shifted in zip(readings, offset, strict=True):
         for label, data, y in reading.channels():
             known = ~(data.isnan() | y.isnan())
-            both = (v[known] - shifted * v[known].mean() for v in (data, y))
+            both = [v[known] - shifted * v[known].mean() for v in (data, y)]
             size, first = (v.square().mean().sqrt().item() for v in both)
             if not size or not first or not math.isfinite(first):
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / first
+            alike = ((both[0] * both[1]).mean() / size / first).item()
+            if not converged and alike < OPPOSITE:
+                said.append(
+                    f"{what}: the data go against the model's at the start (correlation "
+                    f"{alike:.2f}); is their sign another?"
+                )
             for unit, near, doubtful, larger, smaller in UNITS:
                 if doubtful and converged:
                     continue

@@ -12,7 +12,7 @@ from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
 from .covariance import Spread
-from .exchanged import exchange_hints
+from .exchanged import exchange_hints, multiple_doubts
 from .hints import bound_hints, misfit_hints, noise_hints, tangled_hints, unit_hints
 from .periods import period_hints
 from .problem import FitProblem
@@ -92,7 +92,8 @@ def conclusions(
     doubts: tuple[str, ...] = ()
     if spread.scale:
         white = spread.white[determined][:, determined]
-        doubts = (*period_hints(problem, r[best], J[best], best, x[best]),
+        doubts = (*multiple_doubts(problem, r[best], J[best], spread.white, spread.scale),
+                  *period_hints(problem, r[best], J[best], best, x[best]),
                   *misfit_hints(problem, r[best], seen, white))  # fmt: skip
     exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale, theta[best])
     bounded = bound_hints(parameters.names, theta[best], spread.held)
