@@ -118,13 +118,8 @@ def multiple_doubts(
             left = (off - by @ step).square().sum()
             share = (left / squares).item()
             if squares - left > NOISE * scale**2 and share < best[0]:
-                best = (
-                    share,
-                    (
-                        f"{name} fits {factor:.4g} times its readings ({what}?): the misfit would be "
-                        f"{share**0.5:.2g} of what it is"
-                    ),
-                )
+                said = f"{name} fits {factor:.4g} times its readings ({what}?)"
+                best = share, f"{said}: the misfit would be {share**0.5:.2g} of what it is"
     return [best[1]] * bool(best[1])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -20,6 +21,7 @@ UNITS = (
     (180 / math.pi, 2.0, True, "degrees for rad", "rad for degrees"),
     (9.80665, 2.0, True, "m/s^2 for g", "g for m/s^2"),
 )
+FAR = 10.0  # times the model's at the start: data of another kind
 OPPOSITE = -0.5  # correlation of data with a model at its start
 KNOWN = 0.1  # of a parameter's size, to which it is known with the others where they are
 SHOWN = 0.1  # of a direction: smaller parts are not named
@@ -31,9 +33,9 @@ def unit_hints(
 ) -> tuple[str, ...]:
     """Channels whose data are about a thousand times the model's at the start, or a thousandth; of
     a fit that has not converged, degrees for rad and g for m/s^2 too, and another sign. Of those
-    with an `offset` what is beside their mean.
+    with an `offset` what is beside their mean. First pairs, each with the size of the other's.
     """
-    said = []
+    said, off = [], []
     for reading, shifted in zip(readings, offset, strict=True):
         for label, data, y in reading.channels():
             known = ~(data.isnan() | y.isnan())
@@ -42,6 +44,8 @@ def unit_hints(
             if not size or not first or not math.isfinite(first):
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / first
+            if not 1 / FAR < ratio < FAR:
+                off.append((what, size, first))
             alike = ((both[0] * both[1]).mean() / size / first).item()
             if not converged and alike < OPPOSITE:
                 said.append(
@@ -62,7 +66,13 @@ def unit_hints(
                         f"{1 / ratio:.3g} times the data's, {size:.3g}; is a unit off by "
                         f"{unit:.4g} ({smaller})?"
                     )
-    return tuple(said)
+    exchanged = [
+        f"{a} and {b} seem to be exchanged: the data of each have the size of the other's model at "
+        "the start"
+        for (a, *of_a), (b, *of_b) in itertools.combinations(off, 2)
+        if all(0.5 < x / y < 2 for x, y in ((of_a[0], of_b[1]), (of_b[0], of_a[1])))
+    ]
+    return (*exchanged, *said)
 
 
 def noise_hints(freedom: int, sigma_given: bool) -> tuple[str, ...]:
