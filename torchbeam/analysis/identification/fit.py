@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from torch import Tensor
 from ...core import files
 from ...core.arguments import choice, level_of
 from ...core.validation import Value, shown
-from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
@@ -28,25 +27,13 @@ from .profile import Profile, profiles
 from .readings import Readings
 from .refinement import refined
 from .report import write_report
-from .result import REASON, NamedFit, conclusions
+from .result import REASON, NamedFit, conclusions, warn_of
 from .table import table
 from .transform import Transform
 
 INTERVALS = ("laplace", "profile", "bootstrap")
 FORMAT = 2  # of saved fits
 LOST = ("problem", "transform", "readings", "blocks")  # fields that are not saved as they are
-
-
-def warn_of(doubts: Sequence[str]) -> None:
-    """Warn of intervals whose residuals are no noise of the size that was stated."""
-    if doubts:
-        said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
-        warn(
-            "intervals that take the model as right and what it leaves as noise were asked for, "
-            f"but {said} (`doubts` say more). A better model or mesh is wanted; of larger noise "
-            "absolute_sigma=False",
-            UserWarning,
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -45,6 +46,18 @@ class NamedFit(Named):
             "theta": "estimate param parameter popt",
         }
     )
+
+
+def warn_of(doubts: Sequence[str]) -> None:
+    """Warn of intervals whose residuals are no noise of the size that was stated."""
+    if doubts:
+        said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
+        warn(
+            "intervals that take the model as right and what it leaves as noise were asked for, "
+            f"but {said} (`doubts` say more). A better model or mesh is wanted; of larger noise "
+            "absolute_sigma=False",
+            UserWarning,
+        )
 
 
 def conclusions(
