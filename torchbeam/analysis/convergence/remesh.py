@@ -198,8 +198,8 @@ def _cubic(points: Tensor, elements: int) -> Tensor:
     k = torch.arange(size, device=points.device)
     off = (u[:, None] - k)[:, None, :].expand(-1, size, -1)
     between = (k[:, None] - k).to(points.dtype)
-    own = torch.eye(size, dtype=torch.bool, device=points.device)
-    weight = (torch.where(own, 1.0, off) / torch.where(own, 1.0, between)).prod(-1)
+    same = torch.eye(size, dtype=torch.bool, device=points.device)
+    weight = (torch.where(same, 1.0, off) / torch.where(same, 1.0, between)).prod(-1)
     return (weight[..., None] * points[..., first[:, None] + k, :]).sum(-2)
 
 

@@ -190,13 +190,13 @@ def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
             "bounds were given with derivatives = 'adjoint', which takes none but by the "
             "transform 'logit'; 'difference' and 'forward' do"
         )
-    parameters, own = parameters.more_starts(o.starts, o.spread, o.seed), None
+    parameters, noise = parameters.more_starts(o.starts, o.spread, o.seed), None
     absolute = boolean("absolute_sigma", o.absolute_sigma)
     if o.noise == "channel":
-        experiments, own = Noise.by_channel(experiments)
+        experiments, noise = Noise.by_channel(experiments)
     elif absolute:
-        experiments, own = Noise.by_unit(experiments, parameters.model)
-    problem = FitProblem.of(experiments, parameters, absolute, own)
+        experiments, noise = Noise.by_unit(experiments, parameters.model)
+    problem = FitProblem.of(experiments, parameters, absolute, noise)
     x = problem.parameters.x
     region = problem.region(x)
     with torch.no_grad():

@@ -54,15 +54,15 @@ class Noise:
         names: set[str] = set()
 
         def name(e: Any, m: Any, label: str) -> str:
-            own = " ".join(filter(None, (e.name, label))) or "data"
-            own = own if own not in names else f"{own} ({len(names)})"
-            names.add(own)
-            return own
+            full = " ".join(filter(None, (e.name, label))) or "data"
+            full = full if full not in names else f"{full} ({len(names)})"
+            names.add(full)
+            return full
 
         sized, noise, readings = cls._by(experiments, name)
-        for own, count, lost in zip(noise.names, readings, noise.fitted, strict=True):
+        for channel, count, lost in zip(noise.names, readings, noise.fitted, strict=True):
             if count - lost < LEAST:
-                raise _too_few(own, count)
+                raise _too_few(channel, count)
         return sized, noise
 
     @classmethod
@@ -110,7 +110,7 @@ class Noise:
         rest, sized = iter(sigma.split([len(n) for n in numbers])), []
         for e in experiments:
             each = [(m, next(rest).to(m.values).reshape(m.values.shape)) for m in e.measurements]
-            known = tuple(m if m.sigma is not None else replace(m, sigma=own) for m, own in each)
+            known = tuple(m if m.sigma is not None else replace(m, sigma=s) for m, s in each)
             sized.append(replace(e, measurements=known))
         return tuple(sized), noise, list(readings.values())
 
