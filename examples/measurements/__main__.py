@@ -59,7 +59,7 @@ def table(lines: dict[str, dict]) -> str:
                 parts.append(f"{label} {value} ({low} to {high})")
         errors = ", ".join(f"{x:.2f}" for x in line["rms_mm"])
         share = f"{100 * line['coverage']:.0f} %"
-        doubts = "; ".join(line.get("doubts", ())) or "none"
+        doubts = "; ".join(line["doubts"]) or "none" if "doubts" in line else ""
         cells = name, "; ".join(parts), doubts, errors, share, f"{line['seconds']:.0f}"
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
