@@ -88,7 +88,9 @@ class Finer:
         answers are those of the user's mesh.
         """
         if not isinstance(scene, Scene) and callable(scene):
-            return call(lambda *x: self.scene(scene(*x)), *given, **options)
+            result = call(lambda *x: self.scene(scene(*x)), *given, **options)
+            drawn = self.as_drawn and self.scenes
+            return self._drawn(result, self.scenes[-1][0].beam) if drawn else result
         fine = self.scene(scene)
         if self.elements == 1:
             return call(fine, *given, **options)
@@ -100,10 +102,12 @@ class Finer:
                 return on_mesh(value, scene, fine)
             if isinstance(value, (tuple, list)):
                 return [moved(x, reads) for x in value]
-            return (lambda x: value(self._drawn(x, scene.beam))) if reads else value
+            if reads and callable(value):
+                return lambda x: value(self._drawn(x, scene.beam))
+            return value
 
-        given = [moved(x, callable(x)) for x in given]
-        options = {n: moved(x, n in READS and callable(x)) for n, x in options.items()}
+        given = [moved(x, True) for x in given]
+        options = {n: moved(x, n in READS) for n, x in options.items()}
         result = call(fine, *given, **options)
         return self._drawn(result, scene.beam) if self.as_drawn else result
 
