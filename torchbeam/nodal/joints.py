@@ -18,6 +18,11 @@ axes. With the step's Cayley vector Theta, R_{n+1} - R_n = Theta x (R_n + R_{n+1
 quadratic, so that lambda does the work lambda (g_{n+1} - g_n), none but for rounding; g = 0 holds
 at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). There is no penalty and no
 drift.
+
+Of small rotations theta, axes are (I + ~theta) F, and each row is linear in the nodes' moves: v is
+as drawn, and of a rotation w is what it is in one part less what it is in the other,
+
+    F_a,i . (p_b - p_a)        -F_y . (theta_b - theta_a) x F_z        d_0/L . d - L
 """
 
 from __future__ import annotations
@@ -186,14 +191,14 @@ class Joints(BetweenNodes):
         """Of wrenches (..., J, 12) on nodes: that on second parts, at the joints' points there,
         frame a; on the ground, which has no gradient, the opposite of what the first part gets.
         """
-        apart = self.w.at(motion.acting)  # row 0: of the points
+        apart = self.w.at(motion.acting)  # row 0: of the points, one where rotations are small
         arms, (push, moment) = apart.turning[..., 0, :], both.unflatten(-1, (2, 2, 3)).unbind(-2)
         moment = moment - cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor(
             [pair[1] is None for pair in self.framework.joints], device=both.device
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
-        moved = cross(apart.value[..., 0, :], first[..., :3])
+        moved = float(self.space.turns) * cross(apart.value[..., 0, :], first[..., :3])
         first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
         return torch.where(ground, -first, second)
 
@@ -281,9 +286,16 @@ class Joints(BetweenNodes):
 
     def pose(self, position: Tensor, rotation: Tensor) -> Pose:
         """From nodes, in the space's coordinates."""
-        R = self.space.axes(rotation)
+        R = self.axes(self.space.axes(rotation))
         r = self.framework.at_joints(self.space.public_position(position))
-        return Pose(r, self.framework.at_joints(R.flatten(-2)).unflatten(-1, (3, 3)))
+        if self.space.turns:
+            return Pose(r, R)
+        theta = self.space.to_frame(rotation, rotation) @ self.moves[self.space.dims.position :, 3:]
+        return Pose(r, skew(self.framework.at_joints(theta)) @ R, R)
+
+    def axes(self, R: Tensor) -> Tensor:
+        """Of nodes -> of both ends of joints (..., J, 2, 3, 3)."""
+        return self.framework.at_joints(R.flatten(-2)).unflatten(-1, (3, 3))
 
     def gap(self, pose: Pose) -> Tensor:
         """g (..., J, w): of positions m, of rotations rad."""
@@ -376,6 +388,8 @@ class Joints(BetweenNodes):
         """(..., J, 12, 12): derivative of lambda dg/dq, the wrenches on both nodes, by half the
         moves of the end.
         """
+        if not self.space.turns:
+            return force[..., :1, None] * force.new_zeros(12, 12)
         weight = force[..., None, None]
         # (..., J, 3, 12)
         apart = (weight * (self.v.shift[..., None] * by_w + self.w.shift[..., None] * by_v)).sum(-3)

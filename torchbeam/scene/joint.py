@@ -227,8 +227,10 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
                     "wanted"
                 )
         joints.append(joint)
-    if joints:
-        large_rotations(scene, "joints")
+    for joint in joints:
+        for name in ("friction", "limit"):
+            if getattr(joint, name, None) is not None and len(joint.coordinates) == 3:
+                large_rotations(scene, f"the {name} of a {joint.called}")
     for body in structure.masses:
         if body.inertia is None and not _cannot_turn(body.node, scene, joints):
             raise ValueError(
