@@ -208,7 +208,7 @@ class SmallBallLaws(BallLaws):
             P = P + (self.stiffness @ (phi + before)[..., None] / 2)[..., 0]
             dP = None if by is None else dP + share * axial(by) @ self.stiffness.mT / 2
         if self.damping is not None and step.dt is not None:
-            c = (self.damping[..., None] / step.dt)
+            c = self.damping[..., None] / step.dt
             P = P + c * (phi - before)
             dP = None if by is None else dP + c[..., None] * axial(by) / 2
         elif self.damping is not None and step.spin is not None:

@@ -208,9 +208,9 @@ class DrivenJoints(Joints):
         laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
         total = laws.abs() if values.effort is None else laws.abs() + values.effort.abs()
         if self.laws.stiffness is not None:
-            total = total + CLOSED * self.laws.stiffness * torch.where(
-                torch.arange(total.shape[-1], device=total.device) < p, self.size[..., None, None], 1.0
-            )
+            turns = torch.arange(total.shape[-1], device=total.device) >= p
+            unit = torch.where(turns, 1.0, self.size[..., None, None])
+            total = total + CLOSED * self.laws.stiffness * unit
         force, moment = total[..., :p].sum(-1, True), total[..., p:].sum(-1, True)
         if self.acting_balls is not None and self.balls.laws.stiffness is not None:
             moment = moment + CLOSED * self.balls.laws.stiffness.abs().amax((-1, -2))[..., None]

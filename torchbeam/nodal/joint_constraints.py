@@ -281,10 +281,7 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
         length = Constraint(apart.times(0.5 / L), apart, L / 2, True, nothing)
         if not space.turns:
             length = length._replace(v=a.line((at_b - at_a) / L[..., None]), c=L)
-        rows = [
-            length,
-            *(row._replace(held=False) for row in rows[1:]),
-        ]
+        rows = [length, *(row._replace(held=False) for row in rows[1:])]
     return rows
 
 

@@ -124,9 +124,6 @@ class Scene(Tree):
             set_(self, "beam", Structure.of(self.beam))
         instance("a beam", self.beam, Beam)
         super().__post_init__()
-        if self.small and self.plane is not None:
-            wanted = "one of them (small=True alone keeps what lies in a plane there)"
-            raise refusal(f"plane = {self.plane!r} and small=True", wanted, were=True)
         precision(self.beam.nodes.dtype)
         asked = vars(self).pop("dtype")
         if not isinstance(asked, torch.dtype | None):
@@ -179,7 +176,7 @@ class Scene(Tree):
             for s in self.supports
         ]
         moving = "in 3D" if self.plane is None else f"plane {self.plane!r}"
-        moving = "small displacements and rotations" if self.small else moving
+        moving = f"{moving}{', small displacements and rotations' * self.small}"
         moving = f"{'frame a moves; ' * (self.frame is not None)}{moving}"
         joints = {"joints": ", ".join(map(str, self.joints)) or "none"} if self.beam.parts else {}
         return {
