@@ -142,5 +142,7 @@ def _moved(factor: Factor, pose: Pose, moving: Tensor) -> tuple[Any, Tensor, Ten
         skew(spin)[..., None, :, :] @ x for spin, x in ((moving[..., 3:6], a), (moving[..., 9:], b))
     )
     none = torch.zeros_like(a)
-    rate_by = torch.cat((none, a, none, b), -1) * float(pose.drawn is None)
+    if pose.drawn is not None:
+        a = b = none
+    rate_by = torch.cat((none, a, none, b), -1)
     return vector, by, (by @ moving[..., None, :, None])[..., 0], rate_by

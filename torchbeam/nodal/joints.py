@@ -198,8 +198,9 @@ class Joints(BetweenNodes):
             [pair[1] is None for pair in self.framework.joints], device=both.device
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
-        moved = float(self.space.turns) * cross(apart.value[..., 0, :], first[..., :3])
-        first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
+        if self.space.turns:
+            moved = cross(apart.value[..., 0, :], first[..., :3])
+            first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
         return torch.where(ground, -first, second)
 
     def after(self, motion: Placed) -> Tensor:
