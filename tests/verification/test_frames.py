@@ -115,10 +115,7 @@ def test_vierendeel_girder_is_its_stiffness_matrix():
             else:
                 joints.append(tb.Weld(first[node], at))
     loads = [tb.PointLoad(first[n], (x, 0.0, z)) for n, (x, z) in forces.items()]
-    held = [
-        tb.Support(first[0], rotation="xz"),
-        tb.Support(first[3], position="yz", rotation="xz"),
-    ]
+    held = [tb.Support(first[0], rotation="xz"), tb.Support(first[3], position="yz", rotation="xz")]
     scene = tb.Scene(parts, loads, joints=joints, supports=held, plane="xz", small=True)
     state = tb.equilibrium(scene)
     rows = [scene.beam.row(first[n]) for n in range(8)]
@@ -238,7 +235,9 @@ def bent(name, scale=1.0, effects=(), **scene):
     """Two arms at an angle with a body at their end, joined in between."""
     parts = {
         "a": tb.Beam.straight(1.0, 2, BENT),
-        "b": tb.Beam.straight(0.8, 2, BENT, root=(1.0, 0, 0), direction=(0.6, 0.8, 0), up=(0, 0, 1)),
+        "b": tb.Beam.straight(
+            0.8, 2, BENT, root=(1.0, 0, 0), direction=(0.6, 0.8, 0), up=(0, 0, 1)
+        ),
         "hub": tb.Body(2.0, (0.1, 0.2, 0.3), position=(1.48, 0.64, 0)),
     }
     joint = JOINTS[name]
