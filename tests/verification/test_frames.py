@@ -194,8 +194,10 @@ def test_balcony_bends_and_twists():
     P b^3/(3 EI) + P b^2 a/GJ. And a grillage: two beams that cross in a Ball share P as 1/L^3.
     """
     a, b, P, GJ = 1.5, 1.0, 1e3, 1e6
-    parts = {"a": tb.Beam.straight(a, 1, PLAIN).linked(),
-             "b": tb.Beam.straight(b, 1, PLAIN, root=(a, 0, 0), direction=(0, 1.0, 0)).linked()}  # fmt: skip
+    parts = {
+        "a": tb.Beam.straight(a, 1, PLAIN).linked(),
+        "b": tb.Beam.straight(b, 1, PLAIN, root=(a, 0, 0), direction=(0, 1.0, 0)).linked(),
+    }
     down = [tb.PointLoad(("b", -1), (0, 0, -P))]
     scene = tb.Scene(parts, down, joints=[tb.Weld(("a", -1), ("b", 0))],
                      supports=[tb.Support(("a", 0))], small=True)  # fmt: skip
@@ -213,6 +215,28 @@ def test_balcony_bends_and_twists():
     share = P / (1 + 4.0**3 / 2.0**3)
     want = torch.tensor([share, P - share, share, P - share]) / 2
     assert_close(reaction, want, rtol=1e-9, atol=0)
+
+
+def test_a_sway_mechanism_of_plastic_hinges():
+    """A portal with hinges of the plastic moment M at feet and corners sways under 4 M/H (Neal
+    1956, section 2.4). The posts' ends carry P H in all, f M in the mean. So under f times that
+    load hinges turn by f M/k in the mean, k their elasticity, and beyond it by (f - 1) M/h of their
+    hardening h as well, to rounding.
+    """
+    H, M, h, k = 3.0, 1e4, 1e3, 1e8
+    parts = {"left": line((0, 0), (0, H), STIFF), "right": line((4, 0), (4, H), STIFF),
+             "bar": line((0, H), (4, H), STIFF)}  # fmt: skip
+    law = tb.ElastoPlastic(stiffness=k, yield_moment=M, hardening=h)
+    ends = (None, ("left", 0)), (None, ("right", 0)), (("left", -1), ("bar", 0))
+    ends = (*ends, (("right", -1), ("bar", -1)))
+    hinges = [tb.Hinge(*pair, **ABOUT_Y, hysteresis=law) for pair in ends]
+    f = torch.tensor([0.7, 1.02, 1.5])
+    push = f[:, None] * torch.tensor([4 * M / H, 0.0, 0.0])
+    load = tb.PointLoad(("left", -1), push)
+    scene = tb.Scene(parts, [load], joints=hinges, plane="xz", small=True)
+    turns = tb.equilibrium(scene).joints[:, :, 0].abs().mean(-1)
+    want = f * M / k + (f - 1).clamp(min=0) * M / h
+    assert_close(turns, want, rtol=1e-9, atol=0)
 
 
 K = torch.tensor([[300.0, 20, 0], [20, 200, 10], [0, 10, 400]])

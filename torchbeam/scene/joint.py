@@ -201,9 +201,9 @@ def _numbers(x: Any) -> Any:
 def joints_of(scene: Any) -> tuple[Joint, ...]:
     """The joints of a scene, their ends as rows of its structure. Raises ValueError for joints in a
     scene of one beam, of nodes that do not exist or lie within an element, of a node with itself,
-    two at one place of the same two nodes, parts that do not meet as drawn, joints with small
-    motions, an inertia to a ground that moves, and bodies without inertia which nothing keeps from
-    turning.
+    two at one place of the same two nodes, parts that do not meet as drawn, balls with
+    friction or a limit and small motions, an inertia to a ground that moves, and bodies without
+    inertia which nothing keeps from turning.
     """
     structure, joints = scene.beam, []
     for drawn in scene.joints:

@@ -76,8 +76,8 @@ class Scene(Tree):
             are numbers. "auto": in a plane if the beam, its sections and all numbers lie in one and
             nothing else acts. Gradients by quantities out of the plane are 0
         supports: list of `Support`; None = a clamp at node 0, in a structure none; () = free
-        small: small displacements and rotations: linear about the undeformed beam. A state holds
-            rotations below pi
+        small: small displacements and rotations: linear about the undeformed beam, as first-order
+            theory of frames is. A state holds rotations below pi
         joints: `Weld`, `Hinge` and others, between parts of a structure or a part and the ground
         dtype: precision of the motion; None = torch.float64. All numbers, arrays, tensors and
             results of functions are converted to it; functions get it. A gradient has the dtype of
