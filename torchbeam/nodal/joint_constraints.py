@@ -1,4 +1,10 @@
-"""Constraints of a scene's joints, as products of two vectors: see `joints`."""
+"""Constraints of a scene's joints, as products of two vectors: see `joints`.
+
+Of small rotations theta, axes are (I + ~theta) F, and each row is linear in the nodes' moves: v is
+as drawn, and of a rotation w is what it is in one part less what it is in the other,
+
+    F_a,i . (p_b - p_a)        -F_y . (theta_b - theta_a) x F_z        d_0/L . d - L
+"""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ from torch import Tensor
 from ..math.quaternions import skew
 from .between_nodes import NodeMotion, Placed, Rates, Where
 from .joint_laws import CoordinateStep
-from .joint_motion import Factor, Pose, columns
-from .joints import Joints, along
+from .joint_motion import Factor, Pose, along, columns
+from .joints import Joints
 
 
 class Inertial(NamedTuple):

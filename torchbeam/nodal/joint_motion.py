@@ -44,6 +44,11 @@ def columns(by: Tensor, ends: Tensor, moves: Tensor | None) -> Tensor:
     return parts if moves is None else parts @ moves
 
 
+def along(vector: Tensor, by: Tensor) -> Tensor:
+    """vector (..., 3) times by (..., 3, n)."""
+    return (vector[..., None, :] @ by)[..., 0, :]
+
+
 class JointValues(NamedTuple):
     """At one instant, of what is given: efforts N or N m, and coordinates m or rad that are
     prescribed, (..., J, w), None = no joint has one.

@@ -18,11 +18,6 @@ axes. With the step's Cayley vector Theta, R_{n+1} - R_n = Theta x (R_n + R_{n+1
 quadratic, so that lambda does the work lambda (g_{n+1} - g_n), none but for rounding; g = 0 holds
 at the end of the step itself (Gonzalez 1999; Betsch and Steinmann 2002). There is no penalty and no
 drift.
-
-Of small rotations theta, axes are (I + ~theta) F, and each row is linear in the nodes' moves: v is
-as drawn, and of a rotation w is what it is in one part less what it is in the other,
-
-    F_a,i . (p_b - p_a)        -F_y . (theta_b - theta_a) x F_z        d_0/L . d - L
 """
 
 from __future__ import annotations
@@ -43,7 +38,7 @@ from ..topology.framework import Framework
 from .balls import Balls
 from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
-from .joint_motion import Factor, Pose, Vector, columns, end_moves
+from .joint_motion import Factor, Pose, Vector, along, columns, end_moves
 from .multipliers import Multipliers
 
 
@@ -287,16 +282,13 @@ class Joints(BetweenNodes):
 
     def pose(self, position: Tensor, rotation: Tensor) -> Pose:
         """From nodes, in the space's coordinates."""
-        R = self.axes(self.space.axes(rotation))
-        r = self.framework.at_joints(self.space.public_position(position))
-        if self.space.turns:
+        space, ends = self.space, self.framework.at_joints
+        r = ends(space.public_position(position))
+        R = ends(space.axes(rotation).flatten(-2)).unflatten(-1, (3, 3))
+        if space.turns:
             return Pose(r, R)
-        theta = self.space.to_frame(rotation, rotation) @ self.moves[self.space.dims.position :, 3:]
-        return Pose(r, skew(self.framework.at_joints(theta)) @ R, R)
-
-    def axes(self, R: Tensor) -> Tensor:
-        """Of nodes -> of both ends of joints (..., J, 2, 3, 3)."""
-        return self.framework.at_joints(R.flatten(-2)).unflatten(-1, (3, 3))
+        theta = ends(space.public_spin(space.to_frame(rotation, rotation)))
+        return Pose(r, skew(theta) @ R, R)
 
     def gap(self, pose: Pose) -> Tensor:
         """g (..., J, w): of positions m, of rotations rad."""
@@ -408,8 +400,3 @@ class Joints(BetweenNodes):
             )
             rows[2 * side + 1] = (weight * moment).sum(-3)
         return torch.cat(torch.broadcast_tensors(*rows), -2)
-
-
-def along(vector: Tensor, by: Tensor) -> Tensor:
-    """vector (..., 3) times by (..., 3, n)."""
-    return (vector[..., None, :] @ by)[..., 0, :]

@@ -184,7 +184,8 @@ def _gradient(joints: Joints, nodes: Tensor, axes: Tensor, moving: Tensor) -> Te
     """(..., constraints, unknowns) as drawn, by what supports leave `moving` (unknowns,):
     displacements in sizes of the whole, and rotations.
     """
-    r, R = joints.framework.at_joints(nodes), joints.axes(axes)
+    ends = joints.framework.at_joints
+    r, R = ends(nodes), ends(axes.flatten(-2)).unflatten(-1, (3, 3))
     G = joints.held_rows(Pose(r, R) if joints.space.turns else Pose(r, 0 * R, R))
     size, space = joints.size.detach()[..., None, None], joints.space
     along = torch.arange(len(moving), device=G.device) % space.unknowns < space.dims.position

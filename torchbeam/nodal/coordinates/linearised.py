@@ -143,33 +143,33 @@ class Linearised(Spatial):
     def to_reduced_rotation(self, q: Tensor) -> Tensor:
         return quat.logarithm(quat.multiply(quat.conjugate(self.frames), q))
 
-    def rotation_rate(self, q: Tensor, spin: Tensor) -> Tensor:
+    def rotation_rate(self: Spatial, q: Tensor, spin: Tensor) -> Tensor:
         return spin
 
     def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
         return (self.R.mT @ spin[..., None])[..., 0]
 
-    def multiply(self, p: Tensor, q: Tensor) -> Tensor:
+    def multiply(self: Spatial, p: Tensor, q: Tensor) -> Tensor:
         return p + q
 
-    def inverse(self, q: Tensor) -> Tensor:
+    def inverse(self: Spatial, q: Tensor) -> Tensor:
         return -q
 
-    def identity(self, like: Tensor) -> Tensor:
+    def identity(self: Spatial, like: Tensor) -> Tensor:
         return torch.zeros_like(like[..., : self.dims.spin])
 
-    def sqrt(self, q: Tensor) -> Tensor:
+    def sqrt(self: Spatial, q: Tensor) -> Tensor:
         return q / 2
 
-    def normalize(self, q: Tensor) -> Tensor:
+    def normalize(self: Spatial, q: Tensor) -> Tensor:
         return q
 
     cayley = theta = exponential = logarithm = normalize
 
-    def cosine(self, q: Tensor) -> Tensor:
+    def cosine(self: Spatial, q: Tensor) -> Tensor:
         return torch.ones_like(q[..., 0])
 
-    def theta_by_turn(self, theta: Tensor) -> Tensor:
+    def theta_by_turn(self: Spatial, theta: Tensor) -> Tensor:
         s = self.dims.spin
         return torch.eye(s, dtype=theta.dtype, device=theta.device).expand(*theta.shape, s)
 
@@ -183,14 +183,25 @@ class Linearised(Spatial):
 
 
 @dataclass(frozen=True)
-class LinearisedPlanar(Linearised, Planar):
+class LinearisedPlanar(Planar):
     """In a plane: frames (..., N+1, 2), R (..., N+1, 2, 2); a rotation is an angle rad."""
 
+    frames: Tensor = leaf(2)
+    R: Tensor = leaf(3)
+    linear_element: LinearElement
+
+    turns: ClassVar[bool] = False
     reversible = False
-    start = Planar.start
-    to_frame = Planar.to_frame
-    to_section = Planar.to_section
-    spin_matrix = Planar.spin_matrix
+    functions = property(lambda self: self.linear_element)
+
+    rotation_rate = Linearised.rotation_rate
+    multiply = Linearised.multiply
+    inverse = Linearised.inverse
+    identity = Linearised.identity
+    sqrt = Linearised.sqrt
+    cosine = Linearised.cosine
+    theta_by_turn = Linearised.theta_by_turn
+    normalize = cayley = theta = exponential = logarithm = Linearised.normalize
 
     @classmethod
     def of(cls, beam: Beam, topology: Topology, name: str) -> LinearisedPlanar:
@@ -201,25 +212,30 @@ class LinearisedPlanar(Linearised, Planar):
         of_plane = plane.name, plane.basis, plane.section, plane.place
         return cls(*of_plane, frames, plane.matrix(frames), element, order=beam.order)
 
+    def of_nodes(self, nodes: slice | int) -> LinearisedPlanar:
+        return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])
+
     def to_reduced(self, state: State) -> State:
         _refuse_turning(state)
-        return Planar.to_reduced(self, state)
+        return super().to_reduced(state)
 
     def to_public(self, state: State) -> State:
         _warn_of_turns(state)
-        turned = Planar.exponential(self, state.rotation)
-        rotation = Planar.multiply(self.frames, turned)
-        return Planar.to_public(self, replace(state, rotation=rotation))
+        rotation = Planar.multiply(self.frames, super().exponential(state.rotation))
+        return super().to_public(replace(state, rotation=rotation))
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
         return self.project_vector(position), self.to_reduced_rotation(rotation)
 
     def to_reduced_rotation(self, q: Tensor) -> Tensor:
-        turned = Planar.multiply(Planar.inverse(self.frames), Planar.to_reduced_rotation(self, q))
-        return Planar.logarithm(self, turned)
+        turned = Planar.multiply(Planar.inverse(self.frames), super().to_reduced_rotation(q))
+        return super().logarithm(turned)
+
+    def matrix(self, q: Tensor) -> Tensor:
+        return self.R
 
     def axes(self, q: Tensor) -> Tensor:
-        return Planar.axes(self, self.frames)
+        return super().axes(self.frames)
 
 
 def _refuse_turning(state: State) -> None:
