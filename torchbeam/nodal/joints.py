@@ -194,8 +194,7 @@ class Joints(BetweenNodes):
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
         if self.space.turns:
-            moved = cross(apart.value[..., 0, :], first[..., :3])
-            first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
+            first = first - pad(cross(apart.value[..., 0, :], first[..., :3]), (3, 0))
         return torch.where(ground, -first, second)
 
     def after(self, motion: Placed) -> Tensor:
@@ -322,9 +321,8 @@ class Joints(BetweenNodes):
         """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
         `added` (..., J, 12, 12): what the forces' wrenches change by beside that; more_along:
         what further forces act along (..., J, w, 12), and their derivative by the moves of both
-        nodes (..., J, 2, w, w). Moves are where
-        forces act, the mean of start and end: of which the end makes `rate` times the displacement,
-        and turns by rate * `half_turns` times the spin.
+        nodes (..., J, 2, w, w). Moves are where forces act, the mean of start and end: of which the
+        end makes `rate` times the displacement, and turns by rate * `half_turns` times the spin.
         """
         half, rate, (acting, end, *_) = motion.half_turns(), motion.rate, motion.placed(self.pose)
         v, w, v_end = self.v.at(acting), w_acting.at(acting), self.v.at(end)
