@@ -315,3 +315,33 @@ def test_a_motion_superposes_and_keeps_its_energy(name):
     stepper = tb.Stepper(scene, 2e-3, engine="eager")
     stepper(stepper.rest())
     assert stepper.iterations.max() <= 2
+
+
+@pytest.mark.parametrize("plane", [None, "xz"])
+def test_gradients_of_a_frame(plane):
+    """By EI, a hinge's stiffness, the height of a post, the place of the other one and the load, of
+    an equilibrium and of a step: the ones that differences show.
+    """
+
+    def moved(x):
+        EI, k, H, B, P = 1 + x
+        own = tb.Section.from_stiffness(EA=1e3, GA=INF, GJ=1.0, EI=EI, mass=0.2)
+        z = torch.stack((0 * H, 0 * H, H))
+        left = tb.Beam.straight(H, 2, own, **UP)
+        bar = tb.Beam.straight(B, 2, own, root=z)
+        right = tb.Beam.straight(H, 2, own, root=torch.stack((B, 0 * B, 0 * B)), **UP)
+        joints = [
+            tb.Hinge(("left", -1), ("bar", 0), **ABOUT_Y, stiffness=k),
+            tb.Weld(("right", -1), ("bar", -1)),
+        ]
+        load = tb.PointLoad(("left", -1), torch.stack((P, 0 * P, -0.3 * P)))
+        scene = tb.Scene(
+            dict(left=left, bar=bar, right=right), [load], joints=joints, plane=plane, small=True,
+            supports=[tb.Support(("left", 0)), tb.Support(("right", 0))],
+        )  # fmt: skip
+        still = tb.equilibrium(scene, engine="eager")
+        after = tb.Stepper(scene, 0.01, engine="eager")(tb.rest(scene))
+        return torch.cat((still.position.flatten(), still.reaction.flatten(),
+                          after.position.flatten(), after.joints.flatten()))  # fmt: skip
+
+    assert torch.autograd.gradcheck(moved, 0.1 * torch.ones(5, requires_grad=True), fast_mode=True)
