@@ -317,6 +317,19 @@ def test_a_motion_superposes_and_keeps_its_energy(name):
     assert stepper.iterations.max() <= 2
 
 
+def test_work_of_a_ball_by_forces_at_the_ends_of_steps():
+    """generalized_alpha counts it by these. That of large rotations over s^2 tends to it as s."""
+
+    def work(scale, **scene):
+        more = dict(step=2e-3, engine="eager", method="generalized_alpha")
+        energy = tb.simulate(bent("ball", scale, **scene), [0.0, 0.02], **more).energy
+        return energy.work[-1].item() / scale**2
+
+    want, off = work(1.0, small=True), [work(s) for s in (1e-2, 1e-3)]
+    off = [abs(x / want - 1) for x in off]
+    assert off[0] < 1e-4 and off[1] < 0.2 * off[0]
+
+
 @pytest.mark.parametrize("plane", [None, "xz"])
 def test_gradients_of_a_frame(plane):
     """By EI, a hinge's stiffness, the height of a post, the place of the other one and the load, of

@@ -379,8 +379,9 @@ class DrivenJoints(Joints):
             change = ball.after - ball.before
             return total - (self.balls.conjugate(ball) * change).sum((-1, -2, -3))
         start = self.balls.axes(motion.start).relative
-        D = ball.after @ start.mT if self.space.turns else ball.after - start
-        turn = Turn.of(D).vector @ self.moves[:, 3:].mT
+        turn = Turn.of(ball.after - start).y  # of small rotations
+        turn = Turn.of(ball.after @ start.mT).vector if self.space.turns else turn
+        turn = turn @ self.moves[:, 3:].mT
         return total - (self.balls.of(force, -2) * turn).sum((-1, -2))
 
     @property
