@@ -337,10 +337,10 @@ def test_gradients_of_a_frame(plane):
 
     def moved(x):
         EI, k, H, B, P = 1 + x
-        own = tb.Section.from_stiffness(EA=1e3, GA=INF, GJ=1.0, EI=EI, mass=0.2)
+        bending = tb.Section.from_stiffness(EA=1e3, GA=INF, GJ=1.0, EI=EI, mass=0.2)
         z = torch.stack((0 * H, 0 * H, H))
-        left = tb.Beam.straight(H, 2, own, **UP)
-        bar = tb.Beam.straight(B, 2, own, root=z)
+        left = tb.Beam.straight(H, 2, bending, **UP)
+        bar = tb.Beam.straight(B, 2, bending, root=z)
         right = tb.Beam.straight(H, 2, own, root=torch.stack((B, 0 * B, 0 * B)), **UP)
         joints = [
             tb.Hinge(("left", -1), ("bar", 0), **ABOUT_Y, stiffness=k),

@@ -287,11 +287,11 @@ class Balls(Tree):
     def axes(self, pose: Pose) -> Axes:
         eye = torch.eye(3, dtype=pose.R.dtype, device=pose.R.device)
         R = pose.R if pose.drawn is None else pose.drawn
-        own = self.of(self.own, -4)
-        a, b = ((self.of(R, -4) + self.of(self.ground, -4) * eye) @ own).unbind(-3)
+        fixed = self.of(self.own, -4)
+        a, b = ((self.of(R, -4) + self.of(self.ground, -4) * eye) @ fixed).unbind(-3)
         if pose.drawn is None:
             return Axes(a, b)
-        by_a, by_b = (self.of(pose.R, -4) @ own).unbind(-3)
+        by_a, by_b = (self.of(pose.R, -4) @ fixed).unbind(-3)
         return Axes(a, b, eye + by_b - by_a)
 
     def spin(self, pose: Pose, spins: Tensor) -> Tensor:
