@@ -341,7 +341,7 @@ def test_gradients_of_a_frame(plane):
         z = torch.stack((0 * H, 0 * H, H))
         left = tb.Beam.straight(H, 2, bending, **UP)
         bar = tb.Beam.straight(B, 2, bending, root=z)
-        right = tb.Beam.straight(H, 2, own, root=torch.stack((B, 0 * B, 0 * B)), **UP)
+        right = tb.Beam.straight(H, 2, bending, root=torch.stack((B, 0 * B, 0 * B)), **UP)
         joints = [
             tb.Hinge(("left", -1), ("bar", 0), **ABOUT_Y, stiffness=k),
             tb.Weld(("right", -1), ("bar", -1)),
