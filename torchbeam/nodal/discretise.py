@@ -138,7 +138,8 @@ def _reference(
     """Strain (..., N, k) of the undeformed beam, found in 3D."""
     h = length[..., None]
     rest = whole.strains(whole.kinematics(*assembly.poses(nodes, frames), h), h)
-    return space.project_strain(rest) if space.turns else torch.zeros_like(rest)
+    rest = space.project_strain(rest)
+    return rest if space.turns else torch.zeros_like(rest)
 
 
 def in_double(model: Model) -> Model:
