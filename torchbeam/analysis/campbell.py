@@ -28,7 +28,7 @@ from ..linear.spinning_modes import (
     orbit_steps,
 )
 from ..linear.steady_check import unsteady
-from ..linear.whirl import names_of, relaxing, tracked, whirl
+from ..linear.whirl import Motions, names_of, relaxing, tracked, whirl
 from ..math.eigen_derivatives import upright
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
@@ -37,9 +37,11 @@ from ..state.state import State, rest
 from ..uncertainty.evaluation import progress_of
 from ..uncertainty.progress import Report
 from .campbell_diagram import Campbell
+from .onset import Ranges, unstable_between
 
 METHODS = ("auto", "multiblade", "floquet")
 LEAST_STEPS = 8
+ONSET = {"multiblade": 1e-6, "floquet": 1e-3}  # of a speed: how far that of an onset is searched
 
 
 def campbell(
@@ -113,11 +115,24 @@ def campbell(
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        spin = spin_of(Bearing.of(scene, bearing, held), speeds, values, time)
+        axis = Bearing.of(scene, bearing, held)
+        spin = spin_of(axis, speeds, values, time)
         report = progress_of(progress, len(speeds))
         done = (lambda n: None) if report is None else (lambda n: report.add(n, 0, False))
         modes, used = _modes(spin, values, count, method, steps, done)
-        return _diagram(spin, modes, count, used, steps)
+
+        def at(speeds: Tensor) -> tuple[Motions, Tensor]:
+            spin = spin_of(axis, speeds, values, time)
+            modes = _modes(spin, values, count, used, steps, lambda n: None)[0]
+            return _motions(spin, modes), modes.growth > 0
+
+        tolerance = math.inf if spin.unsteady else ONSET[used]
+        with no_derivatives():
+            motions, growing = _motions(spin, modes), modes.growth > 0
+            ranges = None
+            if growing.ndim == 1:
+                ranges = unstable_between(speeds.flatten(), motions, growing, at, tolerance)
+        return _diagram(spin, modes, motions, count, used, steps, ranges)
 
     return in_double(diagram, scene, None, speeds, values, time)
 
@@ -164,7 +179,7 @@ def _modes(
 ) -> tuple[SpinningModes, str]:
     """`count` modes and some to spare, and by which method."""
     bearing, spinning = spin.bearing, spin.model
-    pairs, periodic = constant_modes(spinning, count)
+    pairs, periodic, growth = constant_modes(spinning, count)
     if spin.unsteady is not None:
         _refuse_unsteady(spin, method)
         state = spin.state.broadcast(spinning.speed.shape)
@@ -174,7 +189,8 @@ def _modes(
             return orbit_exponents(*of, count, limit)
 
         pairs = pairs._replace(right=_in_coordinates_of(spin.drawn, spinning, pairs.right))
-        return floquet_modes(spin.drawn, pairs, steps, count, done, orbit), "floquet"
+        of = spin.drawn, pairs, growth
+        return floquet_modes(*of, steps, count, done, orbit), "floquet"
     unequal = periodic > EQUAL
     if unequal and method == "multiblade":
         raise ValueError(
@@ -183,8 +199,8 @@ def _modes(
             "method='floquet', are wanted"
         )
     if method == "floquet" or unequal:
-        return floquet_modes(spinning, pairs, steps, count, done), "floquet"
-    return multiblade_modes(spinning, pairs), "multiblade"
+        return floquet_modes(spinning, pairs, growth, steps, count, done), "floquet"
+    return multiblade_modes(spinning, pairs, growth), "multiblade"
 
 
 def _in_coordinates_of(other: SpinningModel, spinning: SpinningModel, shape: Tensor) -> Tensor:
@@ -215,19 +231,34 @@ def _refuse_unsteady(spin: Spin, method: str) -> None:
         )
 
 
-def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: int) -> Campbell:
+def _motions(spin: Spin, modes: SpinningModes) -> Motions:
+    """Of the nodes, rotations times a length."""
+    spinning, model = spin.drawn.mechanical, spin.bearing.model
+    shape = modes.shape.detach().flatten(-3, -2)[..., : spinning.M.shape[-1]]
+    nodal = (spinning.moves.to(shape.dtype) @ shape.mT).mT.unflatten(-1, (-1, model.space.unknowns))
+    nodal = (nodal / model.unit[..., None, None, :]).flatten(-2)
+    return Motions(modes.eigenvalue.detach().flatten(-2), nodal)
+
+
+def _diagram(
+    spin: Spin,
+    modes: SpinningModes,
+    motions: Motions,
+    count: int,
+    method: str,
+    steps: int,
+    ranges: Ranges | None,
+) -> Campbell:
     """`count` modes over the speeds, each in a column, by names."""
     bearing, spinning = spin.bearing, spin.drawn.mechanical
     space = bearing.model.space
     speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
-    value, shape, error, about = modes
+    value, shape, error, about, growth = modes
     relaxed = relaxing(spin.drawn.at(-1), value[-1, ..., 0], shape[-1, ..., 0, :])
     shape = shape.flatten(-3, -2)[..., : spinning.M.shape[-1]]
     moves = spinning.moves.to(shape.dtype)
     with no_derivatives():
-        nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
-        unit = bearing.model.unit[..., None, None, :]
-        index = tracked(speeds, value, (nodal / unit).flatten(-2), relaxed, count)
+        index = tracked(speeds, motions, value.shape[-1], relaxed, count)
     value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
     _refuse_few_steps(speeds, value, about[..., :count], steps)
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
@@ -239,7 +270,7 @@ def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: i
         last = (-1, *(0,) * (turning.ndim - 2))
         names = names_of(bearing, spinning.at(last), shape[last])
     nodal = space.embed((moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns)))
-    return Campbell(speeds, value, nodal, turning, names, error, method)
+    return Campbell(speeds, value, nodal, turning, names, error, method, growth, ranges)
 
 
 def _refuse_few_steps(speeds: Tensor, value: Tensor, near: Tensor, steps: int) -> None:
