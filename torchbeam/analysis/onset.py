@@ -80,7 +80,8 @@ def _zeros(
         if not bool((gap.abs() > tolerance * unstable).any()):
             break
         x = zero + (-ASIDE, ASIDE, torch.nan)[k % 3] * gap
-        x = torch.where(((x - stable) / gap - 0.5).abs() < 0.5, x, stable + gap / 2)
+        inside = (f < 0) & (((x - stable) / gap - 0.5).abs() < 0.5)
+        x = torch.where(inside, x, stable + gap / 2)
         now, others = at(x)
         there = next_motion(unstable, motion, x, now)
         grows = _grows(now.value.gather(-1, there[:, None])[:, 0], x)

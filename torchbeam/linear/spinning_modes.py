@@ -72,7 +72,7 @@ def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float, T
 def _growth(value: Tensor, speed: Tensor, error: Tensor | float = 0.0) -> Tensor:
     """(...) 1/s of the eigenvalue of (..., m) that grows fastest, 0 where none does."""
     error = torch.zeros_like(value.real) + error
-    growing = grows(value, speed[..., None], error)
+    growing = grows(value, speed[..., None], error) & torch.isfinite(value)
     return torch.where(growing, value.real, 0.0).amax(-1).detach()
 
 
@@ -102,8 +102,8 @@ def _swinging(
     order = value.abs().nan_to_num(torch.inf).argsort(dim=-1, stable=True)
     first, none = swings.gather(-1, order), ~known.gather(-1, order)
     late = torch.where(first, 2 * (first.cumsum(-1) > several), torch.where(none, 3, 1))
-    real = value.real.gather(-1, order)
-    late = torch.where((real > 0) & (real == real.amax(-1, keepdim=True)), -1, late)
+    fastest = (value.real == _growth(value, spinning.speed)[..., None]) & (value.real > 0)
+    late = torch.where(fastest.gather(-1, order), -1, late)
     return order.gather(-1, late.argsort(dim=-1, stable=True)), swings
 
 
