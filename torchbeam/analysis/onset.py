@@ -73,11 +73,13 @@ def _zeros(
     """(k,) speeds between stable and unstable ones, with a real part f (k,) at the stable ones of a
     motion (k,) known at the unstable ones: by the secant, whose sides close in in turn, or halves.
     """
-    f = f.clamp(max=0.0)
+    f, least = f.clamp(max=0.0), tolerance * torch.maximum(stable, unstable)
+    zero = before = stable
     for k in range(ROUNDS):
         gap, g = unstable - stable, motion.value.real
-        zero = unstable - gap * g / (g - f)
-        if not bool((gap.abs() > tolerance * unstable).any()):
+        zero, before, last = unstable - gap * g / (g - f), zero, before
+        settled = (f < 0) & (torch.maximum((zero - before).abs(), (zero - last).abs()) < least)
+        if bool(((gap.abs() <= least) | settled).all()):
             break
         x = zero + (-ASIDE, ASIDE, torch.nan)[k % 3] * gap
         inside = (f < 0) & (((x - stable) / gap - 0.5).abs() < 0.5)
