@@ -27,10 +27,10 @@ from ..linear.spinning_modes import (
     multiblade_modes,
     orbit_steps,
 )
-from ..linear.steady_check import unsteady
+from ..linear.steady_check import total_load, unsteady
 from ..linear.whirl import Motions, names_of, relaxing, tracked, whirl
 from ..math.eigen_derivatives import upright
-from ..scene.effects import Inputs
+from ..scene.effects import Inputs, Load
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State, rest
@@ -164,6 +164,7 @@ class Spin(NamedTuple):
 
 
 def spin_of(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
+    _refuse_own_axes(bearing, speeds, values, time)
     start = drawn(bearing, speeds, time, values)
     reason = unsteady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)
@@ -172,6 +173,22 @@ def spin_of(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> S
     if reason is not None:
         as_drawn = spinning_model(bearing, *start, rest(bearing.model.scene), speeds)
     return Spin(bearing, state, model, reason, as_drawn)
+
+
+def _refuse_own_axes(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> None:
+    """ValueError for a `Load` whose function brings batch axes, which would meet the speeds'."""
+    scene = bearing.model.scene
+    if not any(isinstance(effect, Load) for effect in scene.effects):
+        return
+    with no_derivatives():
+        lead = total_load(*drawn(bearing, speeds[0], time, values)).shape[:-2]
+    own = lead[: len(lead) - len(scene.batch_shape)]
+    if own.numel() > 1:
+        raise ValueError(
+            f"a Load whose function has batch axes {tuple(own)} of its own was given to campbell, "
+            "where speeds have the first axis; Load(..., values=) is wanted, of batched numbers "
+            "that the function takes by name"
+        )
 
 
 def _modes(

@@ -121,7 +121,8 @@ class Campbell:
         """Speeds at which a multiple of the speed meets a frequency, rising; between the given
         speeds by a straight line. Unbalance excites forward whirls at order 1.
 
-        Raises ValueError for a batch, or orders that are no whole numbers from 1 on.
+        Raises ValueError for a batch, of which `critical_speed` tells, or orders that are no whole
+        numbers from 1 on.
         """
         self._one("critical")
         x, y = concrete(self.speed).detach(), concrete(self.frequency).detach()
@@ -134,6 +135,19 @@ class Campbell:
                 at = x[i].item() + share * (x[i + 1] - x[i]).item()
                 crossings.append(Critical(at, order, self.names[k]))
         return sorted(crossings)
+
+    def critical_speed(self, order: int = 1) -> Tensor:
+        """(..., count) rad/s: the lowest speed of which a multiple meets the frequency of each
+        mode, of each sample; NaN where none does. As `critical`, with derivatives.
+        """
+        x = self.speed.reshape(-1, *(1,) * (self.frequency.ndim - 1))
+        gap = self.frequency - count("order", order) * x
+        crossed = ((gap[:-1] > 0) != (gap[1:] > 0)) & self._swings
+        at = crossed.to(torch.int8).argmax(0, keepdim=True)
+        low, high = gap[:-1].gather(0, at)[0], gap[1:].gather(0, at)[0]
+        there = crossed.any(0)
+        share = torch.where(there, low, 0) / torch.where(there, low - high, 1)
+        return torch.where(there, (self.speed[at] + share * self.speed.diff()[at])[0], torch.nan)
 
     def plot(
         self,
@@ -185,7 +199,8 @@ class Campbell:
 
     @property
     def _swings(self) -> Tensor:
-        """(count,) bool: which modes do not relax at all speeds, those of a picture."""
+        """(..., count) bool: which modes do not relax at all speeds, those of a picture."""
         value, whirl = (concrete(x).detach() for x in (self.eigenvalue, self.whirl))
-        turning = value - 1j * concrete(self.speed)[:, None] * whirl.round()
+        speed = concrete(self.speed).reshape(-1, *(1,) * (value.ndim - 1))
+        turning = value - 1j * speed * whirl.round()
         return ~(relaxes(value) | relaxes(turning)).all(0)

@@ -40,7 +40,7 @@ def unsteady(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> str 
                 position = torch.where(mask, centre + _times(Q, position - centre), position)
                 rotation = space.normalize(space.multiply(by[..., None, :], rotation))
                 rotation = torch.where(mask, rotation, x.rotation)
-            total = mask * _loads(problem, Configuration(position, rotation, x.stress))
+            total = mask * total_load(problem, Configuration(position, rotation, x.stress))
             return total[..., :p], total[..., p:]
 
         size = torch.stack([
@@ -68,7 +68,7 @@ def unsteady(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> str 
     return None
 
 
-def _loads(problem: SteadyProblem, x: Configuration) -> Tensor:
+def total_load(problem: SteadyProblem, x: Configuration) -> Tensor:
     """(..., nodes, w) on all nodes, less their inertia."""
     total, between = problem.load(x), problem.element_loads(x)
     if between is not None:
