@@ -17,7 +17,7 @@ from ..linear.elsewhere import array_of, write
 from ..linear.whirl import grows
 from ..math.quadratic_eigen import relaxes
 from ..plot.canvas import Axes
-from ..plot.curves import SPEED_UNITS
+from ..plot.curves import SPEED_UNITS, legend_above
 from ..plot.curves import campbell as frequencies_over_speed
 
 SHADE = dict(color="C3", alpha=0.15, lw=0)  # of unstable ranges in a picture
@@ -178,8 +178,7 @@ class Campbell:
         for k, (low, high) in enumerate(self.ranges or ()):
             for axes in filter(None, (ax, damping)):
                 axes.axvspan(size * low, size * high, label=None if k else "unstable", **SHADE)
-        ax.legend(frameon=False, fontsize=8)
-        return ax
+        return legend_above(ax)
 
     def save(self, path: str | Path) -> Path:
         """Write speed, frequency, damping, eigenvalue, whirl, error and names into a file .npz or
