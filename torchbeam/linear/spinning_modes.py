@@ -179,15 +179,14 @@ def floquet_modes(
     results = [(*_at_rest(pairs, several, first), growth[:first])] if first else []
     size = spinning.speed[0].numel() * steps * 4 * spinning.M.shape[-1] ** 2
     at_once = max(1, ROOM // size) if orbit is None else 1
-    wanted = 2 * free + spinning.states
     for k in range(first, len(spinning.speed), at_once):
         some = spinning.at(slice(k, k + at_once))
         limit = fastest(some.speed, steps)
 
         def by(steps: int, k: int = k, some: SpinningModel = some, limit: Tensor = limit) -> Any:
             if orbit is not None:
-                return (x[None] for x in orbit(k, steps, wanted, limit[0]))
-            return exponents(some.periodic, some.speed, steps, wanted, limit, spinning.states)
+                return (x[None] for x in orbit(k, steps, several, limit[0]))
+            return exponents(some.periodic, some.speed, steps, several, limit, spinning.states)
 
         value, shape = by(steps)
         with no_derivatives():
