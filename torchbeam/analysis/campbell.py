@@ -27,10 +27,10 @@ from ..linear.spinning_modes import (
     multiblade_modes,
     orbit_steps,
 )
-from ..linear.steady_check import total_load, unsteady
+from ..linear.steady_check import refuse_own_axes, unsteady
 from ..linear.whirl import Motions, names_of, relaxing, tracked, whirl
 from ..math.eigen_derivatives import upright
-from ..scene.effects import Inputs, Load
+from ..scene.effects import Inputs
 from ..scene.in_double import in_double
 from ..scene.scene import Scene
 from ..state.state import State, rest
@@ -115,24 +115,9 @@ def campbell(
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        axis = Bearing.of(scene, bearing, held)
-        spin = spin_of(axis, speeds, values, time)
-        report = progress_of(progress, len(speeds))
+        axis, report = Bearing.of(scene, bearing, held), progress_of(progress, len(speeds))
         done = (lambda n: None) if report is None else (lambda n: report.add(n, 0, False))
-        modes, used = _modes(spin, values, count, method, steps, done)
-
-        def at(speeds: Tensor) -> tuple[Motions, Tensor]:
-            spin = spin_of(axis, speeds, values, time)
-            modes = _modes(spin, values, count, used, steps, lambda n: None)[0]
-            return _motions(spin, modes), modes.growth > 0
-
-        tolerance = math.inf if spin.unsteady else ONSET[used]
-        with no_derivatives():
-            motions, growing = _motions(spin, modes), modes.growth > 0
-            ranges = None
-            if growing.ndim == 1:
-                ranges = unstable_between(speeds.flatten(), motions, growing, at, tolerance)
-        return _diagram(spin, modes, motions, count, used, steps, ranges)
+        return _computed(axis, speeds, values, time, (count, method, steps), done)
 
     return in_double(diagram, scene, None, speeds, values, time)
 
@@ -164,7 +149,7 @@ class Spin(NamedTuple):
 
 
 def spin_of(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
-    _refuse_own_axes(bearing, speeds, values, time)
+    refuse_own_axes(bearing, *drawn(bearing, speeds[0], time, values))
     start = drawn(bearing, speeds, time, values)
     reason = unsteady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)
@@ -173,22 +158,6 @@ def spin_of(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> S
     if reason is not None:
         as_drawn = spinning_model(bearing, *start, rest(bearing.model.scene), speeds)
     return Spin(bearing, state, model, reason, as_drawn)
-
-
-def _refuse_own_axes(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> None:
-    """ValueError for a `Load` whose function brings batch axes, which would meet the speeds'."""
-    scene = bearing.model.scene
-    if not any(isinstance(effect, Load) for effect in scene.effects):
-        return
-    with no_derivatives():
-        lead = total_load(*drawn(bearing, speeds[0], time, values)).shape[:-2]
-    own = lead[: len(lead) - len(scene.batch_shape)]
-    if own.numel() > 1:
-        raise ValueError(
-            f"a Load whose function has batch axes {tuple(own)} of its own was given to campbell, "
-            "where speeds have the first axis; Load(..., values=) is wanted, of batched numbers "
-            "that the function takes by name"
-        )
 
 
 def _modes(
@@ -246,6 +215,32 @@ def _refuse_unsteady(spin: Spin, method: str) -> None:
             f"{spin.unsteady} was given to campbell with derivatives, which periodic motions do "
             "not have; tensors without gradient are wanted"
         )
+
+
+def _computed(
+    bearing: Bearing,
+    speeds: Tensor,
+    values: Inputs,
+    time: Tensor,
+    options: tuple[int, str, int],
+    done: Callable[[int], None],
+) -> Campbell:
+    """Diagram at speeds (n, ...) with its unstable ranges; options: count, method and steps."""
+    count, method, steps = options
+    spin = spin_of(bearing, speeds, values, time)
+    modes, used = _modes(spin, values, count, method, steps, done)
+
+    def at(speeds: Tensor) -> tuple[Motions, Tensor]:
+        spin = spin_of(bearing, speeds, values, time)
+        modes = _modes(spin, values, count, used, steps, lambda n: None)[0]
+        return _motions(spin, modes), modes.growth > 0
+
+    with no_derivatives():
+        motions, growing, ranges = _motions(spin, modes), modes.growth > 0, None
+        if growing.ndim == 1:
+            tolerance = math.inf if spin.unsteady else ONSET[used]
+            ranges = unstable_between(speeds.flatten(), motions, growing, at, tolerance)
+    return _diagram(spin, modes, motions, count, used, steps, ranges)
 
 
 def _motions(spin: Spin, modes: SpinningModes) -> Motions:

@@ -9,6 +9,7 @@ from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
+from ..scene.effects.custom_load import Load
 from .bearing import Bearing
 
 AZIMUTH = 1.0  # rad
@@ -66,6 +67,24 @@ def unsteady(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> str 
         if bool(concrete(_largest(model, across[..., None, :]) > CHANGES * size).any()):
             return "a rotor out of balance, whose force on its support turns with it,"
     return None
+
+
+def refuse_own_axes(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> None:
+    """ValueError for a `Load` whose function has batch axes of its own, which would meet those of
+    the speeds; at one speed, the shape as drawn.
+    """
+    scene = bearing.model.scene
+    if not any(isinstance(effect, Load) for effect in scene.effects):
+        return
+    with no_derivatives():
+        lead = total_load(problem, x).shape[:-2]
+    own = lead[: len(lead) - len(scene.batch_shape)]
+    if own.numel() > 1:
+        raise ValueError(
+            f"a Load whose function has batch axes {tuple(own)} of its own was given to campbell, "
+            "where speeds have the first axis; Load(..., values=) is wanted, of batched numbers "
+            "that the function takes by name"
+        )
 
 
 def total_load(problem: SteadyProblem, x: Configuration) -> Tensor:
