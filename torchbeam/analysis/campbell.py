@@ -89,13 +89,14 @@ def campbell(
     - **Relaxing** motions decay without oscillating. They are left out as far as there are others,
       and come last. Such are overdamped ones, and those of the internal states of loads and of
       `Viscoelastic`.
+    - **Growth** beyond `count` is told too, by `growth` and `unstable_ranges`.
     - **Derivatives** by all that the scene holds and by the speeds, where eigenvalues are distinct.
     - **Cost.** Dense: O(n^3) of all coordinates a speed; "floquet" that for every step of a turn.
 
     Raises:
-        ValueError: for a scene without such a bearing, a rotor that is held otherwise, loads that
-            change with the azimuth or unequal blades with method="multiblade", and steps too long
-            for the modes asked for.
+        ValueError: for a scene without such a bearing, a rotor that is held otherwise, a part that
+            nothing holds, a `Load` with batch axes of its own, loads that change with the azimuth
+            or unequal blades with method="multiblade", and steps too long for the modes asked for.
         RuntimeError: for a speed without a steady state, or a periodic orbit.
 
     Examples:

@@ -181,12 +181,13 @@ class Campbell:
         return legend_above(ax)
 
     def save(self, path: str | Path) -> Path:
-        """Write speed, frequency, damping, eigenvalue, whirl, error and names into a file .npz or
-        .mat, whole or not at all. Raises as `Linear.save`.
+        """Write speed, frequency, damping, eigenvalue, whirl, error, growth and names into a file
+        .npz or .mat, whole or not at all. Raises as `Linear.save`.
         """
         value = self.eigenvalue
         parts = dict(speed=self.speed, frequency=self.frequency, damping=self.damping)
         parts |= dict(real=value.real, imag=value.imag, whirl=self.whirl, error=self.error)
+        parts["growth"] = self.growth
         return write(path, {k: array_of(k, v) for k, v in parts.items()}, {"names": self.names})
 
     def _one(self, what: str) -> None:

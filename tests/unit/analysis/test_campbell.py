@@ -275,6 +275,7 @@ def test_files_and_pictures(tmp_path):
     diagram = tb.campbell(overhung(), SPEED, count=3)
     with np.load(diagram.save(tmp_path / "rotor.npz")) as kept:
         assert np.array_equal(kept["frequency"], diagram.frequency)
+        assert np.array_equal(kept["growth"], diagram.growth)
         assert kept["names"].tolist() == diagram.names
     torch.save(diagram, tmp_path / "rotor.pt")
     again = torch.load(tmp_path / "rotor.pt", weights_only=True)
