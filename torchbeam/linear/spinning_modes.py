@@ -28,6 +28,7 @@ SPARE = 4  # modes beyond those asked for, so that none is lost where they cross
 # of an eigenvalue: what the azimuth changes of it where blades are equal
 EQUAL = 1e-7
 ROUNDING = 4  # of the sum of what cancels in a coupling of two modes, in units of the last place
+UNBALANCED = 0.1  # of the terms of M, D and K of a motion: a remainder beyond rounding
 ORBIT_STEPS = 4  # midpoint steps of an orbit by steps of Floquet's
 ROOM = 20_000_000  # numbers of maps over a turn that are held at once
 
@@ -58,15 +59,28 @@ def constant_modes(spinning: SpinningModel, count: int) -> tuple[Pairs, float, T
     derivatives = wants_gradient(M, D, K)
     with no_derivatives():
         pairs = slowest(M, D, K, 2 * M.shape[-1], False, derivatives, spinning.states)
-        value = torch.where(pairs.eigenvalue.imag < 0, NONE, pairs.eigenvalue)
+        none = (pairs.eigenvalue.imag < 0) | _infinite((M, D, K), pairs)
+        value = torch.where(none, NONE, pairs.eigenvalue)
         growth = _growth(value, spinning.speed)
         at, swings = _swinging(spinning, value, pairs.right, count + SPARE)
         several = max(count, min(count + SPARE, int(concrete(swings.sum(-1)).min())))
         pairs = _taken(pairs._replace(eigenvalue=value), at[..., : several + SPARE])
         pairs = _known(pairs, count)
-        seen = pairs.eigenvalue[..., :several], pairs.right[..., :several, :]
-        change = _periodic(spinning, *seen)
+        first = pairs.eigenvalue[..., :several], pairs.right[..., :several, :]
+        change = _periodic(spinning, *first)
     return pairs, concrete(change).max().item(), growth
+
+
+def _infinite(matrices: tuple[Tensor, Tensor, Tensor], pairs: Pairs) -> Tensor:
+    """(..., m) bool: what seems to grow, and is the rounding of an infinite eigenvalue: its terms
+    of M, D and K leave a remainder as large as they are.
+    """
+    by, v = pairs.eigenvalue[..., None, :], pairs.right.mT
+    M, D, K = (torch.complex(A @ v.real, A @ v.imag) for A in matrices)
+    terms = torch.stack((by**2 * M, by * D, K))
+    left, whole = (torch.linalg.vector_norm(x, dim=-2) for x in (terms.sum(0), terms))
+    fast = (pairs.eigenvalue.real > 0) & (whole[2] < whole.amax(0))
+    return fast & ~(left < UNBALANCED * whole.sum(0))
 
 
 def _growth(value: Tensor, speed: Tensor, error: Tensor | float = 0.0) -> Tensor:
@@ -92,17 +106,17 @@ def _swinging(
     that do not relax, the slowest first, then those that do, which may not at other speeds, then
     the others, NONE last; before all, what grows fastest. And which do not relax (..., m) bool.
     """
-    swings = ~relaxing(spinning, value, shape)
+    known = value.abs() < abs(NONE) / 2
+    swings = ~relaxing(spinning, value, shape) & known
     if spinning.states:
         moves = shape[..., : -spinning.states]
         seen = moves.abs().square().sum(-1) > UNSEEN * shape.abs().square().sum(-1)
         swings = swings & seen
-    known = value.abs() < abs(NONE) / 2
-    swings = swings & known
     order = value.abs().nan_to_num(torch.inf).argsort(dim=-1, stable=True)
     first, none = swings.gather(-1, order), ~known.gather(-1, order)
     late = torch.where(first, 2 * (first.cumsum(-1) > several), torch.where(none, 3, 1))
-    fastest = (value.real == _growth(value, spinning.speed)[..., None]) & (value.real > 0)
+    growth = _growth(value, spinning.speed)[..., None]
+    fastest = (value.real == growth) & (growth > 0)
     late = torch.where(fastest.gather(-1, order), -1, late)
     return order.gather(-1, late.argsort(dim=-1, stable=True)), swings
 

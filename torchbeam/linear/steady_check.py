@@ -78,12 +78,12 @@ def refuse_own_axes(bearing: Bearing, problem: SteadyProblem, x: Configuration) 
         return
     with no_derivatives():
         lead = total_load(problem, x).shape[:-2]
-    own = lead[: len(lead) - len(scene.batch_shape)]
-    if own.numel() > 1:
+    beyond = lead[: len(lead) - len(scene.batch_shape)]
+    if beyond.numel() > 1:
         raise ValueError(
-            f"a Load whose function has batch axes {tuple(own)} of its own was given to campbell, "
-            "where speeds have the first axis; Load(..., values=) is wanted, of batched numbers "
-            "that the function takes by name"
+            f"a Load whose function has batch axes {tuple(beyond)} of its own was given to "
+            "campbell, where speeds have the first axis; Load(..., values=) is wanted, of batched "
+            "numbers that the function takes by name"
         )
 
 
