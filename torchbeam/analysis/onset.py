@@ -12,6 +12,7 @@ from ..linear.whirl import Motions, next_motion
 # of |eigenvalue|, or of the speed: growth of a motion known to grow nearby that is rounding
 ROUNDING = 1e-8
 ROUNDS = 40
+BEYOND = 100.0  # tolerances: how far an end may lie beyond a speed known to be stable
 ASIDE = 0.02  # of what is left between two speeds: how far from the estimate the next one is
 
 At = Callable[[Tensor], tuple[Motions, Tensor]]
@@ -73,24 +74,27 @@ def _zeros(
     """(k,) speeds between stable and unstable ones, with a real part f (k,) at the stable ones of a
     motion (k,) known at the unstable ones: by the secant, whose sides close in in turn, or halves.
     """
-    f, least = f.clamp(max=0.0), tolerance * torch.maximum(stable, unstable)
+    least = tolerance * torch.maximum(stable, unstable)
     zero = before = stable
     for k in range(ROUNDS):
         gap, g = unstable - stable, motion.value.real
-        zero, before, last = unstable - gap * g / (g - f), zero, before
+        # what grows by less than rounding, at the stable speed, has its zero beyond
+        most = torch.maximum(BEYOND * least, gap.abs())
+        now = stable + (f * gap / (f - g)).clamp(min=-most, max=most)
+        zero, before, last = now, zero, before
         settled = (f < 0) & (torch.maximum((zero - before).abs(), (zero - last).abs()) < least)
         if bool(((gap.abs() <= least) | settled).all()):
             break
         x = zero + (-ASIDE, ASIDE, torch.nan)[k % 3] * gap
         inside = (f < 0) & (((x - stable) / gap - 0.5).abs() < 0.5)
         x = torch.where(inside, x, stable + gap / 2)
-        now, others = at(x)
-        there = next_motion(unstable, motion, x, now)
-        grows = _grows(now.value.gather(-1, there[:, None])[:, 0], x)
-        there = torch.where(others & ~grows, now.value.real.argmax(-1), there)
-        value, shape = now.at(torch.arange(len(x)), there)
+        motions, others = at(x)
+        there = next_motion(unstable, motion, x, motions)
+        grows = _grows(motions.value.gather(-1, there[:, None])[:, 0], x)
+        there = torch.where(others & ~grows, motions.value.real.argmax(-1), there)
+        value, shape = motions.at(torch.arange(len(x)), there)
         grows = grows | others
-        stable, f = torch.where(grows, stable, x), torch.where(grows, f, value.real.clamp(max=0))
+        stable, f = torch.where(grows, stable, x), torch.where(grows, f, value.real)
         unstable = torch.where(grows, x, unstable)
         value = torch.where(grows, value, motion.value)
         motion = Motions(value, torch.where(grows[:, None], shape, motion.shape))
