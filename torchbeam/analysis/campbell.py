@@ -95,8 +95,8 @@ def campbell(
 
     Raises:
         ValueError: for a scene without such a bearing, a rotor that is held otherwise, a part that
-            nothing holds, a `Load` with batch axes of its own, loads that change with the azimuth
-            or unequal blades with method="multiblade", and steps too long for the modes asked for.
+            nothing holds, and a `Load` with batch axes of its own. With method="multiblade", for
+            loads that change with the azimuth and unequal blades. For steps too long for the modes.
         RuntimeError: for a speed without a steady state, or a periodic orbit.
 
     Examples:
