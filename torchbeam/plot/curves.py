@@ -205,7 +205,14 @@ def campbell(
         ax.annotate(f"{order:g}/rev", (end, rise * end), (2, 0), **place, **look)
     ax.set(xlabel=f"speed / {by}", ylabel=f"frequency / {seen}")
     ax.set(xlim=(0, x.max()), ylim=(0, top))
-    return ax if names is None else _legend(ax)
+    return ax if names is None else legend_above(ax)
+
+
+def legend_above(ax: Axes) -> Axes:
+    """The axes with a legend over them, where it covers no curve and no ray's name."""
+    look = dict(frameon=False, fontsize=8, borderpad=0, columnspacing=1.2)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1.06), ncols=3, **look)
+    return ax
 
 
 def _label(sensor: Sensor, name: str, label: str | None) -> str:

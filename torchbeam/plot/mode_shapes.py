@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.arguments import count as check_count
 from ..core.arguments import instance, number, tolerance
-from ..core.validation import refusal
+from ..core.validation import refusal, shown
 from ..linear.modes import Modes
 from ..math import quaternions as quat
 from ..scene.scene import Scene
@@ -118,6 +118,60 @@ def mode_film(
     plane = None if len(seen) == 3 else "".join("xyz"[i] for i in seen)
     ax.set_title(f"mode {mode}: {_speed(modes.eigenvalue[mode - 1])}", fontsize=9)
     return animate(film, path, ax, plane=plane, scene=scene, fps=fps, trail=False, dpi=dpi)
+
+
+def orbits(
+    state: Any,
+    motion: Tensor,
+    ax: Axes | None = None,
+    *,
+    scale: float = 0.15,
+    plane: str | None = None,
+) -> Axes:
+    """Orbits of the nodes of a rotor about a state of one sample, and its axis at their beginning.
+
+    Args:
+        state: where the rotor stands, as `tb.rest(scene)`
+        motion: (nodes, 6) complex, a shape of `Campbell` or of `unbalance_response`: the nodes move
+            by the real part of motion times exp(i phase)
+        ax, plane: as in `shape`
+        scale: the largest displacement, as a share of the size of all
+
+    An orbit begins with a dot, and runs through nine tenths of a turn.
+
+    Raises:
+        ValueError: for a batch, a motion of another shape, and as `shape`.
+
+    Examples:
+        >>> disc = tb.Body(mass=2.0, inertia=(0.02, 0.01, 0.01), position=(1.0, 0, 0))
+        >>> shaft = tb.Beam.straight(1.0, 4, tb.Section.circle(0.01, 210e9, 0.3, 7800.0))
+        >>> journal = tb.Hinge(("shaft", -1), "disc", axis=(1, 0, 0))
+        >>> held = tb.Support(("shaft", 0))
+        >>> overhung = tb.Scene({"shaft": shaft, "disc": disc}, joints=[journal], supports=held)
+        >>> diagram = tb.campbell(overhung, [100.0], count=2)
+        >>> ax = tb.plot.orbits(tb.rest(overhung), diagram.shape[0, 1])  # forward
+    """
+    position, turn = nodes_of(state)
+    if not isinstance(motion, Tensor) or motion.shape != (position.shape[-2], 6):
+        wanted = f"({position.shape[-2]}, 6), of one speed and one mode,"
+        raise refusal(f"motion = {shown(motion)}", wanted)
+    if len(position) > 1:
+        raise refusal("a state of more than one sample", "one sample", were=True)
+    phase = torch.linspace(0, 0.9 * 2 * torch.pi, 61).to(position)[:, None, None]
+    move = (motion.detach() * torch.exp(1j * phase)).real.to(position)
+    largest = torch.linalg.vector_norm(move[..., :3], dim=-1).max().clamp(min=1e-300)
+    move = move * (number("scale", scale) * extent(position) / largest)
+    moved, at_rest = position + move[..., :3], turn[..., 0]
+    along = at_rest[0] + torch.linalg.cross(move[0, :, 3:], at_rest[0])
+    ax, seen = prepared(ax, plane, torch.cat((position, moved)))
+    rows, chord = rows_of(state), torch.linalg.vector_norm(position.diff(dim=-2), dim=-1)
+    for at, tangent, look in ((position, at_rest, "--"), (moved[:1], along[None], "-")):
+        curve = axis_curves(rows, at, tangent, chord[..., None])[0]
+        ax.plot(*numbers(curve[..., seen]).T, color=GREY if look == "--" else "C0", ls=look)
+    for orbit in numbers(moved[..., seen]).swapaxes(0, 1):
+        ax.plot(*orbit.T, color="C3", lw=1)
+        ax.plot(*orbit[:1].T, "o", color="C3", ms=3)
+    return even(ax, seen)
 
 
 def _moves(call: str, modes: Modes, position: Tensor, scale: float) -> tuple[Tensor, Tensor]:

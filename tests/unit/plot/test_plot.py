@@ -95,6 +95,24 @@ def test_mode_shapes(tmp_path):
     assert_close(torch.tensor(hz), modes.frequency / (2 * torch.pi), rtol=1e-3, atol=0)
 
 
+def test_orbits(tmp_path):
+    """Nodes go round circles, ahead about x, the largest of 0.1 of the length; a dot is where they
+    begin, nine tenths of a turn before they end.
+    """
+    state = tb.rest(tb.Scene(BEAM))
+    motion = torch.zeros(state.position.shape[-2], 6, dtype=torch.complex128)
+    motion[-1, 1], motion[-1, 2] = 3.0, -3.0j  # y = cos, z = sin
+    ax = tb.plot.orbits(state, motion, tb.plot.axes(), scale=0.1, plane="yz")
+    drawn(ax, tmp_path / "orbits.png")
+    orbit, dot = data(ax)[-2:]
+    middle = orbit - state.position[-1, 1:]
+    assert_close(middle.norm(dim=-1), torch.full_like(middle[:, 0], 0.1))
+    assert_close(middle[0], torch.tensor([0.1, 0.0]))
+    assert_close(dot[0], orbit[0])
+    turned = torch.atan2(middle[-1, 1], middle[-1, 0])
+    assert_close(turned, torch.tensor(-0.2 * torch.pi))
+
+
 def test_a_film_of_a_mode(tmp_path):
     """Two seconds of one period, that run on: the first picture has the tip at 0.2 of the length,
     the middle one at the other side; its frequency above. A torsion turns what is solid.

@@ -273,8 +273,8 @@ class Load(LoadEffect):
         self, point: LoadPoint, t: Tensor, inputs: Inputs, z: Tensor | None
     ) -> tuple[tuple[Tensor | None, ...], dict[str, Tensor], torch.Size]:
         """Position, rotation, velocity, spin (None where they are not used); the others by name;
-        their axes before their own. All have as many of these, so that they can be stacked; along
-        the beam one of them is for the sites.
+        their axes before their own. All have as many of these, and motions the same, so that they
+        can be stacked; along the beam one of them is for the sites.
         """
         motion = dict(
             position=point.position, rotation=point.R, velocity=point.velocity, spin=point.spin
@@ -299,8 +299,12 @@ class Load(LoadEffect):
         axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in present), *map(len, shapes)])
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
-        both = zip(motion, axes_counts, strict=True)
-        motion = tuple(None if x is None else _with_axes(x, axes + k) for x, k in both)
+        present = [(_with_axes(x, axes + k), k) for x, k in present]
+        common = broadcast_shapes(*(x.shape[:-k] for x, k in present))
+        wide = iter(
+            [x if x.shape[:-k] == common else x.expand(*common, *x.shape[-k:]) for x, k in present]
+        )
+        motion = tuple(None if x is None else next(wide) for x in motion)
         return motion, named | numbers, lead
 
 
