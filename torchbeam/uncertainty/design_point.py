@@ -130,11 +130,13 @@ def design_points(limit: LimitState, z: Tensor, steps: int = 60) -> DesignPoints
 
 @dataclass(frozen=True)
 class ImportanceRuns:
-    """Probability (replicates,) of y > threshold by each of several Sobol sequences.
+    """Probability (2, replicates) of y > threshold by each of several Sobol sequences: with failed
+    samples as no event, and as the event.
 
     beyond     (k, d) normal scores, the heaviest first, of what counts although it is likelier by
                the laws than around any of the points, which do not lead to it
-    from_these share of the probability (of the rest, where the medians lie within the event)
+    from_these share of the probability (of the rest, where the medians lie within the event) that
+               such samples have, the larger of both
     """
 
     probability: Tensor
@@ -159,15 +161,16 @@ def importance_sampling(
     z = points.z[which] + normal_score(u[:, 1:])
     exponent = z @ points.z.mT - points.z.square().sum(-1) / 2
     ratio = (-torch.logsumexp(share.log() + exponent, -1)).exp()
-    counted = (limit(z) > limit.threshold) != points.usual
-    weight = torch.where(counted, ratio, 0.0)
-    mean = weight.reshape(replicates, each).mean(-1)
-    heavy = counted & (exponent < 0).all(-1)
-    heaviest = weight[heavy].argsort(descending=True)
+    y = limit(z)
+    above = torch.stack((y > limit.threshold, (y > limit.threshold) | torch.isneginf(y)))
+    weight = torch.where(above != points.usual, ratio, 0.0)
+    mean = weight.reshape(2, replicates, each).mean(-1)
+    heavy = torch.where((exponent < 0).all(-1), weight, 0.0)
+    heaviest = heavy[0].argsort(descending=True)[: int((heavy[0] > 0).sum())]
     return ImportanceRuns(
         1 - mean if points.usual else mean,
-        z[heavy][heaviest],
-        (weight[heavy].sum() / weight.sum()).nan_to_num().item(),
+        z[heaviest],
+        (heavy.sum(-1) / weight.sum(-1)).nan_to_num().amax().item(),
     )
 
 

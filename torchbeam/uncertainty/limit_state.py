@@ -31,8 +31,8 @@ class LimitState:
     failures: Counter = field(default_factory=Counter)
     reverse: bool | None = None  # whether gradients are those that y carries; None = not known yet
 
-    def __call__(self, z: Tensor) -> Tensor:
-        """y (N,) float64; -inf where the sample failed: it is not counted as the event."""
+    def __call__(self, z: Tensor, failed: float = -torch.inf) -> Tensor:
+        """y (N,) float64; `failed` where the sample failed: -inf is no event, inf is one."""
         parts = [
             (_one_number(y).double(), status)
             for _, y, status in replace(self.work, design=Scores(z)).chunks(0, len(z))
@@ -40,7 +40,7 @@ class LimitState:
         y, status = (torch.cat(part) for part in zip(*parts, strict=True))
         self.evaluations += len(z)
         self.failures.update(reasons_of(y, status, {}))
-        return torch.where(status == 0, y, -torch.inf)
+        return torch.where(status == 0, y, failed)
 
     def gradient(self, z: Tensor) -> tuple[Tensor, Tensor]:
         """y (N,) and dy/dz (N, d): by reverse mode, or by central differences where y carries no

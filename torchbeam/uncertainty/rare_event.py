@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
@@ -20,22 +21,26 @@ from .evaluation import Evaluation, Function, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .limit_state import LimitState
-from .subset_simulation import SHARE, subset_simulation
+from .subset_simulation import SHARE, SubsetRuns, subset_simulation
 
 METHODS = ("subset", "importance")
 AGAIN = 5  # times that samples are drawn, as long as they lead to further design points
 # share of the probability that may come from samples that design points do not lead to
 BEYOND = 0.05
+ENOUGH = 500  # samples of a run of subset simulation
+Ends = tuple[float, float, float]  # estimate, low, high
 
 
 @dataclass(frozen=True)
 class RareEvent:
-    """Probability of y > threshold, and its interval from `low` to `high` at `level`.
+    """Probability of y > threshold, and its interval from `low` to `high` at `level`. Where samples
+    failed, it reaches from what holds if none of them is the event to what holds if all are.
 
     Attributes:
+        probability: with failed samples as no event; with failed_exceed=True as the event
         method: "subset" or "importance"
         evaluations: number of evaluations of the function
-        failed: number of failed ones, by reason in `reasons`; they count as no event
+        failed: number of failed ones, by reason in `reasons`
         thresholds: (levels,) intermediate thresholds of subset simulation, the mean of its runs
         points: (k, p) theta at the design points, the likeliest first
         beta: (k,) their distances from the medians in normal scores
@@ -93,6 +98,7 @@ def rare_event(
     executor: Executor | None = None,
     dtype: torch.dtype | None = None,
     by_name: bool = False,
+    failed_exceed: bool | None = None,
 ) -> RareEvent:
     """Probability that a function of random parameters exceeds a threshold.
 
@@ -115,6 +121,9 @@ def rare_event(
             a point
         laws, correlation, seed, chunk, executor, dtype, by_name: as in `monte_carlo`; gradients are
             computed in this process
+        failed_exceed: True or False: failed samples are the event, or are not. None: both, in a
+            single interval, with a RuntimeWarning where samples failed. Subset simulation then runs
+            a second time; importance sampling sees what fails around design points alone
 
     Raises:
         ValueError: as `monte_carlo`, for a y of several numbers, and where no sample or start leads
@@ -129,6 +138,8 @@ def rare_event(
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)
     boolean("by_name", by_name)
+    if failed_exceed is not None:
+        boolean("failed_exceed", failed_exceed)
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
@@ -139,21 +150,55 @@ def rare_event(
     usual = 10 if method == "subset" else 16
     runs = usual if replicates is None else count("replicates", replicates, 2)
 
-    def event(ends: tuple[float, float, float], **more: Any) -> RareEvent:
+    def event(ends: Ends, **more: Any) -> RareEvent:
         failures = dict(limit.failures)
         return RareEvent(joint.names, *ends, level, method, limit.evaluations, failures, **more)
 
     if method == "subset":
-        estimates = subset_simulation(limit, _samples_of_run(n, runs), runs, seed)
+        each = _samples_of_run(n, runs)
+
+        def simulated(exceed: bool) -> SubsetRuns:
+            return subset_simulation(limit, each, runs, seed, math.inf if exceed else -math.inf)
+
+        estimates = simulated(bool(failed_exceed))
         thresholds = estimates.thresholds.nanmean(-1)
-        return event(estimates.interval(level), thresholds=thresholds[~thresholds.isnan()])
-    probability, points = _by_importance(limit, n, runs, starts, seed)
+        thresholds = thresholds[~thresholds.isnan()]
+        if len(thresholds) and each < ENOUGH:
+            warn(
+                f"n = {n} are {each} samples in each of {runs} runs: the probability may be too "
+                f"large by a third; n = {ENOUGH * runs} or fewer `replicates` are wanted"
+            )
+        ends = _with_failed(
+            limit, failed_exceed, estimates.interval(level), lambda: simulated(True).interval(level)
+        )
+        return event(ends, thresholds=thresholds)
+    (safe, unsafe), points = _by_importance(limit, n, runs, starts, seed)
+    ends = importance_interval(unsafe if failed_exceed else safe, level)
     return event(
-        importance_interval(probability, level),
+        _with_failed(limit, failed_exceed, ends, lambda: importance_interval(unsafe, level)),
         points=joint.of_score(points.z),
         beta=points.beta,
         form=normal_probability(-points.beta[0]).item(),
     )
+
+
+def _with_failed(
+    limit: LimitState, failed_exceed: bool | None, safe: Ends, unsafe: Callable[[], Ends]
+) -> Ends:
+    """Probability and its interval, which holds whether failed samples are the event or not, unless
+    that is known.
+    """
+    if failed_exceed is not None or not limit.failures:
+        return safe
+    lost, of = sum(limit.failures.values()), limit.evaluations
+    reasons = ", ".join(limit.failures)
+    probability, _, high = unsafe()
+    warn(
+        f"{lost} of {of} evaluations failed ({reasons}): the probability is {safe[0]:.3g} if none "
+        f"of these is the event, and {probability:.3g} if all are; the interval holds both, and "
+        "failed_exceed=True or False decides"
+    )
+    return safe[0], safe[1], max(safe[2], high)
 
 
 def _samples_of_run(n: int, runs: int) -> int:
@@ -171,7 +216,7 @@ def _samples_of_run(n: int, runs: int) -> int:
 def _by_importance(
     limit: LimitState, n: int, runs: int, starts: int, seed: int
 ) -> tuple[Tensor, DesignPoints]:
-    """Probabilities (runs,) by samples around design points, and these. Raises ValueError for too
+    """Probabilities (2, runs) by samples around design points, and these. Raises ValueError for too
     few samples, and laws that no gradient leads along.
     """
     if n < 2 * runs:
