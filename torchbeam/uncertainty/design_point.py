@@ -19,6 +19,8 @@ AGAIN = 4  # times that as many starts are added, as long as a point is told by 
 SHORTENED = 6  # halvings of a step that are tried at once
 # largest distance, in normal scores, of a point from the ray along its gradient, and of its step
 FIXED = 1e-4
+# largest distance, in normal scores, that is looked at: a law's numbers overflow far out
+FARTHEST = 45.0
 FAR = 5.0  # distance, in normal scores, of random starts that are far out
 
 
@@ -88,6 +90,8 @@ def design_points(limit: LimitState, z: Tensor, steps: int = 60) -> DesignPoints
         target = (
             -((-slope * z).sum(-1) - g)[:, None] * slope / steep.clamp_min(1e-300).square()[:, None]
         )
+        # the target of a flat y is beyond all numbers
+        target = target * (FARTHEST / target.norm(dim=-1, keepdim=True)).clamp_max(1.0)
         towards = target - z
         near = towards.norm(dim=-1) <= FIXED
         ends = usable & near & (g.abs() <= FIXED * torch.maximum(steep, size * 1e-6))

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
+from .called import called
 from .designs import Scores
-from .evaluation import Evaluation, called
+from .evaluation import Evaluation
 from .samples import reasons_of
 
 STEP = 1e-4  # of a normal score, for central differences
@@ -51,7 +52,7 @@ class LimitState:
         if self.reverse is False:
             return self(z), self._differences(z)
         at, work = z.clone().requires_grad_(), self.work
-        y, status = called(
+        y, status, _ = called(
             work.function, work.joint, work.joint.of_score(at).to(work.dtype), work.by_name
         )
         self.evaluations += len(z)
