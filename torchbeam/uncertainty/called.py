@@ -52,38 +52,28 @@ def called(
     good = [part for part in (usual, *parts) if isinstance(part, tuple)]
     if not good:
         raise answer
-    none = torch.nan if good[0][0].is_floating_point() else 0
-    y = [
-        part[0] if isinstance(part, tuple) else torch.full_like(good[0][0][:1], none)
-        for part in parts
-    ]
-    status = [
-        part[1] if isinstance(part, tuple) else torch.full_like(good[0][1][:1], REFUSED)
-        for part in parts
-    ]
-    y, status = torch.cat(y), torch.cat(status)
-    refused = (status == REFUSED).nonzero()[:, 0]
+    y, status = good[0][0][:1], good[0][1][:1]
+    none = torch.full_like(y, torch.nan if y.is_floating_point() else 0)
+    refused = none, torch.full_like(status, REFUSED), 0
+    rows = [part if isinstance(part, tuple) else refused for part in parts]
+    y, status = (torch.cat(part) for part in list(zip(*rows, strict=True))[:2])
+    bad = (status == REFUSED).nonzero()[:, 0]
     why = next(part for part in parts if isinstance(part, ValueError))
-    return (
-        y,
-        status,
-        (
-            f"sample {first + int(refused[0])} ({len(refused)} of {len(theta)} in a call) failed, as "
-            f"the function refused it: {why}; laws that do not reach such values are wanted, as "
-            "LogNormal or Truncated"
-        ),
+    doubt = (
+        f"sample {first + int(bad[0])} ({len(bad)} of {len(theta)} in a call) failed, as the "
+        f"function refused it: {why}; laws that do not reach such values are wanted, as LogNormal "
+        "or Truncated"
     )
+    return y, status, doubt
 
 
 def _unsaid(code: int, first: int) -> str | None:
     """That samples, numbered from the first on, failed with a status that is not returned."""
+    if not code:
+        return None
     return (
-        None
-        if not code
-        else (
-            f"samples among those from {first} on failed in the function, and count as good, for it "
-            f"returns no status ({STATUS[code]}); (y, status) is wanted, or a y of NaN"
-        )
+        f"samples among those from {first} on failed in the function, and count as good, for it "
+        f"returns no status ({STATUS[code]}); (y, status) is wanted, or a y of NaN"
     )
 
 
