@@ -211,11 +211,8 @@ def _equilibrium(
     if differentiated(problem, x) or wants_gradient(*start):
         problem, x, reaction, good = _differentiable(problem, x, reaction, start, good, throw)
     failed = status != 0
-    if concrete(failed).any():
-        if throw:
-            raise RuntimeError(_lost(problem, x, failed, status, relax))
-        if not kept(concrete(status)):
-            warn(_lost(problem, x, failed, status, relax))
+    if concrete(failed).any() and (throw or not kept(concrete(status))):
+        _tell_of_lost(problem, x, failed, status, relax, throw)
     if judged:
         _warn_of_unstable(problem, x, start, doubtful, ~failed, branch)
     if relax and model.conservative and concrete(~failed).any():
@@ -251,16 +248,24 @@ def _differentiable(
     return problem, *_attached(problem, x, reaction, start, good), good
 
 
-def _lost(
-    problem: SteadyProblem, x: Configuration, failed: Tensor, status: Tensor, relax: bool
-) -> str:
-    """Of which sample no equilibrium was found, and why."""
+def _tell_of_lost(
+    problem: SteadyProblem,
+    x: Configuration,
+    failed: Tensor,
+    status: Tensor,
+    relax: bool,
+    throw: bool,
+) -> None:
+    """Raise, or warn, of which sample no equilibrium was found, and why."""
     alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
     failed, status = concrete(failed), concrete(status)
     which = _which(failed) if failed.ndim else "the scene"
     first = None if alike else tuple(failed.nonzero()[0].tolist())
     why = reason(problem, x, int(status[failed][0]), first, relax)
-    return f"found no equilibrium of {which}: {why}"
+    sentence = f"found no equilibrium of {which}: {why}"
+    if throw:
+        raise RuntimeError(sentence)
+    warn(sentence)
 
 
 def _warn_of_unstable(

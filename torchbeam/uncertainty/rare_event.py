@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -156,22 +157,14 @@ def rare_event(
 
     if method == "subset":
         each = _samples_of_run(n, runs)
-
-        def simulated(exceed: bool) -> SubsetRuns:
-            return subset_simulation(limit, each, runs, seed, math.inf if exceed else -math.inf)
-
-        estimates = simulated(bool(failed_exceed))
-        thresholds = estimates.thresholds.nanmean(-1)
-        thresholds = thresholds[~thresholds.isnan()]
-        if len(thresholds) and each < ENOUGH:
-            warn(
-                f"n = {n} are {each} samples in each of {runs} runs: the probability may be too "
-                f"large by a third; n = {ENOUGH * runs} or fewer `replicates` are wanted"
-            )
-        ends = _with_failed(
-            limit, failed_exceed, estimates.interval(level), lambda: simulated(True).interval(level)
+        simulated = partial(subset_simulation, limit, each, runs, seed)
+        estimates = simulated(math.inf if failed_exceed else -math.inf)
+        thresholds = _thresholds(estimates, each, runs)
+        ends = estimates.interval(level)
+        return event(
+            _with_failed(limit, failed_exceed, ends, lambda: simulated(math.inf).interval(level)),
+            thresholds=thresholds,
         )
-        return event(ends, thresholds=thresholds)
     (safe, unsafe), points = _by_importance(limit, n, runs, starts, seed)
     ends = importance_interval(unsafe if failed_exceed else safe, level)
     return event(
@@ -199,6 +192,18 @@ def _with_failed(
         "failed_exceed=True or False decides"
     )
     return safe[0], safe[1], max(safe[2], high)
+
+
+def _thresholds(estimates: SubsetRuns, each: int, runs: int) -> Tensor:
+    """Mean thresholds (levels,) of the runs. Warns where these have few samples `each`."""
+    thresholds = estimates.thresholds.nanmean(-1)
+    thresholds = thresholds[~thresholds.isnan()]
+    if len(thresholds) and each < ENOUGH:
+        warn(
+            f"{runs} runs of {each} samples a level were asked for: the probability may be too "
+            f"large by a third; n = {ENOUGH * runs} or fewer `replicates` are wanted"
+        )
+    return thresholds
 
 
 def _samples_of_run(n: int, runs: int) -> int:

@@ -83,7 +83,7 @@ def test_a_function_at_fault_is_heard():
         tb.monte_carlo(positive, ("E", "P"), theta=[[-1.0, 1.0]] * 3, by_name=True)
 
 
-@pytest.mark.filterwarnings("ignore:n = ", "ignore:.*evaluations failed", "ignore:sample")
+@pytest.mark.filterwarnings("ignore:10 runs of", "ignore:.*evaluations failed", "ignore:sample")
 def test_a_rare_event_of_a_law_that_reaches_too_far():
     """P/E > 1/x of a normal E: P(0 < E < x) if refused samples are none, P(E < x) if they are.
     Gradients pass refused samples.

@@ -166,7 +166,7 @@ def test_two_regions():
         )
 
 
-@pytest.mark.filterwarnings("ignore:n = ")
+@pytest.mark.filterwarnings("ignore:10 runs of")
 def test_likely_events():
     """All samples hit: an interval to one side, Clopper and Pearson's. More likely than not: the
     rest is what is sampled, to 10 % of itself. Never reached in thirty levels: a bound.
@@ -265,7 +265,7 @@ def test_few_samples_in_a_run():
     """With 100 samples a run the estimate is too large, as the docstring says; so does the run.
     An event of the first level has no such bias.
     """
-    with pytest.warns(RuntimeWarning, match="n = 1000 are 100 samples in each of 10 runs"):
+    with pytest.warns(RuntimeWarning, match="10 runs of 100 samples a level were asked"):
         tb.rare_event(linear, NORMALS, BETA, 1000)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -346,7 +346,7 @@ def test_brute_force(method):
     assert found.low < plain.high and plain.low < found.high
 
 
-@pytest.mark.filterwarnings("ignore:n = ")
+@pytest.mark.filterwarnings("ignore:10 runs of")
 def test_equal_values():
     """y = max(a - c, 0) at 1e-4: for c = 0 a tenth has y > 0, and all is as without; for c = 2 it
     begins among equal y, and the product of tenths would be 2e-7.
