@@ -211,8 +211,7 @@ def _equilibrium(
     if differentiated(problem, x) or wants_gradient(*start):
         problem, x, reaction, good = _differentiable(problem, x, reaction, start, good, throw)
     failed = status != 0
-    if concrete(failed).any() and (throw or not kept(concrete(status))):
-        _tell_of_lost(problem, x, failed, status, relax, throw)
+    _tell_of_lost(problem, x, status, relax, throw)
     if judged:
         _warn_of_unstable(problem, x, start, doubtful, ~failed, branch)
     if relax and model.conservative and concrete(~failed).any():
@@ -249,14 +248,12 @@ def _differentiable(
 
 
 def _tell_of_lost(
-    problem: SteadyProblem,
-    x: Configuration,
-    failed: Tensor,
-    status: Tensor,
-    relax: bool,
-    throw: bool,
+    problem: SteadyProblem, x: Configuration, status: Tensor, relax: bool, throw: bool
 ) -> None:
-    """Raise, or warn, of which sample no equilibrium was found, and why."""
+    """Raise, or warn, of which sample no equilibrium was found, if of any, and why."""
+    failed = status != 0
+    if not concrete(failed).any() or (kept(concrete(status)) and not throw):
+        return
     alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
     failed, status = concrete(failed), concrete(status)
     which = _which(failed) if failed.ndim else "the scene"

@@ -22,7 +22,7 @@ from .evaluation import Evaluation, Function, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .limit_state import LimitState
-from .subset_simulation import SHARE, SubsetRuns, subset_simulation
+from .subset_simulation import SHARE, subset_simulation
 
 METHODS = ("subset", "importance")
 AGAIN = 5  # times that samples are drawn, as long as they lead to further design points
@@ -139,8 +139,7 @@ def rare_event(
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)
     boolean("by_name", by_name)
-    if failed_exceed is not None:
-        boolean("failed_exceed", failed_exceed)
+    boolean("failed_exceed", failed_exceed or False)
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
@@ -156,15 +155,8 @@ def rare_event(
         return RareEvent(joint.names, *ends, level, method, limit.evaluations, failures, **more)
 
     if method == "subset":
-        each = _samples_of_run(n, runs)
-        simulated = partial(subset_simulation, limit, each, runs, seed)
-        estimates = simulated(math.inf if failed_exceed else -math.inf)
-        thresholds = _thresholds(estimates, each, runs)
-        ends = estimates.interval(level)
-        return event(
-            _with_failed(limit, failed_exceed, ends, lambda: simulated(math.inf).interval(level)),
-            thresholds=thresholds,
-        )
+        ends, thresholds = _by_subset(limit, n, runs, seed, level, failed_exceed)
+        return event(ends, thresholds=thresholds)
     (safe, unsafe), points = _by_importance(limit, n, runs, starts, seed)
     ends = importance_interval(unsafe if failed_exceed else safe, level)
     return event(
@@ -194,8 +186,16 @@ def _with_failed(
     return safe[0], safe[1], max(safe[2], high)
 
 
-def _thresholds(estimates: SubsetRuns, each: int, runs: int) -> Tensor:
-    """Mean thresholds (levels,) of the runs. Warns where these have few samples `each`."""
+def _by_subset(
+    limit: LimitState, n: int, runs: int, seed: int, level: float, failed_exceed: bool | None
+) -> tuple[Ends, Tensor]:
+    """Probability with its interval, and mean thresholds (levels,) of the runs. Warns where these
+    have few samples.
+    """
+    each = _samples_of_run(n, runs)
+    simulated = partial(subset_simulation, limit, each, runs, seed)
+    estimates = simulated(math.inf if failed_exceed else -math.inf)
+    ends = estimates.interval(level)
     thresholds = estimates.thresholds.nanmean(-1)
     thresholds = thresholds[~thresholds.isnan()]
     if len(thresholds) and each < ENOUGH:
@@ -203,7 +203,8 @@ def _thresholds(estimates: SubsetRuns, each: int, runs: int) -> Tensor:
             f"{runs} runs of {each} samples a level were asked for: the probability may be too "
             f"large by a third; n = {ENOUGH * runs} or fewer `replicates` are wanted"
         )
-    return thresholds
+    exceeding = lambda: simulated(math.inf).interval(level)  # noqa: E731
+    return _with_failed(limit, failed_exceed, ends, exceeding), thresholds
 
 
 def _samples_of_run(n: int, runs: int) -> int:
