@@ -113,8 +113,7 @@ def rare_event(
             1e-6. "importance": importance sampling around design points, which gradients find
             (FORM). It takes fewer evaluations, but needs a smooth y and few regions of failure; it
             misses a region to which no start leads. Samples that are likelier by the laws than
-            around any point are starts too. If they lead to no point, a RuntimeWarning names their
-            share
+            around any point are starts too. If they lead to no point, a warning names their share
         replicates: number of independent runs, whose scatter gives the interval: by default 10 for
             subset simulation, 16 for importance sampling
         starts: number of starts of the search for design points: the medians, and random pairs z,
@@ -122,9 +121,9 @@ def rare_event(
             a point
         laws, correlation, seed, chunk, executor, dtype, by_name: as in `monte_carlo`; gradients are
             computed in this process
-        failed_exceed: True or False: failed samples are the event, or are not. None: both, in a
-            single interval, with a RuntimeWarning where samples failed. Subset simulation then runs
-            a second time; importance sampling sees what fails around design points alone
+        failed_exceed: True or False: failed samples are the event, or are not. None: an interval of
+            both, and a warning. Subset simulation then runs twice; importance sampling sees what
+            fails around design points
 
     Raises:
         ValueError: as `monte_carlo`, for a y of several numbers, and where no sample or start leads
@@ -148,11 +147,11 @@ def rare_event(
         Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold
     )
     usual = 10 if method == "subset" else 16
-    runs = usual if replicates is None else count("replicates", replicates, 2)
+    runs = count("replicates", usual if replicates is None else replicates, 2)
 
     def event(ends: Ends, **more: Any) -> RareEvent:
-        failures = dict(limit.failures)
-        return RareEvent(joint.names, *ends, level, method, limit.evaluations, failures, **more)
+        counted = limit.evaluations, dict(limit.failures)
+        return RareEvent(joint.names, *ends, level, method, *counted, **more)
 
     if method == "subset":
         ends, thresholds = _by_subset(limit, n, runs, seed, level, failed_exceed)
