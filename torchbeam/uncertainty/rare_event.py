@@ -143,9 +143,8 @@ def rare_event(
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
     check_memory(f"n = {n} samples", 8 * n * joint.dimension, "fewer are wanted")
-    limit = LimitState(
-        Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold
-    )
+    work = Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n)
+    limit = LimitState(work, threshold)
     usual = 10 if method == "subset" else 16
     runs = count("replicates", usual if replicates is None else replicates, 2)
 
