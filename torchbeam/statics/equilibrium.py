@@ -74,7 +74,7 @@ def equilibrium(
             removed in steps. Supported nodes move to their supports, by the shorter rotation
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
-        throw: raise where a sample has none; False: `status` and a warning tell, and it stays as it starts
+        throw: raise where a sample has none; else it stays, as `status` and a warning say
         branch: "first": the branch to which load steps lead. "stable": an unstable sample is
             followed again from zero load by arc length (see `path`). At a bifurcation it takes the
             new branch, to the side to which it leans

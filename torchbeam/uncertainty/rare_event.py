@@ -138,7 +138,7 @@ def rare_event(
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)
     boolean("by_name", by_name)
-    boolean("failed_exceed", failed_exceed or False)
+    boolean("failed_exceed", False if failed_exceed is None else failed_exceed)
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
