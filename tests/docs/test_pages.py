@@ -63,8 +63,8 @@ SAID = {
     ),
     "supports": ((lambda names: names["found"] / names["exact"], 1.0),),
     "uncertainty": (
-        (lambda names: names["share"].estimate / names["samples"].mean, 0.013),
-        (lambda names: names["share"].relative_error, 0.01),
+        (lambda names: names["share"].estimate / names["samples"].mean, 0.01323),
+        (lambda names: names["share"].relative_error, 0.0097),
     ),
 }
 
