@@ -64,7 +64,7 @@ SAID = {
     "supports": ((lambda names: names["found"] / names["exact"], 1.0),),
     "uncertainty": (
         (lambda names: names["share"].estimate / names["samples"].mean, 0.01323),
-        (lambda names: names["share"].relative_error, 0.0097),
+        (lambda names: names["share"].relative_error, 0.00972),
     ),
 }
 
