@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -78,15 +78,13 @@ def histogram(
     return ax
 
 
-def convergence(
-    runs: Mapping[str, Any], reference: Value | None = None, ax: Axes | None = None
-) -> Axes:
+def convergence(runs: Any, reference: Value | None = None, ax: Axes | None = None) -> Axes:
     """Error of the mean over the number of samples, by run, each with the slope of a line through
     its latter half.
 
     Args:
-        runs: label -> result of `tb.monte_carlo`, of replicates or of independent samples; y is one
-            number
+        runs: result of `tb.monte_carlo`, of replicates or of independent samples, or several by
+            labels, label -> result; y is one number
         reference: the true mean, None = the mean of each run's samples
 
     Raises:
@@ -96,7 +94,8 @@ def convergence(
         >>> samples = tb.monte_carlo(deflection, laws, 1024, replicates=16, by_name=True)
         >>> ax = tb.plot.convergence({"Sobol": samples})
     """
-    drawable("runs", runs, "name -> torchbeam.Samples", "items")
+    runs = {"samples": runs} if hasattr(runs, "convergence") else runs
+    drawable("runs", runs, "torchbeam.Samples, or label -> torchbeam.Samples", "items")
     ax = drawn_on(ax)
     for k, (label, samples) in enumerate(runs.items()):
         drawable("a run", samples, "torchbeam.Samples", "convergence")
