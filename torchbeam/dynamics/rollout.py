@@ -37,7 +37,7 @@ def rollout(
             each held over a step
 
     It is differentiable as the steps are. A sample that fails keeps its last good state, with a
-    status.
+    status and a RuntimeWarning.
 
     Raises:
         ValueError: as `Stepper`, and for values for another number of steps.
@@ -52,7 +52,11 @@ def rollout(
         tensor(0.2000)
     """
     state = of_mesh(state, instance("a stepper", stepper, Stepper).scene, "a state")
-    return states_after(stepper, state, plan_of(stepper, state, steps, merge_inputs(inputs, more)))
+    plan = plan_of(stepper, state, steps, merge_inputs(inputs, more))
+    states = states_after(stepper, state, plan)
+    if stepper.failures:
+        stepper.failures.warn()
+    return states
 
 
 def plan_of(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any]) -> StepPlan:

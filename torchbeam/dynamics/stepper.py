@@ -177,8 +177,8 @@ class Stepper:
 
         What is a function of time is taken at each sample's own time, at mid step. Where Newton's
         method fails, or a node turns by more than 1.2 rad, the step of that sample is made again in
-        2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
-        `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
+        2, 4, ... smaller ones. If that fails too it keeps its state and gets a status, which a
+        RuntimeWarning explains, once a stepper; its derivatives are those of standing still.
         """
         t = getattr(state, "t", None)
         known = next((end for end in self._checked if end.t is t), None)
@@ -188,6 +188,8 @@ class Stepper:
             return self.advance(state, inputs, active=active, dt=dt)
         start, longest = StepEnd.of(known, state.t, self._length(dt), dt is None)
         after = self.advance(state, inputs, active=active, dt=dt)
+        if self.failures:
+            self.failures.warn()
         self._checked = start, start.later(after.t, longest)
         return after
 
@@ -217,8 +219,7 @@ class Stepper:
             and self.compiled is not None
             and (t is not None or not self._changes or state.t.ndim == 0)
         ):
-            result = self._quickly(state, well, dt, t, given)
-            if result is not None:
+            if (result := self._quickly(state, well, dt, t, given)) is not None:
                 return result
         moving = state.status == SUCCESS
         if active is not None:
@@ -380,7 +381,7 @@ class Stepper:
             other = copy(self)
             other.solver = self.solver.by_midpoint()
             other.method = other.solver.method
-            return other(state, dt=dt, **inputs)
+            return other.advance(state, inputs, dt=dt)
 
         return self.method.begin(state, self.model, dt, trial)
 
