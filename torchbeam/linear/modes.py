@@ -85,8 +85,13 @@ class Modes:
 
     @property
     def frequency(self) -> Tensor:
-        """(..., count) rad/s, |imaginary part|; 0 for a motion that does not oscillate."""
+        """(..., count) rad/s, damped: |imaginary part|; 0 for a motion that does not oscillate."""
         return self.eigenvalue.imag.abs()
+
+    @property
+    def natural(self) -> Tensor:
+        """(..., count) rad/s, undamped: |eigenvalue|. `frequency` is sqrt(1 - zeta^2) times it."""
+        return self.eigenvalue.abs()
 
     @property
     def damping_ratio(self) -> Tensor:
@@ -121,7 +126,7 @@ def modes(
     inputs: dict[str, Any] | None = None,
     accuracy: Any = None,
 ) -> Modes:
-    """Natural frequencies, damping ratios and mode shapes (nodal form).
+    """Frequencies with their damping ratios, and mode shapes (nodal form).
 
     Args:
         state: an equilibrium of the scene; None = the equilibrium under its loads at time t (s)
