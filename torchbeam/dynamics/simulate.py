@@ -12,6 +12,7 @@ from ..core.arguments import boolean, choice, instance, keywords, non_default, n
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.docstrings import with_arguments_of
+from ..core.one_thread import numbers_of, one_thread
 from ..core.status import STATUS, stopped
 from ..core.validation import as_tensor, concrete, dtype_of, increasing, shown
 from ..core.warning import warn
@@ -159,6 +160,11 @@ def simulate(
 
 def _simulated(asked: dict[str, Any]) -> Solution:
     """`simulate` of its arguments by name."""
+    with one_thread(numbers_of(asked["scene"], asked["initial"], asked["inputs"])):
+        return _solved(asked)
+
+
+def _solved(asked: dict[str, Any]) -> Solution:
     scene, initial, form, method, throw = (
         asked[name] for name in ("scene", "initial", "form", "method", "throw")
     )

@@ -14,6 +14,7 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.leaves import with_values
+from ..core.one_thread import few_on_one_thread, numbers_of
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real
 from ..core.warning import goes
@@ -154,6 +155,7 @@ class Stepper:
         """The beam undeformed and at rest."""
         return rest(self.scene, batch_shape)
 
+    @few_on_one_thread(lambda self, state, **_: numbers_of(self.scene, state))
     def __call__(
         self,
         state: State,
@@ -164,13 +166,11 @@ class Stepper:
     ) -> State:
         """The state one step later.
 
-        state   of the scene's mesh. It may be written to by torch's in-place operations; what is
-                written through NumPy or `.data` does not tell, and may not be seen
+        state   of the scene's mesh; what NumPy or `.data` writes to it may not be seen
         active  (...) bool: samples that are to move; the others, and those with a status other than
                 0, stay as they are
         dt      another length for this step, as above; or (...) of each sample
-        inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary
-                inputs={...}
+        inputs  by name, (..., size), held over the step: by keyword, or all in inputs={...}
 
         Raises ValueError for a state of another form, mesh or dtype, an `active` that is no mask of
         the samples, a dt that is not positive, and inputs that are not the scene's.

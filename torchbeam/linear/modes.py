@@ -17,6 +17,7 @@ from ..core.arguments import choice, instant, not_here
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
+from ..core.one_thread import dense_numbers_of, few_on_one_thread
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete, shown
 from ..core.warning import warn
@@ -115,6 +116,7 @@ class Modes:
         return self.unstable & ~self.divergence
 
 
+@few_on_one_thread(dense_numbers_of)
 def modes(
     scene: Scene,
     state: State | None = None,
