@@ -389,6 +389,12 @@ class BeamVectorEnv(VectorEnv):
 
     def _action(self, actions: Any) -> tuple[Tensor, Tensor | None]:
         """Actions within [-1, 1], and which were no numbers, None = all were."""
+        wanted = getattr(actions, "requires_grad", False) and torch.is_grad_enabled()
+        if wanted and self.output == "numpy":
+            raise ValueError(
+                "actions that carry gradient were given to an env with output='numpy', whose "
+                "rewards have none; output='torch', or actions.detach(), is wanted"
+            )
         try:
             action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
         except (TypeError, ValueError, RuntimeError, OverflowError):

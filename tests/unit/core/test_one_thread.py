@@ -61,10 +61,14 @@ def test_a_call_of_few_numbers_takes_one_thread(name, two_threads):
     assert seen and set(seen) == {(1, 2)}
 
 
-def test_a_call_of_many_numbers_takes_all(two_threads):
-    seen, samples = [], (one_thread.FEW // 18 + 1,)
+def test_a_call_of_many_numbers_takes_all(two_threads, monkeypatch):
+    monkeypatch.setattr(one_thread, "FEW", 6 * 3 * 4)  # moves, nodes, samples
+    seen = []
     of = scene(seen)
-    tb.Stepper(of, 0.01)(tb.rest(of, samples), u=(0.0, 0, 0))
+    step = tb.Stepper(of, 0.01)
+    step(tb.rest(of, (4,)), u=(0.0, 0, 0))
+    assert seen[-1] == (1, 2)
+    step(tb.rest(of, (5,)), u=(0.0, 0, 0))
     assert seen[-1] == (2, 2)
     assert one_thread.dense_numbers_of(None) == one_thread.numbers_of("no scene") == 0
 

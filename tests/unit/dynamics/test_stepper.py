@@ -264,7 +264,7 @@ def explicit(scene, dt):
 
 @pytest.mark.parametrize("of", [tb.Stepper, explicit])
 def test_a_loop_of_steps_is_warned_once_of_a_failure(of):
-    """A number that is none in one sample's input: the first step that fails says which sample, when
+    """An input of one sample that is no number: the first step that fails says which sample, when
     and why; the steps that follow, and good ones, say nothing.
     """
     beam = tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(10.0, 4.0, 0.5, 1.0, 0.3, 0.01))
