@@ -354,7 +354,7 @@ class GripperVectorEnv(BeamVectorEnv):
 
     ## Information
     `distance` (m) of the ball from its target, `lifted` (within 5 mm of it), `solver_failed`,
-    `action_invalid`; masks as in TipReach; with `params_in_info=True` `info["params"]` has the
+    `action_invalid`; masks as in TipReach. With `params_in_info=True` `info["params"]` has the
     ball's mass (`ball`) and the friction.
 
     ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction,
