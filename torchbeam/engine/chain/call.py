@@ -339,8 +339,7 @@ class Call:
         if "limit" in place:
             numbers[place["limit"]] = limit
         run = self.instance.program.run(self.lanes, self.instance.lanes_each)
-        work = self.B * max(self.instance.N, 1) * self.K
-        parts = min(threads(), self.groups, work // WORK)
+        parts = min(threads(), self.groups, self.B * max(self.instance.N, 1) * self.K // WORK)
         if parts < 2:
             block = self.instance.taken(self.lanes)
             numbers[place["memory"]] = block.data_ptr()
