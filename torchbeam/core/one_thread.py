@@ -60,7 +60,11 @@ def few_on_one_thread(numbers: Callable[..., int]) -> Callable[[F], F]:
     def decorated(function: F) -> F:
         @functools.wraps(function)
         def called(*args: Any, **kwargs: Any) -> Any:
-            with one_thread(numbers(*args, **kwargs)):
+            try:
+                few = numbers(*args, **kwargs)
+            except TypeError:  # of other arguments, which the function refuses itself
+                return function(*args, **kwargs)
+            with one_thread(few):
                 return function(*args, **kwargs)
 
         return called  # type: ignore[return-value]
@@ -82,5 +86,5 @@ def numbers_of(scene: Any, *others: Any) -> int:
 
 def dense_numbers_of(scene: Any, state: Any = None, *_: Any, **named: Any) -> int:
     """Of the dense matrices of these moves, which count less."""
-    own = 6 * getattr(getattr(scene, "beam", None), "node_count", 0)
-    return numbers_of(scene, state, named.get("inputs")) * own // DENSE
+    unknowns = 6 * getattr(getattr(scene, "beam", None), "node_count", 0)
+    return numbers_of(scene, state, named.get("inputs")) * unknowns // DENSE

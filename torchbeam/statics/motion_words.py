@@ -14,9 +14,9 @@ def parts_in_words(motions: Tensor, nodes: Tensor, bases: list[Base]) -> str:
     """Which parts rigid motions (m, 6 of each part) move, and how; nodes (N+1, 3) m."""
     each = motions.unflatten(-1, (len(bases), 6)).unbind(-2)
     moved, moves = [], []
-    for base, own in zip(bases, each, strict=True):
-        if bool((own.abs() > NONE**0.5).any()):
-            _, s, V = torch.linalg.svd(own, full_matrices=False)
+    for base, moves_of_part in zip(bases, each, strict=True):
+        if bool((moves_of_part.abs() > NONE**0.5).any()):
+            _, s, V = torch.linalg.svd(moves_of_part, full_matrices=False)
             moved.append(repr(base.name))
             moves.append(
                 motions_in_words(
