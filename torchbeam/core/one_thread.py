@@ -79,8 +79,11 @@ def numbers_of(scene: Any, *others: Any) -> int:
     nodes = getattr(getattr(scene, "beam", None), "node_count", 0)
     samples = [getattr(scene, "batch_shape", torch.Size()).numel()]
     for other in others:
-        values = other.values() if isinstance(other, dict) else [getattr(other, "status", None)]
-        samples += [x.numel() for x in values if isinstance(x, torch.Tensor)]
+        if isinstance(other, dict):
+            shapes = [x.shape[:-1] for x in other.values() if isinstance(x, torch.Tensor)]
+        else:
+            shapes = [getattr(getattr(other, "status", None), "shape", torch.Size())]
+        samples += [shape.numel() for shape in shapes if isinstance(shape, torch.Size)]
     return 6 * nodes * max(samples)
 
 
