@@ -282,10 +282,10 @@ class Gauge(_Strains):
         for name, k in (("y", 5), ("z", 4)):
             gyration = (S[..., 0] / S[..., k]).sqrt()  # m, of stiffness
             gyration = gyration[(gyration > 0) & gyration.isfinite()]
-            off = concrete(getattr(self, name).detach()).abs().amax()
-            if gyration.numel() and off > FAR * gyration.amax():
+            off = concrete(getattr(self, name).detach()).abs().flatten()
+            if gyration.numel() and (off > FAR * gyration.amax()).any():
                 warn(
-                    f"{name} = {off.item():g} m was given for a gauge, on a section with a radius "
+                    f"{name} = {off.amax().item():g} m was given for a gauge, on a section with a radius "
                     f"of gyration of {gyration.amax().item():.2g} m; metres are wanted"
                 )
 
