@@ -285,8 +285,8 @@ class Gauge(_Strains):
             off = concrete(getattr(self, name).detach()).abs().flatten()
             if gyration.numel() and (off > FAR * gyration.amax()).any():
                 warn(
-                    f"{name} = {off.amax().item():g} m was given for a gauge, on a section with a radius "
-                    f"of gyration of {gyration.amax().item():.2g} m; metres are wanted"
+                    f"{name} = {off.amax().item():g} m was given for a gauge, on a section with a "
+                    f"radius of gyration of {gyration.amax().item():.2g} m; metres are wanted"
                 )
 
     def of(self, strains: Tensor) -> Tensor:
