@@ -76,6 +76,12 @@ class SAC:
 
     def __init__(self, task: Task, arguments: Arguments) -> None:
         self.arguments = a = arguments
+        self.burn, self.window = (a.burn, a.window) if a.memory else (0, 1)
+        if a.replay < a.num_envs * (least := max(a.horizon, self.burn + self.window)):
+            raise ValueError(
+                f"replay = {a.replay} was given; at least {least * a.num_envs} is wanted, {least} "
+                f"intervals of {a.num_envs} environments"
+            )
         self.env = task.seen(a.frames).make(a.num_envs, output="torch")
         self.batch = a.num_envs * a.horizon
         inputs = self.env.single_observation_space.shape[0]
@@ -99,7 +105,6 @@ class SAC:
             for group in (self.parts, valuing, [self.log_temperature])
         ]
         self.generator = torch.Generator().manual_seed(a.seed)
-        self.burn, self.window = (a.burn, a.window) if a.memory else (0, 1)
         self.replay: dict[str, Tensor] = {}  # (intervals, n, ...), a ring
         self.rows = a.replay // a.num_envs  # of it
         self.seen = 0  # transitions, those that are forgotten among them

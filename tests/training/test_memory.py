@@ -291,6 +291,17 @@ def test_sac_draws_the_past_as_it_was():
     assert (now - data["memory"][2]).abs().max() > 0.1
 
 
+def test_sac_wants_room_for_what_it_draws_and_collects():
+    """Windows of six intervals with a memory, and rounds of eight or two, of four environments."""
+    for horizon, least in ((8, 32), (2, 24)):
+        with pytest.raises(ValueError, match=f"replay = {least - 1} was .* least {least} is want"):
+            learner("sac", horizon=horizon, replay=least - 1)
+        one = learner("sac", horizon=horizon, replay=least)
+        while one.seen < 64:
+            row = one.iteration(0.0)
+    assert row["value_error"] > 0
+
+
 def test_gradient_of_a_window_goes_through_the_memory():
     """16 steps with episodes' ends: central differences in two directions, in float64, 1e-6 as
     without a memory. What the critic makes of the memory is not differentiated: here it makes

@@ -16,7 +16,7 @@ class Numbers(NamedTuple):
 
     places: list[tuple[int, int, tuple[int, ...]]]
     looks: list[Array[c_char]]
-    values: bytes
+    values: list[bytearray]
 
     @classmethod
     def of(cls, tensors: Sequence[Tensor]) -> Numbers | None:
@@ -29,12 +29,12 @@ class Numbers(NamedTuple):
             return None
         pairs = zip(tensors, places, strict=True)
         looks = [(c_char * _extent(x)).from_address(place) for x, (place, *_) in pairs if place]
-        return cls(places, looks, b"".join(looks))
+        return cls(places, looks, list(map(bytearray, looks)))
 
     def stand(self, tensors: Sequence[Tensor]) -> bool:
         """Whether these are tensors at the same places, with the same numbers to the bit."""
         # numbers last: what lay elsewhere, or behind the last of fewer, may be gone
-        return _places(tensors) == self.places and self.values == b"".join(self.looks)
+        return _places(tensors) == self.places and self.values == self.looks
 
 
 def _places(tensors: Sequence[Tensor]) -> list[tuple[int, int, tuple[int, ...]]]:

@@ -43,7 +43,7 @@ def remembered(function: Callable[..., T], *arguments: Any) -> T:
         recent = recent[at], *recent[:at], *recent[at + 1 :]
     else:
         with lasting():
-            copies, known = tuple(_copied(x) for x in arguments), []
+            copies, known = tuple(_copied(x, {}) for x in arguments), []
             for x in copies:
                 structure_of(x, known)
             recent = (known, function(*copies)), *recent[: RECENT - 1]
@@ -90,11 +90,16 @@ def structure_of(
     return x
 
 
-def _copied(x: Any) -> Any:
-    """With tensors of its own."""
+def _copied(x: Any, results: dict[int, Any]) -> Any:
+    """With tensors of its own, also in tuples, lists and dictionaries."""
     if isinstance(x, Tensor):
         return x.detach().clone()
-    return map_leaves(lambda value, axes: _copied(value), x) if isinstance(x, Tree) else x
+    if isinstance(x, (tuple, list)):
+        parts = [_copied(part, results) for part in x]
+        return type(x)(*parts) if hasattr(x, "_fields") else type(x)(parts)
+    if isinstance(x, dict):
+        return {name: _copied(part, results) for name, part in x.items()}
+    return map_leaves(lambda value, axes: _copied(value, results), x, results=results)
 
 
 def few(tensors: Iterable[Tensor]) -> bool:

@@ -26,11 +26,13 @@ half it is 5/3), and not for undamped motion, which it would amplify by up to 1.
 Neither is stable where tau has six values, some above h/6 and some below h/30, or where
 `MassDamping` of alpha comes near the pole: refused, the latter from alpha h = 2.8 on. So are
 springs beside a strongly damped beam (`Spring`, `RootSpring`) that have no damper of h/30 times
-their stiffness, and with the mass of their node an angular frequency above 0.5/h: E would amplify
-it. Other dampers (`Drag`, loads by velocity, lags) do not say how fast they are: steps shorter than
-3 times their fastest decay's 1/e time are on the safe side of the pole; nor do springs of users'
-own loads. Arms of `Viscoelastic` that forget in less than a third of a step are refused: stable up
-to steps of 6 times the shortest time, whatever frequency and share, and not resolved by then.
+their stiffness, and with the mass of their node alone an angular frequency above 0.5/h: E would
+amplify it. Where more than the node moves with the spring, it is slower, and refused as well: how
+much does, is not known here. Other dampers (`Drag`, loads by velocity, lags) do not say how fast
+they are: steps shorter than 3 times their fastest decay's 1/e time are on the safe side of the
+pole; nor do springs of users' own loads. Arms of `Viscoelastic` that forget in less than a third of
+a step are refused: stable up to steps of 6 times the shortest time, whatever frequency and share,
+and not resolved by then.
 
 Momentum: S keeps it exactly, with reaction and loads as means over the step, as P does; E linear
 momentum exactly, angular momentum to fifth order a step. Energy: to fifth order a step; S, being
@@ -151,13 +153,12 @@ class Midpoint4(Method):
             if isinstance(load, (Spring, RootSpring)):
                 bare = _undamped(load, model, length) & fast
                 if bare.any():
+                    h = length.max()
                     wanted = (
-                        f"dampers of {SLOW:.2g} steps times its stiffness, Damping below "
-                        f"{FAST:.2g} steps, are wanted"
+                        f"damping= of at least {SLOW * h:.2g} s times its stiffness is wanted, "
+                        f"Damping below {FAST * h:.2g} s"
                     )
-                    raise ValueError(
-                        f"a stiff {type(load).__name__} {said.format(length.max(), wanted)}"
-                    )
+                    raise ValueError(f"an undamped {type(load).__name__} {said.format(h, wanted)}")
         return [(EXTRAPOLATED, None)] if fast.all() else [(SYMMETRIC, ~fast), (EXTRAPOLATED, fast)]
 
 

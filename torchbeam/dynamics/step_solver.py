@@ -210,18 +210,18 @@ class StepSolver:
         compiled = self.compiled
         if compiled is None:  # another thread has given it up
             return None
-        if (
-            self.engine != "compiled"
-            and compiled.around is not None
-            and not compiled.around.unchanged()
-        ):
+        if compiled.around is not None and not compiled.around.unchanged():
             # what a user's function reads has changed since it was traced: it may again
-            self._compiled = None
-            self.use.reason = (
-                "what a function of the motion reads has changed since the stepper "
-                f"was made{VALUES}"
-            )
-            return None
+            self._compiled, self._decided = None, self.engine != "compiled"
+            compiled = self.compiled
+            if compiled is None:
+                self.use.reason = (
+                    "what a function of the motion reads has changed since the stepper "
+                    f"was made{VALUES}"
+                )
+                return None
+            if compiled.takes_time and span.t is None:
+                return None  # the functions before did not
         state, *call, last = span
         tolerance = TOLERANCE[state.position.dtype] if self.tolerance is None else self.tolerance
         try:

@@ -69,11 +69,11 @@ class Stepper:
         engine: "eager": torch operations. "compiled": native code for many samples at once on the
             CPU (by llvmlite). Answers are the same up to rounding; gradients are in reverse mode.
             The first step compiles. Eager even then: forward mode, torch.func, gradients where
-            strains are impossible or nearly so, some parts of a failed step. Values that a user's
-            function of the motion reads are taken once, here. "auto": compiled if llvmlite is
-            installed and native code takes the scene, user's functions as long as the values that
-            they read stay. Otherwise eager, with a SlowPathWarning; `describe` says which, and why.
-            The environment variable TORCHBEAM_ENGINE changes "auto"
+            strains are impossible or nearly so, some parts of a failed step. It compiles anew where
+            values change that a user's function of the motion reads. "auto": compiled if llvmlite
+            is installed and native code takes the scene, user's functions as long as the values
+            that they read stay. Otherwise eager, with a SlowPathWarning; `describe` says which,
+            and why. The environment variable TORCHBEAM_ENGINE changes "auto"
 
     Raises:
         ValueError: for an unknown method, a step that is not positive, or a scene that the nodal

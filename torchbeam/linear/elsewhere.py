@@ -117,6 +117,7 @@ def read(
             content |= {name: [cell[0] for cell in content[name].ravel()] for name in names}
         lists = {name: [str(x) for x in content.pop(name)] for name in names}
         arrays = {name: torch.from_numpy(np.array(x, order="C")) for name, x in content.items()}
+        _fit(arrays, *lists.values())
         return {name: arrays.pop(name) for name in needed} | arrays, lists
     except ImportError:
         raise
@@ -127,6 +128,24 @@ def read(
     raise ValueError(
         f"the file {str(path)!r} was given, {sentence}; one that Linear.save wrote is wanted"
     )
+
+
+def _fit(arrays: Mapping[str, Tensor], inputs: list[str], readings: list[str]) -> None:
+    """Raises for arrays that belong to no linear model, of whatever kind."""
+    n, m, p = arrays["A"].shape[-1], len(inputs), len(readings)
+    dt, arms = (arrays[name].item() for name in ("dt", "arms"))
+    q = (n - arms) / 2
+    sizes = {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m), "M": (q, q)}
+    matrices = {name: arrays[name] for name in sizes if name in arrays}
+    torch.broadcast_shapes(*(x.shape[:-2] for x in matrices.values()))
+    fits = [tuple(x.shape[-2:]) == sizes[name] for name, x in matrices.items()]
+    fits += [bool(x.isfinite().all()) for x in matrices.values()]
+    reads, output, C = arrays["reads"], arrays["output"], arrays["C"]
+    fits += [reads.shape[-2] == n, output.numel() == C[..., :1].numel()]
+    kinds = {x.dtype for x in (*matrices.values(), reads, output)}
+    fits += [dt >= 0, 0 <= arms <= n, len(kinds) == 1, C.is_floating_point()]
+    if not all(fits):
+        raise ValueError
 
 
 def _scipy() -> Any:

@@ -309,7 +309,7 @@ class Linear(Named):
         matrices |= {"output": self.output, "reads": self.reads, "arms": self.arms}
         matrices |= {} if self.mass is None else {"M": self.mass}
         names = {"inputs": labels(self.inputs), "readings": list(self.readings)}
-        if twice := [name for name in more if name in matrices or name in names]:
+        if twice := [name for name in more if name in {"M", *matrices, *names}]:
             raise ValueError(
                 f"{twice[0]!r} was given to save, which the model has; another is wanted"
             )

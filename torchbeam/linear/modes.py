@@ -157,8 +157,8 @@ def modes(
       0, come first. `Linear.poles` has all eigenvalues.
 
     Raises:
-        ValueError: for more modes than the mesh has, a state that moves or is no equilibrium, or a
-            scene that the nodal form does not take.
+        ValueError: for more modes than the mesh has, or than have inertia. For a state that moves
+            or is no equilibrium, or a scene that the nodal form does not take.
 
     Examples:
         >>> modes = tb.modes(tb.Scene(beam), count=2)
@@ -222,6 +222,12 @@ def _modes(
     if pairs is None:
         with no_derivatives():
             pairs = slowest(M, D, K, count, symmetric, derivatives, model.lag_count)
+    if not (each := concrete(pairs.known)).all():
+        known = int(each.sum(-1).amin())
+        raise ValueError(
+            f"count = {count} was given; of {free} modes {known} have an inertia beyond rounding; "
+            f"at most {known} are wanted"
+        )
     _warn_of_rounding(model, pairs, time, inputs)
     value, shape = (
         attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])

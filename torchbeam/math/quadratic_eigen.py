@@ -43,6 +43,12 @@ class Pairs(NamedTuple):
     doubt: Tensor
     apart: Tensor
 
+    @property
+    def known(self) -> Tensor:
+        """(..., count) bool: finite, and no other one's conjugate, which stand for what is not."""
+        value = self.eigenvalue
+        return torch.isfinite(value) & (value.imag >= -STRAIGHT * value.abs())
+
 
 def slowest(
     M: Tensor,
@@ -216,7 +222,9 @@ def lowest(M: Tensor, K: Tensor, shift: Tensor, count: int) -> tuple[Tensor, Ten
     )
     value, vectors = torch.linalg.eigh((flexible + flexible.mT) / 2)
     vectors = torch.linalg.solve_triangular(root.mT, vectors.flip(-1)[..., :count], upper=True)
-    square = 1 / value.flip(-1)[..., :count] - shift[..., None]
+    value, most = value.flip(-1)[..., :count], value[..., -1:]
+    none = value < SURE * M.shape[-1] * torch.finfo(value.dtype).eps * most  # it has no inertia
+    square = torch.where(none, torch.inf, 1 / value - shift[..., None])
     return square, vectors, rounding(M, K, vectors)
 
 

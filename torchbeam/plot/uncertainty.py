@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.arguments import listed
 from ..core.validation import Value, converted
-from .canvas import Axes, axes, check_axes, check_label, drawable, drawn_on, numbers
+from .canvas import Axes, axes, check_axes, check_label, drawable, drawn_on, ink, numbers
 
 
 def histogram(
@@ -58,7 +58,7 @@ def histogram(
         share = samples.histogram(edges).reshape(-1)
         ax.stairs(numbers(share / edges.diff()), numbers(edges), fill=True, **look)
     top = ax.get_ylim()[1]
-    marks = [("mean", "k", *(x.item() for x in mean))]
+    marks = [("mean", ink(ax), *(x.item() for x in mean))]
     marks += [
         (f"{100 * level:g} %", "C1", *(x[k].item() for x in quantile))
         for k, level in enumerate(levels)
@@ -141,7 +141,7 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
         for (word, color, _), y in zip(ends, both, strict=True):
             label = word if row == rows[0] else None
             ax.barh(row, y - base, left=base, height=0.6, color=color, label=label)
-    ax.axvline(base, color="k", lw=1)
+    ax.axvline(base, color=ink(ax), lw=1)
     ax.set_yticks(list(rows), table.names)
     ax.set(xlabel=name)
     ax.legend(frameon=False, fontsize=8, title="parameter", title_fontsize=8)

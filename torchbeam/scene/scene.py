@@ -76,8 +76,8 @@ class Scene(Tree):
             are numbers. "auto": in a plane if the beam, its sections and all numbers lie in one and
             nothing else acts. Gradients by quantities out of the plane are 0
         supports: list of `Support`; None = a clamp at node 0, in a structure none; () = free
-        small: small displacements and rotations: linear about the undeformed beam. A state holds
-            rotations below pi
+        small: small displacements and rotations: linear about the undeformed beam, as first-order
+            theory of frames is. A state holds rotations below pi
         joints: `Weld`, `Hinge` and others, between parts of a structure or a part and the ground
         dtype: precision of the motion; None = torch.float64. All numbers, arrays, tensors and
             results of functions are converted to it; functions get it. A gradient has the dtype of
@@ -124,9 +124,6 @@ class Scene(Tree):
             set_(self, "beam", Structure.of(self.beam))
         instance("a beam", self.beam, Beam)
         super().__post_init__()
-        if self.small and self.plane is not None:
-            wanted = "one of them (small=True alone keeps what lies in a plane there)"
-            raise refusal(f"plane = {self.plane!r} and small=True", wanted, were=True)
         precision(self.beam.nodes.dtype)
         asked = vars(self).pop("dtype")
         if not isinstance(asked, torch.dtype | None):
@@ -179,7 +176,7 @@ class Scene(Tree):
             for s in self.supports
         ]
         moving = "in 3D" if self.plane is None else f"plane {self.plane!r}"
-        moving = "small displacements and rotations" if self.small else moving
+        moving = f"{moving}{', small displacements and rotations' * self.small}"
         moving = f"{'frame a moves; ' * (self.frame is not None)}{moving}"
         joints = {"joints": ", ".join(map(str, self.joints)) or "none"} if self.beam.parts else {}
         return {
@@ -306,13 +303,15 @@ class Scene(Tree):
 
     @cached
     def numbers(self) -> tuple[Tensor, ...] | None:
-        """All tensors of a scene that holds, beside inputs, nothing else, and no effect of a user's
-        own: two such scenes of one structure differ in these alone. None where it holds functions.
+        """All tensors of a scene that holds, beside inputs, nothing else, and no effect or surface
+        of a user's own: two such scenes of one structure differ in these alone. None where it
+        holds functions.
         """
         values = [value for value, _ in leaves_in_order(self)]
         numbers = tuple([x for x in values if isinstance(x, Tensor)])
         plain = all([isinstance(x, Placeholder) for x in values if not isinstance(x, Tensor)])
-        return numbers if plain and all(map(of_library, self.effects)) else None
+        surfaces = [x for x in getattr(self.beam, "surfaces", ()) if x is not None]
+        return numbers if plain and all(map(of_library, (*self.effects, *surfaces))) else None
 
     @cached
     def topology(self) -> Topology:

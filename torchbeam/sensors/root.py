@@ -33,7 +33,7 @@ class _OfRoot(Sensor):
 @dataclass(frozen=True, eq=False, repr=False)
 class RootForce(_OfRoot):
     """Force (..., 3) N of the support at node 0 on the beam, frame a, as the state has it (see
-    `State`).
+    `State`). A `RootSpring` beside it has its own, which `RootSpringLoad` reads.
 
     on: name of the beam, in a structure. ValueError without such a support.
 
@@ -51,7 +51,7 @@ class RootForce(_OfRoot):
 @dataclass(frozen=True, eq=False, repr=False)
 class RootMoment(_OfRoot):
     """Moment (..., 3) N m of the support at node 0 on the beam, frame a, as the state has it (see
-    `State`).
+    `State`). A `RootSpring` beside it has its own, which `RootSpringLoad` reads.
 
     on: name of the beam, in a structure. ValueError without such a support.
 
@@ -70,8 +70,8 @@ class RootMoment(_OfRoot):
 class RootReaction(_OfRoot):
     """Force and moment (..., 6) N and N m of the support at node 0 on the beam, frame a.
 
-    They are the state's own (see `State`). on: name of the beam, in a structure. ValueError without
-    such a support.
+    They are the state's own (see `State`). A `RootSpring` beside it has its own, which
+    `RootSpringLoad` reads. on: name of the beam, in a structure. ValueError without such a support.
 
     Examples:
         >>> tb.sensors.RootReaction()(tb.equilibrium(scene)).shape  # force N, moment N m
@@ -124,8 +124,8 @@ class Reaction(Sensor):
 class RootSpringLoad(OfScene):
     """Force and moment (..., 6) N and N m of an elastic clamp (`RootSpring`) on the beam, frame a.
 
-    It is at the instant of the state. Such a scene has no support whose reaction `RootReaction`
-    could read.
+    It is at the instant of the state. `RootReaction` has the components that a `Support` of node 0
+    holds beside it.
 
     Raises:
         ValueError: for a scene without a RootSpring, or a state of another form.

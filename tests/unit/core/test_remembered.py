@@ -55,6 +55,20 @@ def test_what_is_written_to_later_changes_nothing(doubled):
     assert torch.equal(remembered(doubled, Rod(x / 3)), doubled_before)
 
 
+def test_arguments_in_containers_are_copied_as_well():
+    """Tuples, lists and dictionaries of trees and of tensors, as a scene's bodies come."""
+    for pack in (lambda x: (Rod(x), x), lambda x: [Rod(x), x], lambda x: {"a": Rod(x), "b": x}):
+        x = torch.tensor([1.0, 2.0])
+        part = lambda given: (given["a"] if isinstance(given, dict) else given[0]).size  # noqa: E731
+
+        def tripled(given, part=part):
+            return 3 * part(given)
+
+        remembered(tripled, pack(x))
+        x.mul_(2)
+        assert torch.equal(remembered(tripled, pack(x)), 3 * x)
+
+
 def test_derivatives_and_many_numbers_pass_by(doubled):
     x = torch.ones(2, requires_grad=True)
     for _ in range(2):

@@ -97,6 +97,27 @@ def test_other_files_are_no_linear_models(ending, tmp_path):
         tb.load(path)
 
 
+def test_a_file_whose_arrays_belong_to_no_model_is_refused(tmp_path):
+    """Arrays that are shorter, of other numbers or of words; names that are too few."""
+    path = model().save(tmp_path / "strip.npz")
+    with pytest.raises(ValueError, match="'M' was given to save"):
+        model().discrete(DT).save(path, M=1.0)
+    with np.load(path, allow_pickle=False) as file:
+        content = dict(file)
+    A, B, C = (content[name] for name in "ABC")
+    assert {*content} == {*"ABCDM", "dt", "output", "reads", "arms", "inputs", "readings"}
+    cases = [(name, x[1:] if x.ndim else np.ones(2)) for name, x in content.items()]
+    cases += [("A", A[:, 1:]), ("A", A * np.nan), ("A", np.rint(A).astype(int)), ("dt", -1.0)]
+    cases += [("B", B.astype("f4")), ("C", C.astype("U9")), ("arms", 1), ("reads", np.eye(3))]
+    for changes, fits in [({}, True), *(({name: other}, False) for name, other in cases)]:
+        np.savez(path, **(content | changes))
+        if fits:
+            assert (tb.Linear.load(path)[0].A == model().A).all()
+            continue
+        with pytest.raises(ValueError, match="no linear model of this version; one that"):
+            tb.Linear.load(path)
+
+
 @pytest.mark.parametrize("ending", [".npz", ".mat"])
 def test_names_that_writers_have_arguments_of(ending, tmp_path):
     more = {"file": (1.0, 2.0), "allow_pickle": 3.0, "arr_0": 4.0, "appendmat": 5.0}

@@ -1,6 +1,7 @@
 """modes: its ways to the eigenvalues against each other, flags, normalisation, derivatives."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -122,6 +123,39 @@ def test_a_motion_without_stiffness_and_inertia_is_refused():
             ),
             count=2,
         )
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_motions_without_inertia_are_no_modes(damping):
+    """Turns of two elements without rotary inertia: two in a plane, six in space. The slowest are
+    those beside next to none.
+    """
+    drag = [tb.MassDamping(damping)] if damping else []
+    for plane, known, free in (("xz", 4, 6), (None, 6, 12)):
+        without, with_some = (replace(beam(2, *drag, inertia=x), plane=plane) for x in (0.0, 1e-9))
+        value = tb.modes(without, count=known).eigenvalue
+        assert_close(value, tb.modes(with_some, count=known).eigenvalue, rtol=1e-6, atol=0)
+        with pytest.raises(ValueError, match=f"of {free} modes {known} have an inertia"):
+            tb.modes(without, count=known + 1)
+
+
+def test_modes_that_single_precision_does_not_hold_are_refused():
+    """The fastest, of a spring that double precision has a mode of, beside a function that takes
+    float32 alone: in its place stood the slowest one's conjugate.
+    """
+    matrix = 0.01 * torch.eye(3, dtype=torch.float32)
+    pull = tb.Load(lambda x, R, v, w, t: (-v @ matrix, None), node=-1)
+    section = tb.Section.circle(0.005, E=2e11, nu=0.3, rho=7800.0)
+    scene = tb.Scene(
+        tb.Beam.straight(1.0, 8, section),
+        [tb.MassDamping(0.5), tb.RootSpring((1e12, 1e10)), pull],
+        plane="xz",
+        dtype=torch.float32,
+    )
+    with pytest.warns(UserWarning, match="that take no other"):
+        assert (tb.modes(scene, count=5).eigenvalue.imag > 0).all()
+        with pytest.raises(ValueError, match="of 27 modes 26 have an inertia"):
+            tb.modes(scene, count=27)
 
 
 def test_buckled_columns_are_found_by_either_way():

@@ -149,6 +149,29 @@ def test_winch_hauls_in_and_pays_out(engine):
     assert_close(total[1:] - total[:1], work, rtol=0, atol=1e-9 * total.abs().max().item())
 
 
+def test_a_carriage_that_an_input_leads_is_a_winch():
+    """A rope over a sheave to a carriage: a step reaches its input at its end, from where the last
+    one has led, and pulls as a length in time does.
+    """
+    g, m, k, t = 9.81, 200.0, 1e6, 0.01 * torch.arange(16.0)
+    load, drum = (tb.Body(m, 1.0, position=x) for x in ((0, 0, -8 - m * g / k), (-1, 0, 0)))
+    drop, drawn = [(None, (0, 0, 0)), ("load", (0, 0, 0))], ("drum", (0, 0, 0))
+
+    def travel(t):
+        return t - 1 + torch.exp(-t)
+
+    def tensions(parts, rope, **more):
+        scene = tb.Scene(parts, [tb.Gravity((0, 0, -g)), rope], joints=more.pop("joints", ()))
+        return tb.simulate(scene, t, step=0.01, **more).state.tendons[1:, 0, 0]
+
+    winch = tb.Tendon(drop, length=lambda t: 8 - travel(t), stiffness=k)
+    rope = tb.Tendon([drawn, *drop], length=9.0, stiffness=k)
+    rail = tb.Slider(None, "drum", axis=(-1, 0, 0), travel=tb.Input("reel", 1))
+    reel = {"reel": tb.PerInterval(travel(t)[1:, None])}
+    led = tensions({"load": load, "drum": drum}, rope, joints=[rail], inputs=reel)
+    assert_close(led, tensions({"load": load}, winch), rtol=1e-9, atol=0)
+
+
 def test_free_bodies_keep_their_momentum_and_friction_takes_energy():
     """Three bodies, pulled together by one tendon: momentum stays zero, the work is the kinetic
     energy, to rounding; with friction there is less of both, as much as it has taken.

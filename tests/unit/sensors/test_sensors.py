@@ -532,14 +532,20 @@ def test_proper_acceleration_in_a_frame_that_turns():
 
 
 @pytest.mark.parametrize("plane", [None, "xz"])
-def test_load_of_an_elastic_clamp(plane):
+@pytest.mark.parametrize("support", [None, tb.Support(0, rotation="xz"), tb.Support(0, "")])
+def test_load_of_an_elastic_clamp(support, plane):
     """In equilibrium it bears the tip force, and its moment about the root: of a soft clamp whose
-    beam has turned.
+    beam has turned. A support beside it has its components alone.
     """
-    force = torch.tensor([0.0, 0.0, 0.5])
-    scene = tb.Scene(BEAM, [tb.TipLoad(force=force), tb.RootSpring((1e3, 20.0))], plane=plane)
+    force, held = torch.tensor([0.0, 0.0, 0.5]), [support] if support else None
+    spring = tb.RootSpring((1e3, 20.0))
+    scene = tb.Scene(BEAM, [tb.TipLoad(force=force), spring], plane=plane, supports=held)
     state = tb.equilibrium(scene, tolerance=1e-12)
     load = s.RootSpringLoad(scene)(state)
+    if support:
+        share = s.RootReaction()(state)
+        assert (share.abs() > 0.4).sum() == (load.abs() > 0.4).sum() == 1
+        load = load + share
     assert_close(load[:3], -force, rtol=0, atol=1e-8)
     arm = state.tip.position - state.position[0]
     assert_close(load[3:], -torch.linalg.cross(arm, force), rtol=0, atol=1e-8)

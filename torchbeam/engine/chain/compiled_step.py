@@ -20,7 +20,6 @@ from ...math.shapes import broadcast_shapes
 from ...nodal.model import Model
 from ...nodal.multipliers import stacked
 from ...scene.effects import Inputs
-from ...scene.effects.effect import of_library
 from ...state.state import State
 from .call import Field, ProgramInstance, empty_like
 from .chain_constants import Trees
@@ -139,8 +138,7 @@ class CompiledStep:
         self.function = any(
             leaf.axes is None for leaf in functions((trees.node.now.loads, trees.common.now.loads))
         )
-        by_user = self.function or not all(map(of_library, self.constants.loads))
-        self.around = NOTHING if around is None and not by_user else around
+        self.around = around if by_function(self.model) else NOTHING
         local, roles = self.local(trees), self.constants.roles
         kinds = kinds_of(self.model, self.constants.acts) if kinds is None else kinds
         return StepStructure.of(local, kinds, self.around, self.tried, roles)

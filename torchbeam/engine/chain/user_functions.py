@@ -31,13 +31,17 @@ BY_FUNCTION = " by function"  # of a model, which its copies and pickles go with
 
 
 def by_function(model: Model) -> list[Any]:
-    """Loads that depend on the motion and are functions that a user wrote, or hold such."""
+    """Loads that depend on the motion and are functions that a user wrote, or hold such, and
+    surfaces of bodies that are.
+    """
     known = vars(model).get(BY_FUNCTION)
     if known is not None:
         return known
     loads = (*model.loads[0], *(load for load in model.loads[1] if load.internal))
     loads += model.scene.interactions
     loads += tuple(joint.drive for joint in model.scene.joints if joint.drive is not None)
+    touching = getattr(model.touching, "each", ())
+    loads += tuple(x.surface for x in touching if x.law.surface is not None)
     return vars(model).setdefault(BY_FUNCTION, [load for load in loads if written(load)])
 
 
@@ -219,7 +223,7 @@ def _site_by_site(model: Model) -> bool:
     its number and the other sites are, as native code takes them: tried in some motion, at some
     instant, with some inputs.
     """
-    loads = tuple(load for load in by_function(model) if load.node is None)
+    loads = tuple(load for load in by_function(model) if getattr(load, "node", 0) is None)
     if not loads:
         return True
     still, generator = Constants(model).still, torch.Generator().manual_seed(0)

@@ -16,6 +16,8 @@ from tests.cases.user_loads import BATCHES, LOADS, REFUSED, THREE, Contact, mixi
 from torchbeam import extend
 from torchbeam.engine.chain.coverage import why_eager, why_not_traced
 from torchbeam.nodal.discretise import discretise
+from torchbeam.scene.effects.drag import norm
+from torchbeam.scene.effects.obstacle import unit
 
 pytest.importorskip("llvmlite")
 SINGLE = "network, float32"  # which no other is as exact beside
@@ -216,7 +218,8 @@ def test_statics_refuse_functions_that_tell_sites_apart():
             find(engine="compiled")
 
 
-LEVEL = torch.full((100,), -1e-3, dtype=torch.float64)  # too many numbers to be part of a program
+LEVEL = torch.zeros(1, dtype=torch.float64)
+LEVELS = torch.zeros(100, dtype=torch.float64)  # too many numbers to be part of a program
 
 
 @dataclass(frozen=True)
@@ -224,25 +227,90 @@ class Ground(extend.Obstacle):
     """At a level that its class closes over."""
 
     def distance(self, x):
-        return x[..., 2:] - LEVEL[:1]
+        return x[..., 2:] - LEVELS[:1]
 
     def gradient(self, x):
         return torch.tensor([0.0, 0.0, 1.0]).to(x).expand_as(x)
 
 
-def test_what_an_obstacle_of_ones_own_closes_over_is_read_anew(monkeypatch):
-    """In steps that are kept; natively."""
+@dataclass(frozen=True)
+class Breeze(extend.WindField):
+    """By that level, downwards."""
+
+    def velocity(self, position, t):
+        return (1e3 * LEVEL + position[..., :1]) * position.new_tensor([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Knob(extend.Obstacle):
+    """A ball on a body, as much smaller than 20 mm as that level is low."""
+
+    centre: extend.Value = extend.leaf(1, size=3)
+    PLACE = "centre"
+    of_bodies = True
+    reach = torch.tensor(0.02, dtype=torch.float64)
+
+    def distance(self, x):
+        return norm(self._from(x)) - 0.02 - LEVEL
+
+    def gradient(self, x):
+        return unit(self._from(x))
+
+
+def onto_a_knob():
+    """A ball that falls onto another one."""
+    bodies = {
+        "anvil": tb.Body(0.02, 4e-6, surface=Knob((0, 0, 0.0))),
+        "ball": tb.Body(0.02, 4e-6, position=(0, 0, 0.026)),
+    }
+    contact = tb.Contact("ball", "anvil", radius=5e-3, thickness=2e-3, force=20.0)
+    return tb.Scene(
+        bodies, [tb.Gravity((0, 0, -30.0)), contact], supports=[tb.Support("anvil")], plane="xz"
+    )
+
+
+OF_ONES_OWN = {
+    "obstacle": lambda: scene(
+        tb.Gravity((0, 0, -30.0)), tb.Contact(Ground(), thickness=3e-3, force=20.0)
+    ),
+    "wind": lambda: scene(tb.Drag(1.2, 0.1, flow=Breeze())),
+    "surface": onto_a_knob,
+}
+
+
+@pytest.mark.parametrize("kind", OF_ONES_OWN)
+def test_what_a_class_of_ones_own_closes_over_is_read_anew(kind):
+    """By steps that are kept, and by those of another scene, natively."""
 
     def ended(engine):
-        monkeypatch.setenv("TORCHBEAM_ENGINE", engine)
-        LEVEL.fill_(-1e-3)
-        fall = scene(tb.Gravity((0, 0, -30.0)), tb.Contact(Ground(), thickness=3e-3, force=20.0))
-        step, state = tb.Stepper(fall, 1e-2), tb.simulate(fall, [0.0, 1e-3]).state[0]
-        for level in (-1e-3, -0.02):
-            LEVEL.data.fill_(level)
-            for _ in range(5):
-                state = step(state)
-        assert engine == "eager" or step.engine != "eager"
-        return state.position[-1, -1]
+        ends, last = [], None
+        for level in (-1e-3, -4e-3):
+            LEVEL.data.fill_(level), LEVELS.data.fill_(level)
+            last, step = tb.Stepper(OF_ONES_OWN[kind](), 5e-3, engine=engine), last
+            for stepper in (last, step or last):
+                state = stepper.rest()
+                for _ in range(5):
+                    state = stepper(state)
+                ends.append(state.position[-1])
+            assert stepper.engine == last.engine == ("eager" if engine == "eager" else "native")
+        return torch.stack(ends)
 
-    assert_close(ended("auto"), ended("eager"), rtol=1e-9, atol=1e-12)
+    expected = ended("eager")
+    assert (expected[1] - expected[2]).norm() > 1e-4
+    assert_close(ended("compiled"), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_function_that_reads_t_only_later_is_given_it():
+    """By steps that are kept, as many at once and one by one, whose function calls another."""
+    calls = {"drag": lambda v, t: -0.5 * v}
+
+    def ended(engine):
+        calls["drag"] = lambda v, t: -0.5 * v
+        load = tb.Load(lambda x, R, v, w, t: (calls["drag"](v, t), None), node=-1)
+        stepper = tb.Stepper(scene(load), 0.01, engine=engine)
+        state = stepper(stepper.rest())
+        calls["drag"] = lambda v, t: torch.sin(50 * t) - 0.5 * v
+        return stepper(state).position, tb.rollout(stepper, stepper.rest(), 4)[-1].position
+
+    for x, y in zip(ended("compiled"), ended("eager"), strict=True):
+        assert_close(x, y, rtol=1e-9, atol=1e-12)
