@@ -17,6 +17,7 @@ from ..core.arguments import choice, instant, not_here
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
+from ..core.one_thread import dense_numbers_of, few_on_one_thread
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete, shown
 from ..core.warning import warn
@@ -85,8 +86,13 @@ class Modes:
 
     @property
     def frequency(self) -> Tensor:
-        """(..., count) rad/s, |imaginary part|; 0 for a motion that does not oscillate."""
+        """(..., count) rad/s, damped: |imaginary part|; 0 for a motion that does not oscillate."""
         return self.eigenvalue.imag.abs()
+
+    @property
+    def natural(self) -> Tensor:
+        """(..., count) rad/s, undamped: |eigenvalue|. `frequency` is sqrt(1 - zeta^2) times it."""
+        return self.eigenvalue.abs()
 
     @property
     def damping_ratio(self) -> Tensor:
@@ -110,6 +116,7 @@ class Modes:
         return self.unstable & ~self.divergence
 
 
+@few_on_one_thread(dense_numbers_of)
 def modes(
     scene: Scene,
     state: State | None = None,
@@ -121,7 +128,7 @@ def modes(
     inputs: dict[str, Any] | None = None,
     accuracy: Any = None,
 ) -> Modes:
-    """Natural frequencies, damping ratios and mode shapes (nodal form).
+    """Frequencies with their damping ratios, and mode shapes (nodal form).
 
     Args:
         state: an equilibrium of the scene; None = the equilibrium under its loads at time t (s)

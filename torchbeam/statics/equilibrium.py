@@ -15,7 +15,7 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
-from ..core.one_thread import one_thread
+from ..core.one_thread import numbers_of, one_thread
 from ..core.status import DIVERGED, kept
 from ..core.validation import concrete
 from ..core.warning import warn
@@ -123,13 +123,10 @@ def equilibrium(
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
     initial = None if initial is None else check_state(initial, scene)
-    batches = [scene.batch_shape, *(value.shape[:-1] for value in given.values())]
-    batches += [] if initial is None else [initial.position.shape[:-2]]
-    numbers = max(map(math.prod, batches)) * scene.beam.node_count * model.space.unknowns
 
     def found(double: Scene, *start: Any) -> State:
         here = model if double is scene else discretise(double)
-        with one_thread(numbers):
+        with one_thread(numbers_of(scene, initial, given)):
             return _equilibrium(here, *start, tolerance, throw, branch, relax, engine)
 
     return in_double(found, scene, initial, given, time)
