@@ -1,8 +1,9 @@
 """Tutorials as notebooks, made of their pages: `python docs/notebooks.py out/notebooks` makes them;
 the site has each for download on its page. Text and blocks are those of the page, pictures come
-along, links lose their targets.
+along, links lose their targets. Cells show what their block assigns to `found`, `exact` and `ax`.
 """
 
+import ast
 import base64
 import json
 import re
@@ -25,7 +26,9 @@ def notebook(name: str) -> dict:
     cells = []
     for k, part in enumerate(BLOCK.split(text)):
         if part.strip():
-            cells.append((code if k % 2 else words)(part.strip("\n"), f"{name}-{k}"))
+            part = part.strip("\n")
+            made = code(part + shown(part), f"{name}-{k}") if k % 2 else words(part, f"{name}-{k}")
+            cells.append(made)
     return {
         "cells": cells,
         "metadata": {
@@ -35,6 +38,19 @@ def notebook(name: str) -> dict:
         "nbformat": 4,
         "nbformat_minor": 5,
     }
+
+
+def shown(block: str) -> str:
+    """Lines that show what a block finds and draws."""
+    assigned = {
+        name.id
+        for line in ast.walk(ast.parse(block))
+        if isinstance(line, ast.Assign)
+        for name in ast.walk(ast.Tuple(line.targets))
+        if isinstance(name, ast.Name)
+    }
+    beside = '\nprint(f"found {found}, exact {exact}")' * ({"found", "exact"} <= assigned)
+    return beside + "\nax" * ("ax" in assigned)
 
 
 def code(text: str, key: str) -> dict:

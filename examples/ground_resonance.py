@@ -73,7 +73,7 @@ for at in whole.critical(orders=1):
 def draw(path: Path = options.picture) -> None:
     left, right = tb.plot.grid(1, 2, (11, 4.2))
     less.plot(left, orders=(1, 2))
-    left.set_title("one lag damper inoperative", fontsize=9)
+    left.set_ylabel("frequency, one damper inoperative / (rad/s)")
     for diagram, text in ((whole, "four dampers"), (less, "one inoperative")):
         right.plot(SPEED, diagram.eigenvalue.real.amax(-1), label=text)
     right.axhline(0.0, color="0.6", lw=0.8)

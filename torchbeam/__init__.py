@@ -23,7 +23,15 @@ from .analysis.campbell import campbell
 from .analysis.campbell_diagram import Campbell
 from .analysis.convergence.converge import converge
 from .analysis.convergence.convergence import Convergence
-from .analysis.convergence.on_request import equilibrium, modes, simulate
+from .analysis.convergence.on_request import (
+    critical_load,
+    equilibrium,
+    linearize,
+    modes,
+    path,
+    rest,
+    simulate,
+)
 from .analysis.convergence.remesh import remesh
 from .analysis.describe import Description, describe
 from .analysis.estimation.filtered import Filtered
@@ -55,11 +63,10 @@ from .dynamics.forms import mixed_forms
 from .dynamics.rollout import rollout
 from .dynamics.rollout_jacobian import rollout_jacobian
 from .dynamics.stepper import Stepper
-from .linear.critical import Critical, critical_load
+from .linear.critical import Critical
 from .linear.linear_model import Linear
 from .linear.mode_pairing import PairedModes, modal_assurance, pair_modes
 from .linear.modes import Modes
-from .linear.state_space import linearize
 from .plot.notebook import in_html
 from .plot.view import View, view
 from .readers.read import read
@@ -120,8 +127,8 @@ from .sensors.pose import Pose, pose_from_points
 from .sensors.sensor_frame import SensorFrame
 from .state.instant import Instant
 from .state.solution import Energy, Solution, Stats
-from .state.state import State, rest
-from .statics.path import Path, path
+from .state.state import State
+from .statics.path import Path
 from .uncertainty import laws
 from .uncertainty.estimate import Estimate
 from .uncertainty.moment_derivatives import MomentDerivatives, moment_derivatives

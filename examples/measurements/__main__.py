@@ -43,10 +43,13 @@ SHOWN = {
 
 
 def table(lines: dict[str, dict]) -> str:
-    """Markdown: parameters with their 95 % intervals, RMS by marker, and coverage of each run."""
+    """Markdown: parameters with their 95 % intervals, doubts about these, RMS by marker, and
+    coverage of each run.
+    """
     rows = [
-        "| run | parameters, 95 % intervals | RMS by marker, mm, held out | in 95 % bands | s |",
-        "|---|---|---|---:|---:|",
+        "| run | parameters, 95 % intervals | doubts | RMS by marker, mm, held out "
+        "| in 95 % bands | s |",
+        "|---|---|---|---|---:|---:|",
     ]
     for name, line in lines.items():
         parts = []
@@ -56,7 +59,9 @@ def table(lines: dict[str, dict]) -> str:
                 parts.append(f"{label} {value} ({low} to {high})")
         errors = ", ".join(f"{x:.2f}" for x in line["rms_mm"])
         share = f"{100 * line['coverage']:.0f} %"
-        rows.append(f"| {name} | {'; '.join(parts)} | {errors} | {share} | {line['seconds']:.0f} |")
+        doubts = "; ".join(line["doubts"]) or "none" if "doubts" in line else ""
+        cells = name, "; ".join(parts), doubts, errors, share, f"{line['seconds']:.0f}"
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 
 

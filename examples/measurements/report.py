@@ -1,6 +1,7 @@
 """What examples with measurements read and end with: a CSV of numbers, and one line of JSON."""
 
 import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import torch
 from torch import Tensor
 
 import torchbeam as tb
+
+CHANNEL = r" of '[^']*'( and \d+ more channels?)?| \(.*"
 
 
 def columns(path: Path) -> tuple[list[str], Tensor]:
@@ -27,7 +30,7 @@ def line(
     fit: tb.Fit, names: Iterable[str], rms: Tensor, coverage: float, seconds: float, **more: float
 ) -> str:
     """JSON of the parameters `names` with their 95 % intervals, RMS (markers,) m of what was held
-    out, the share of its readings that the 95 % bands hold, how long it took, and more.
+    out, the share of its readings that the 95 % bands hold, how long it took, doubts, and more.
     """
     ends = fit.interval(0.95).tolist()
     parameters = {
@@ -41,6 +44,7 @@ def line(
             "rms_mm": [round(1e3 * x, 2) for x in rms.tolist()],
             "coverage": round(coverage, 3),
             "seconds": round(seconds, 1),
+            "doubts": [re.sub(CHANNEL, "", doubt.partition(": ")[0]) for doubt in fit.doubts],
             **more,
         }
     )

@@ -519,6 +519,24 @@ def sliding_joints(by):
     return motor(tb.Scene(parts, effects, joints=joints, supports=[tb.Support(("arm", 0))]))
 
 
+def small_joints(by):
+    """The same as in `all_joints` by small rotations, without friction and limits of the ball."""
+    scene, more = all_joints(by)
+    none = dict.fromkeys(("friction", "slip_speed", "limit", "limit_stiffness"))
+    joints = [replace(scene.joints[0], **none), scene.joints[1]]
+    return replace(scene, small=True, joints=joints), more
+
+
+def small_sliding_joints(by):
+    scene, more = sliding_joints(by)
+    return replace(scene, small=True), more
+
+
+def small_ring_in_a_plane(by):
+    scene, more = ring_in_a_plane(by)
+    return replace(scene, small=True), more
+
+
 # Tendons
 
 

@@ -347,6 +347,8 @@ CALLS = {
     "plot.diagram": (tb.plot.diagram, dict(state=START, resultant="M2", scene=SCENE, inputs={},
         plane=None, height=0.1, values=True, symbols=True)),
     "plot.mode_shapes": (tb.plot.mode_shapes, dict(state=START, modes=MODES, count=2)),
+    "plot.orbits": (tb.plot.orbits, dict(state=START, motion=MODES.shape[0], ax=None, scale=0.1,
+        plane="xz")),
     "plot.history": (tb.plot.history, dict(solution=SOLUTION, sensor=S.TipPosition())),
     "plot.energies": (tb.plot.energies, dict(solution=SOLUTION)),
     "plot.axes": (tb.plot.axes, dict(three=False)),

@@ -18,7 +18,8 @@ def test_cells_are_the_page(name):
     made = json.loads(notebooks.written(name))
     cells = made["cells"]
     code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
-    assert code == [block.strip("\n") for block in re.findall(r"```python\n(.*?)```", page, re.S)]
+    blocks = [block.strip("\n") for block in re.findall(r"```python\n(.*?)```", page, re.S)]
+    assert code == [block + notebooks.shown(block) for block in blocks]
     assert cells[0]["source"].startswith(page.splitlines()[0])
     assert len({cell["id"] for cell in cells}) == len(cells)
     assert all(re.fullmatch(r"[a-zA-Z0-9_-]{1,64}", cell["id"]) for cell in cells)
@@ -26,6 +27,13 @@ def test_cells_are_the_page(name):
         if cell["cell_type"] == "markdown":
             targets = re.findall(r"\]\(([^)\s]+)\)", cell["source"])
             assert targets == [f"attachment:{each}" for each in cell.get("attachments", {})]
+
+
+def test_a_cell_shows_what_its_block_finds_and_draws():
+    """Two numbers beside each other, and the picture, which is the last line."""
+    assert notebooks.shown("a = 1") == notebooks.shown("found = 2") == ""
+    block = "found, exact = 1, 2\nleft, ax = 3, 4"
+    assert notebooks.shown(block) == '\nprint(f"found {found}, exact {exact}")\nax'
 
 
 def test_a_notebook_runs(tmp_path, monkeypatch):

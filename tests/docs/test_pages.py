@@ -62,6 +62,10 @@ SAID = {
         (lambda names: names["fit"]["E"] / 2e11, 1.0),
     ),
     "supports": ((lambda names: names["found"] / names["exact"], 1.0),),
+    "uncertainty": (
+        (lambda names: names["share"].estimate / names["samples"].mean, 0.01323),
+        (lambda names: names["share"].relative_error, 0.00972),
+    ),
 }
 
 

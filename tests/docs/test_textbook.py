@@ -19,5 +19,5 @@ def test_answers_are_the_closed_forms(capsys):
             assert error < CLOSE.get(title, 5e-4), (title, found, exact)
             assert textbook.picture_of(title).exists(), title
             count += 1
-    assert count == 10
+    assert count == 11
     assert float(capsys.readouterr().out[7:13]) == pytest.approx(246.74, rel=2e-4)

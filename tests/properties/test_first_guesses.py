@@ -67,8 +67,6 @@ SENTENCES = {
                            r"function of 's' was given; .* is wanted, to which of=\(..., 's'\)"),
     "a part beside a node": (lambda: tb.Load(lambda x, R, v, w, t: (x, None), -1, on="nosuch"),
                              "on = 'nosuch' and the node -1"),
-    "a plane of small rotations": (lambda: tb.Scene(BEAM, plane="xz", small=True),
-                                   "small=True were given; one of them .small=True alone keeps"),
     "a picture's scale": (lambda: tb.plot.shape(tb.rest(SCENE), scale=10),
                           "the keyword 'scale' was given to a picture"),
     "no error": (lambda: tb.simulate(SCENE, [0.0, 0.1], accuracy=5e-324),

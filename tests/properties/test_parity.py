@@ -66,6 +66,9 @@ ROWS = {
     "linkage": "equilibrium path",
     "all_joints": "steps",
     "sliding_joints": "steps",
+    "small_joints": "steps",
+    "small_sliding_joints": "~steps ~equilibrium",
+    "small_ring_in_a_plane": "generalized_alpha ~steps ~equilibrium",
     # tendons
     "tendons": "steps",
     "tendons_in_a_plane": "generalized_alpha conserve",
@@ -95,8 +98,8 @@ ROWS = {
 # the pivots have a condition of 1e8.
 LOOSE = {"inextensible": 1e-10, "unshearable": 1e-10} | dict.fromkeys(
     "arm ring ring_in_a_plane quadratic_structure bodies tree hand hand_that_is_held linkage "
-    "all_joints sliding_joints tendons tendons_in_a_plane tendons_at_rest on_a_ball_that_moves "
-    "on_a_floor elbow "
+    "all_joints sliding_joints small_joints small_sliding_joints small_ring_in_a_plane "
+    "tendons tendons_in_a_plane tendons_at_rest on_a_ball_that_moves on_a_floor elbow "
     "elbow_of_order_2 shapes falling rubbing rubbing_in_space taper_on_a_floor taper_on_itself "
     "taper_on_a_beam taper_on_a_body".split(), 1e-11)  # fmt: skip
 # Each effect by itself, as the study of what they cost has it

@@ -400,6 +400,8 @@ SAME = {
         S.TipPosition(**of.named))),
     "plot.mode_shapes": lambda of: drawn(of, lambda: tb.plot.mode_shapes(of.equilibrium(),
         tb.modes(of.scene, count=1, inputs=GIVEN))),
+    "plot.orbits": lambda of: drawn(of, lambda: tb.plot.orbits(of.equilibrium(),
+        tb.modes(of.scene, count=1, inputs=GIVEN).shape[..., 0, :, :])),
     "describe": lambda of: torch.tensor(len(f"{tb.describe(of.scene)}") > 0)[None],
 }
 # fmt: on

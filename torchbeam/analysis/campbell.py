@@ -27,8 +27,8 @@ from ..linear.spinning_modes import (
     multiblade_modes,
     orbit_steps,
 )
-from ..linear.steady_check import unsteady
-from ..linear.whirl import names_of, relaxing, tracked, whirl
+from ..linear.steady_check import refuse_own_axes, unsteady
+from ..linear.whirl import Motions, names_of, relaxing, tracked, whirl
 from ..math.eigen_derivatives import upright
 from ..scene.effects import Inputs
 from ..scene.in_double import in_double
@@ -37,9 +37,11 @@ from ..state.state import State, rest
 from ..uncertainty.evaluation import progress_of
 from ..uncertainty.progress import Report
 from .campbell_diagram import Campbell
+from .onset import Ranges, unstable_between
 
 METHODS = ("auto", "multiblade", "floquet")
 LEAST_STEPS = 8
+ONSET = {"multiblade": 1e-6, "floquet": 1e-3}  # of a speed: how far that of an onset is searched
 
 
 def campbell(
@@ -87,13 +89,14 @@ def campbell(
     - **Relaxing** motions decay without oscillating. They are left out as far as there are others,
       and come last. Such are overdamped ones, and those of the internal states of loads and of
       `Viscoelastic`.
+    - **Growth** beyond `count` is told too, by `growth` and `unstable_ranges`.
     - **Derivatives** by all that the scene holds and by the speeds, where eigenvalues are distinct.
     - **Cost.** Dense: O(n^3) of all coordinates a speed; "floquet" that for every step of a turn.
 
     Raises:
-        ValueError: for a scene without such a bearing, a rotor that is held otherwise, loads that
-            change with the azimuth or unequal blades with method="multiblade", and steps too long
-            for the modes asked for.
+        ValueError: for a scene without such a bearing, a rotor that is held otherwise, a part that
+            nothing holds, and a `Load` with batch axes of its own. With method="multiblade", for
+            loads that change with the azimuth and unequal blades. For steps too long for the modes.
         RuntimeError: for a speed without a steady state, or a periodic orbit.
 
     Examples:
@@ -113,11 +116,9 @@ def campbell(
     values, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
 
     def diagram(scene: Scene, _: None, speeds: Tensor, values: Inputs, time: Tensor) -> Campbell:
-        spin = spin_of(Bearing.of(scene, bearing, held), speeds, values, time)
-        report = progress_of(progress, len(speeds))
+        axis, report = Bearing.of(scene, bearing, held), progress_of(progress, len(speeds))
         done = (lambda n: None) if report is None else (lambda n: report.add(n, 0, False))
-        modes, used = _modes(spin, values, count, method, steps, done)
-        return _diagram(spin, modes, count, used, steps)
+        return _computed(axis, speeds, values, time, (count, method, steps), done)
 
     return in_double(diagram, scene, None, speeds, values, time)
 
@@ -149,6 +150,7 @@ class Spin(NamedTuple):
 
 
 def spin_of(bearing: Bearing, speeds: Tensor, values: Inputs, time: Tensor) -> Spin:
+    refuse_own_axes(bearing, *drawn(bearing, speeds[0], time, values))
     start = drawn(bearing, speeds, time, values)
     reason = unsteady(bearing, *start)
     problem, x, state = steady_spin(bearing, speeds, *start)
@@ -164,7 +166,7 @@ def _modes(
 ) -> tuple[SpinningModes, str]:
     """`count` modes and some to spare, and by which method."""
     bearing, spinning = spin.bearing, spin.model
-    pairs, periodic = constant_modes(spinning, count)
+    pairs, periodic, growth = constant_modes(spinning, count)
     if spin.unsteady is not None:
         _refuse_unsteady(spin, method)
         state = spin.state.broadcast(spinning.speed.shape)
@@ -174,7 +176,8 @@ def _modes(
             return orbit_exponents(*of, count, limit)
 
         pairs = pairs._replace(right=_in_coordinates_of(spin.drawn, spinning, pairs.right))
-        return floquet_modes(spin.drawn, pairs, steps, count, done, orbit), "floquet"
+        of = spin.drawn, pairs, growth
+        return floquet_modes(*of, steps, count, done, orbit), "floquet"
     unequal = periodic > EQUAL
     if unequal and method == "multiblade":
         raise ValueError(
@@ -183,8 +186,8 @@ def _modes(
             "method='floquet', are wanted"
         )
     if method == "floquet" or unequal:
-        return floquet_modes(spinning, pairs, steps, count, done), "floquet"
-    return multiblade_modes(spinning, pairs), "multiblade"
+        return floquet_modes(spinning, pairs, growth, steps, count, done), "floquet"
+    return multiblade_modes(spinning, pairs, growth), "multiblade"
 
 
 def _in_coordinates_of(other: SpinningModel, spinning: SpinningModel, shape: Tensor) -> Tensor:
@@ -215,19 +218,60 @@ def _refuse_unsteady(spin: Spin, method: str) -> None:
         )
 
 
-def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: int) -> Campbell:
+def _computed(
+    bearing: Bearing,
+    speeds: Tensor,
+    values: Inputs,
+    time: Tensor,
+    options: tuple[int, str, int],
+    done: Callable[[int], None],
+) -> Campbell:
+    """Diagram at speeds (n, ...) with its unstable ranges; options: count, method and steps."""
+    count, method, steps = options
+    spin = spin_of(bearing, speeds, values, time)
+    modes, used = _modes(spin, values, count, method, steps, done)
+
+    def at(speeds: Tensor) -> tuple[Motions, Tensor]:
+        spin = spin_of(bearing, speeds, values, time)
+        modes = _modes(spin, values, count, used, steps, lambda n: None)[0]
+        return _motions(spin, modes), modes.growth > 0
+
+    with no_derivatives():
+        motions, growing, ranges = _motions(spin, modes), modes.growth > 0, None
+        if growing.ndim == 1:
+            tolerance = math.inf if spin.unsteady else ONSET[used]
+            ranges = unstable_between(speeds.flatten(), motions, growing, at, tolerance)
+    return _diagram(spin, modes, motions, count, used, steps, ranges)
+
+
+def _motions(spin: Spin, modes: SpinningModes) -> Motions:
+    """Of the nodes, rotations times a length."""
+    spinning, model = spin.drawn.mechanical, spin.bearing.model
+    shape = modes.shape.detach().flatten(-3, -2)[..., : spinning.M.shape[-1]]
+    nodal = (spinning.moves.to(shape.dtype) @ shape.mT).mT.unflatten(-1, (-1, model.space.unknowns))
+    nodal = (nodal / model.unit[..., None, None, :]).flatten(-2)
+    return Motions(modes.eigenvalue.detach().flatten(-2), nodal)
+
+
+def _diagram(
+    spin: Spin,
+    modes: SpinningModes,
+    motions: Motions,
+    count: int,
+    method: str,
+    steps: int,
+    ranges: Ranges | None,
+) -> Campbell:
     """`count` modes over the speeds, each in a column, by names."""
     bearing, spinning = spin.bearing, spin.drawn.mechanical
     space = bearing.model.space
     speeds = spinning.speed.flatten(1)[:, 0] if spinning.speed.ndim > 1 else spinning.speed
-    value, shape, error, about = modes
+    value, shape, error, about, growth = modes
     relaxed = relaxing(spin.drawn.at(-1), value[-1, ..., 0], shape[-1, ..., 0, :])
     shape = shape.flatten(-3, -2)[..., : spinning.M.shape[-1]]
     moves = spinning.moves.to(shape.dtype)
     with no_derivatives():
-        nodal = (moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns))
-        unit = bearing.model.unit[..., None, None, :]
-        index = tracked(speeds, value, (nodal / unit).flatten(-2), relaxed, count)
+        index = tracked(speeds, motions, value.shape[-1], relaxed, count)
     value, error = (x.flatten(-2).gather(-1, index) for x in (value, error))
     _refuse_few_steps(speeds, value, about[..., :count], steps)
     shape = upright(shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1])))[0]
@@ -239,7 +283,7 @@ def _diagram(spin: Spin, modes: SpinningModes, count: int, method: str, steps: i
         last = (-1, *(0,) * (turning.ndim - 2))
         names = names_of(bearing, spinning.at(last), shape[last])
     nodal = space.embed((moves @ shape.mT).mT.unflatten(-1, (-1, space.unknowns)))
-    return Campbell(speeds, value, nodal, turning, names, error, method)
+    return Campbell(speeds, value, nodal, turning, names, error, method, growth, ranges)
 
 
 def _refuse_few_steps(speeds: Tensor, value: Tensor, near: Tensor, steps: int) -> None:

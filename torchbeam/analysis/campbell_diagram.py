@@ -14,14 +14,12 @@ from ..core.arguments import count, listed
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete
 from ..linear.elsewhere import array_of, write
+from ..linear.whirl import grows
 from ..math.quadratic_eigen import relaxes
 from ..plot.canvas import Axes
-from ..plot.curves import SPEED_UNITS
+from ..plot.curves import SPEED_UNITS, legend_above
 from ..plot.curves import campbell as frequencies_over_speed
 
-# of |eigenvalue|, or of the speed: growth from which on a mode is unstable; where two eigenvalues
-# meet, as those of a free turn, rounding counts by its root
-GROWING = 1e-5
 SHADE = dict(color="C3", alpha=0.15, lw=0)  # of unstable ranges in a picture
 
 
@@ -48,6 +46,9 @@ class Campbell:
             sample's
         error: (n, ..., count) 1/s, of the eigenvalue by the steps of "floquet"; 0 of "multiblade"
         method: "multiblade" or "floquet"
+        growth: (n, ...) 1/s, of the motion that grows fastest, those beyond `count` too; 0 where
+            none does
+        ranges: `unstable_ranges`; None of a batch
 
     Examples:
         >>> disc = tb.Body(mass=2.0, inertia=(0.02, 0.01, 0.01), position=(1.0, 0, 0))
@@ -71,6 +72,8 @@ class Campbell:
     names: list[str]
     error: Tensor
     method: str
+    growth: Tensor
+    ranges: tuple[tuple[float, float], ...] | None
 
     def __repr__(self) -> str:
         return lines(
@@ -82,7 +85,7 @@ class Campbell:
                 f"damping {span(self.damping[..., k].round(decimals=9))}"
                 for k, name in enumerate(self.names)
             ),
-            *(f"unstable from {a:.4g} to {b:.4g} rad/s" for a, b in self._ranges()),
+            *(f"unstable from {a:.4g} to {b:.4g} rad/s" for a, b in self.ranges or ()),
             kind(self.eigenvalue.shape[1:-1], self.speed),
         )
 
@@ -100,25 +103,26 @@ class Campbell:
     @property
     def unstable(self) -> Tensor:
         """(n, ..., count) bool: grows, beyond rounding and the error of the steps."""
-        size = self.eigenvalue.abs()
-        size = torch.maximum(size, self.speed.reshape(-1, *(1,) * (size.ndim - 1)))
-        least = torch.maximum(GROWING * size, 10 * self.error)
-        return self.eigenvalue.real > least
+        speed = self.speed.reshape(-1, *(1,) * (self.eigenvalue.ndim - 1))
+        return grows(self.eigenvalue, speed, self.error)
 
     @property
     def unstable_ranges(self) -> list[tuple[float, float]]:
-        """From which speed to which (rad/s) a mode grows; between speeds by a straight line.
+        """From which speed to which (rad/s) a motion grows, one beyond `count` too. Ends between
+        speeds are searched, within 1e-6 of the speed, of "floquet" 1e-3; of periodic orbits by a
+        straight line. A range between two neighbours of `speed` is not seen.
 
         Raises ValueError for a batch.
         """
         self._one("unstable_ranges")
-        return self._ranges()
+        return list(self.ranges or ())
 
     def critical(self, orders: Sequence[int] | int = (1, 2, 3)) -> list[Critical]:
         """Speeds at which a multiple of the speed meets a frequency, rising; between the given
         speeds by a straight line. Unbalance excites forward whirls at order 1.
 
-        Raises ValueError for a batch, or orders that are no whole numbers from 1 on.
+        Raises ValueError for a batch, of which `critical_speed` tells, or orders that are no whole
+        numbers from 1 on.
         """
         self._one("critical")
         x, y = concrete(self.speed).detach(), concrete(self.frequency).detach()
@@ -131,6 +135,19 @@ class Campbell:
                 at = x[i].item() + share * (x[i + 1] - x[i]).item()
                 crossings.append(Critical(at, order, self.names[k]))
         return sorted(crossings)
+
+    def critical_speed(self, order: int = 1) -> Tensor:
+        """(..., count) rad/s: the lowest speed of which a multiple meets the frequency of each
+        mode, of each sample; NaN where none does. As `critical`, with derivatives.
+        """
+        x = self.speed.reshape(-1, *(1,) * (self.frequency.ndim - 1))
+        gap = self.frequency - count("order", order) * x
+        crossed = ((gap[:-1] > 0) != (gap[1:] > 0)) & self._swings
+        at = crossed.to(torch.int8).argmax(0, keepdim=True)
+        low, high = gap[:-1].gather(0, at)[0], gap[1:].gather(0, at)[0]
+        there = crossed.any(0)
+        share = torch.where(there, low, 0) / torch.where(there, low - high, 1)
+        return torch.where(there, (self.speed[at] + share * self.speed.diff()[at])[0], torch.nan)
 
     def plot(
         self,
@@ -158,23 +175,23 @@ class Campbell:
                 damping.plot(size * speed, ratio, color=f"C{k % 10}", lw=1.6)
             damping.axhline(0.0, color="0.6", lw=0.8)
             damping.set(xlabel=ax.get_xlabel(), ylabel="damping ratio", xlim=ax.get_xlim())
-        for k, (low, high) in enumerate(self._ranges()):
+        for k, (low, high) in enumerate(self.ranges or ()):
             for axes in filter(None, (ax, damping)):
                 axes.axvspan(size * low, size * high, label=None if k else "unstable", **SHADE)
-        ax.legend(frameon=False, fontsize=8)
-        return ax
+        return legend_above(ax)
 
     def save(self, path: str | Path) -> Path:
-        """Write speed, frequency, damping, eigenvalue, whirl, error and names into a file .npz or
-        .mat, whole or not at all. Raises as `Linear.save`.
+        """Write speed, frequency, damping, eigenvalue, whirl, error, growth and names into a file
+        .npz or .mat, whole or not at all. Raises as `Linear.save`.
         """
         value = self.eigenvalue
         parts = dict(speed=self.speed, frequency=self.frequency, damping=self.damping)
         parts |= dict(real=value.real, imag=value.imag, whirl=self.whirl, error=self.error)
+        parts["growth"] = self.growth
         return write(path, {k: array_of(k, v) for k, v in parts.items()}, {"names": self.names})
 
     def _one(self, what: str) -> None:
-        if self.eigenvalue.ndim > 2:
+        if self.ranges is None:
             raise ValueError(
                 f"{what} of a diagram with the batch axes {tuple(self.eigenvalue.shape[1:-1])} was "
                 "asked for; one without is wanted"
@@ -182,30 +199,8 @@ class Campbell:
 
     @property
     def _swings(self) -> Tensor:
-        """(count,) bool: which modes do not relax at all speeds, those of a picture."""
+        """(..., count) bool: which modes do not relax at all speeds, those of a picture."""
         value, whirl = (concrete(x).detach() for x in (self.eigenvalue, self.whirl))
-        turning = value - 1j * concrete(self.speed)[:, None] * whirl.round()
+        speed = concrete(self.speed).reshape(-1, *(1,) * (value.ndim - 1))
+        turning = value - 1j * speed * whirl.round()
         return ~(relaxes(value) | relaxes(turning)).all(0)
-
-    def _ranges(self) -> list[tuple[float, float]]:
-        if self.eigenvalue.ndim > 2:
-            return []
-        x = concrete(self.speed).tolist()
-        grows = concrete(self.unstable).any(-1).tolist()
-        most = concrete(self.eigenvalue.real).detach().amax(-1).tolist()
-        ranges: list[tuple[float, float]] = []
-        for k, unstable in enumerate(grows):
-            if not unstable:
-                continue
-            if not (k and grows[k - 1]):
-                low = x[k] if not k else _zero(x[k - 1 : k + 1], most[k - 1 : k + 1])
-            if k + 1 == len(x) or not grows[k + 1]:
-                last = k + 1 == len(x)
-                ranges.append((low, x[k] if last else _zero(x[k : k + 2], most[k : k + 2])))
-        return ranges
-
-
-def _zero(x: list[float], y: list[float]) -> float:
-    """Where the line through two points is zero, between these."""
-    share = y[0] / (y[0] - y[1]) if y[0] != y[1] else 0.5
-    return x[0] + min(max(share, 0.0), 1.0) * (x[1] - x[0])

@@ -102,7 +102,7 @@ def describe(scene: Scene) -> Description:
     model = discretise(scene)
     space = model.space
     plane = space.plane
-    planes = () if plane or scene.small else tuple(name for name in PLANES if _fits(scene, name))
+    planes = () if plane else tuple(name for name in PLANES if _fits(scene, name))
     free = model.constraints.count
     held = model.joints.held_count
     arms = scene.arms * scene.beam.station_count * space.dims.strain
@@ -305,20 +305,19 @@ def _frame(scene: Scene) -> tuple[str, ...]:
 
 
 def _space(scene: Scene, plane: str | None, planes: tuple[str, ...]) -> str:
-    if scene.small:
-        return "space, small displacements and rotations: linear"
-    if plane:
-        return f"the plane {plane}" + (", found in its numbers" if scene.plane == "auto" else "")
+    where = f"the plane {plane}" if plane else "space"
+    where += ", found in its numbers" * (plane is not None and scene.plane == "auto")
+    where += ", small displacements and rotations: linear" * scene.small
     if not planes:
-        return "space"
+        return where
     choice = " or ".join(f"plane={name!r}" for name in planes)
     if only_numbers(scene):
         return (
-            f"space, but everything lies in a plane: {choice} gives the same answer with half "
+            f"{where}, but everything lies in a plane: {choice} gives the same answer with half "
             "the unknowns"
         )
     return (
-        f"space; {choice} halves the unknowns, if what its functions and inputs do lies in it "
+        f"{where}; {choice} halves the unknowns, if what its functions and inputs do lies in it "
         "as well"
     )
 

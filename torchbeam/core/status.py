@@ -1,7 +1,14 @@
 """Status of a sample: codes and their sentences; samples by their places."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
 from torch import Tensor
 
+_kept: ContextVar[list[Tensor] | None] = ContextVar("kept", default=None)
 SUCCESS, DIVERGED, BROKEN, FAILED, UNDERFLOW, TOO_MANY = range(6)
 STATUS = {
     SUCCESS: "success",
@@ -18,6 +25,24 @@ STATUS = {
     ),
     TOO_MANY: "the tolerance was not reached within max_steps; a larger one of either may help",
 }
+
+
+@contextmanager
+def statuses() -> Iterator[list[Tensor]]:
+    """Statuses (...) of calls within it where samples failed: nothing else warns of these."""
+    token = _kept.set(kept := [])
+    try:
+        yield kept
+    finally:
+        _kept.reset(token)
+
+
+def kept(status: Tensor) -> bool:
+    """Whether somebody keeps the status (...) of samples that failed, and tells of them."""
+    listening = _kept.get()
+    if listening is not None:
+        listening.append(status)
+    return listening is not None
 
 
 def named(mask: Tensor, most: int = 8) -> str:

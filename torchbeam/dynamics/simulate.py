@@ -12,7 +12,7 @@ from ..core.arguments import boolean, choice, instance, keywords, non_default, n
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.docstrings import with_arguments_of
-from ..core.status import STATUS
+from ..core.status import STATUS, kept
 from ..core.validation import as_tensor, concrete, dtype_of, increasing, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
@@ -224,6 +224,7 @@ def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:
     if not statuses.any():
         return solution
     status, steps = statuses[-1], (statuses == 0).sum(0)
+    warned = not kept(status) and warned
     for code in sorted(set(status.flatten().tolist()) - {0}):
         failed = (status == code).nonzero().tolist()
         which = (

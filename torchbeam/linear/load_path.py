@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..core.arguments import function as check_function
 from ..core.derivatives import no_derivatives
+from ..core.status import statuses
 from ..core.validation import unmapped
 from ..math.null_vectors import bilinear, null_vectors
 from ..math.quadratic_eigen import error, plus, rounding, slow_first, slow_values
@@ -134,8 +135,8 @@ class LoadPath:
         scene, inputs = self.scene(factor)
         self.turned = any(support.turn is not None for support in scene.supports)
         start = None if self.turned else start
-        with warnings.catch_warnings():
-            # of unstable branches: they are what is looked for
+        with warnings.catch_warnings(), statuses():
+            # of unstable branches and failed samples: they are what is looked for
             warnings.simplefilter("ignore", RuntimeWarning)
             return equilibrium(
                 scene, initial=start, t=self.t, throw=False, engine=self.engine, inputs=inputs

@@ -22,6 +22,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from ..core.validation import concrete
 from ..math.dense import solve
 
 ROOT = math.sqrt(15.0)
@@ -62,8 +63,8 @@ def fastest(speed: Tensor, steps: int) -> Tensor:
 def exponents(
     matrices: Matrices, speed: Tensor, steps: int, count: int, limit: Tensor, states: int = 0
 ) -> Exponents:
-    """Of M, D, K (s, ..., n, n) = matrices(psi), psi (s,), at speeds (...), the `count` slowest,
-    one of each pair, NONE where there are no more below a limit (...) rad/s. The last `states`
+    """Of M, D, K (s, ..., n, n) = matrices(psi), psi (s,), at speeds (...), all, one of each pair,
+    `count` at least, NONE where there are no more below a limit (...) rad/s. The last `states`
     coordinates have no inertia.
     """
     maps = _maps(matrices, speed, steps, states)
@@ -88,18 +89,23 @@ def of_turn(
     """
     steps, n = len(g), g.shape[-2]
     multiplier, vectors = torch.linalg.eig(turn)
+    lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair
+    m = max(count, int(concrete((~lower).sum(-1)).max()))
+    first = concrete(lower).to(torch.int8).argsort(dim=-1, stable=True)[..., :m]
+    lower, multiplier = lower.gather(-1, first), multiplier.gather(-1, first)
+    vectors = vectors.gather(-1, first[..., None, :].expand(*vectors.shape[:-1], m))
     period = 2 * math.pi / speed.abs()[..., None]
     principal = torch.log(multiplier) / period
     at = torch.arange(steps, device=speed.device) * (period[..., None] / steps)  # (..., 1, steps)
     decay = torch.exp(-principal[..., None] * at).movedim(-1, 0)[..., None, :]
-    g, rate = (X.to(vectors.dtype) @ vectors * decay for X in (g, rate))  # (steps, ..., n, m)
+    parts = vectors.real, vectors.imag
+    g, rate = (torch.complex(*(X @ v for v in parts)) * decay for X in (g, rate))  # (steps, n, m)
     harmonics = torch.fft.fft(g.detach(), dim=0) / steps
     moves, of_moves = g[..., : n - states, :], harmonics[..., : n - states, :]
-    M = M[..., : n - states, : n - states].detach().to(harmonics.dtype)
-    size = (of_moves.conj() * (M @ of_moves)).real.sum(-2)  # (steps, ..., m)
+    M = M[..., : n - states, : n - states].detach()
+    size = sum((x * (M @ x)).sum(-2) for x in (of_moves.real, of_moves.imag))  # (steps, ..., m)
     most, k = size.topk(HARMONICS, dim=0)
     shape = harmonics.gather(0, k[..., None, :].expand(*k.shape[:-1], n, k.shape[-1]))
-    lower = multiplier.imag < -1e-12 * multiplier.abs()  # the other one of its pair
     order = torch.where(k > steps // 2, k - steps, k)
     exponent = principal + 1j * order * speed.abs()[..., None]
     of_rates, of_moves, of_all = (x.detach().abs().square().sum((0, -2)) for x in (rate, moves, g))
@@ -108,7 +114,7 @@ def of_turn(
     if states:
         lower = lower | (multiplier.abs() < FADED)
     exponent = torch.where(lower | (most < LEAST_SEEN * most[:1]), NONE, exponent)
-    chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)[..., :count]
+    chosen = torch.where(lower, torch.inf, fast).argsort(dim=-1, stable=True)
     exponent, shape = exponent.movedim(0, -1), shape.movedim(0, -1).movedim(-3, -1)
     at = chosen[..., None].expand(*chosen.shape, HARMONICS)
     return Exponents(exponent.gather(-2, at), shape.gather(-3, at[..., None].expand(*at.shape, n)))

@@ -145,7 +145,7 @@ class Shooting:
         )
 
     def exponents(self, turn: Turn, count: int, limit: Tensor) -> Exponents:
-        """The `count` slowest of an orbit, as `periodic.exponents`."""
+        """Of small motions about an orbit, as `periodic.exponents`."""
         spinning = self.spinning
         psi = torch.arange(self.steps).to(self.speed) * (2 * math.pi / self.steps)
         nodal, e = spinning.mechanical.moves_at(psi), 1e-4

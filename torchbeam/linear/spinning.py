@@ -23,7 +23,7 @@ from ..solvers.implicit_gradient import differentiated, implicit_gradient
 from ..solvers.newton import newton
 from ..state.state import State, rest
 from ..statics.internal_states import resting
-from ..statics.mechanism import stressed
+from ..statics.mechanism import stressed, unheld
 from .bearing import Axis, Bearing
 
 SAME = 1e-12  # of an axis, and of the structure's size: a bearing that does not move any more
@@ -47,7 +47,7 @@ def steady_spin(
     bearing: Bearing, speed: Tensor, problem: SteadyProblem, x: Configuration
 ) -> tuple[SteadyProblem, Configuration, State]:
     """The steady state at speeds (...) rad/s from that on, with the problem that it solves. Raises
-    RuntimeError for a speed without one.
+    RuntimeError for a speed without one, ValueError where nothing holds a part.
     """
     model, axis, first = bearing.model, bearing.axis(x), problem
 
@@ -71,6 +71,9 @@ def steady_spin(
             led, tried = [*led, torch.cat(torch.broadcast_tensors(*now), -1)], [*tried, axis]
             axis = _accelerated(led, tried)
             x, reaction, status, _ = newton(problem_at(x, axis), x)
+    if concrete(~torch.isfinite(x.position.detach())).any():
+        _refuse_unheld(model, problem)
+        status = torch.where(torch.isfinite(x.position.detach()).all(-1).all(-1), status, 1)
     _refuse_failed(speed, status)
     problem = problem_at(x, bearing.axis(x))
     if differentiated(problem, x):
@@ -103,6 +106,16 @@ def _near(a: Axis, b: Axis, model: Model) -> bool:
     size = model.scene.beam.extent.detach()[..., None]
     moved = (a.point - b.point).abs() / size, (a.direction - b.direction).abs()
     return all(bool(concrete(v <= SAME).all()) for v in moved)
+
+
+def _refuse_unheld(model: Model, problem: SteadyProblem) -> None:
+    """ValueError for parts that nothing holds."""
+    words = unheld(model, problem.t, problem.inputs)[1]
+    if words:
+        raise ValueError(
+            f"{words} that nothing resists were given to campbell; a joint, a support or a spring "
+            "is wanted"
+        )
 
 
 def _refuse_failed(speed: Tensor, status: Tensor) -> None:

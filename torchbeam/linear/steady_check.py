@@ -9,6 +9,7 @@ from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.model import Model
+from ..scene.effects.custom_load import Load
 from .bearing import Bearing
 
 AZIMUTH = 1.0  # rad
@@ -40,7 +41,7 @@ def unsteady(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> str 
                 position = torch.where(mask, centre + _times(Q, position - centre), position)
                 rotation = space.normalize(space.multiply(by[..., None, :], rotation))
                 rotation = torch.where(mask, rotation, x.rotation)
-            total = mask * _loads(problem, Configuration(position, rotation, x.stress))
+            total = mask * total_load(problem, Configuration(position, rotation, x.stress))
             return total[..., :p], total[..., p:]
 
         size = torch.stack([
@@ -68,7 +69,25 @@ def unsteady(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> str 
     return None
 
 
-def _loads(problem: SteadyProblem, x: Configuration) -> Tensor:
+def refuse_own_axes(bearing: Bearing, problem: SteadyProblem, x: Configuration) -> None:
+    """ValueError for a `Load` whose function has batch axes of its own, which would meet those of
+    the speeds; at one speed, the shape as drawn.
+    """
+    scene = bearing.model.scene
+    if not any(isinstance(effect, Load) for effect in scene.effects):
+        return
+    with no_derivatives():
+        lead = total_load(problem, x).shape[:-2]
+    beyond = lead[: len(lead) - len(scene.batch_shape)]
+    if beyond.numel() > 1:
+        raise ValueError(
+            f"a Load whose function has batch axes {tuple(beyond)} of its own was given to "
+            "campbell, where speeds have the first axis; Load(..., values=) is wanted, of batched "
+            "numbers that the function takes by name"
+        )
+
+
+def total_load(problem: SteadyProblem, x: Configuration) -> Tensor:
     """(..., nodes, w) on all nodes, less their inertia."""
     total, between = problem.load(x), problem.element_loads(x)
     if between is not None:

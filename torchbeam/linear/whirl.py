@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,31 +17,57 @@ SAME = 1e-6  # of a growth, by how much frequencies may differ that are the same
 WHIRLS = 0.3  # mean harmonic from which on a mode whirls
 BEHIND = 1e20  # rad/s, in order of frequency: before what is none, behind all others
 APERIODIC = 0.95  # damping ratio from which on a motion hardly oscillates
+# of |eigenvalue|, or of the speed: growth from which on a mode is unstable; where two eigenvalues
+# meet, as those of a free turn, rounding counts by its root
+GROWING = 1e-5
 NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
 
 
-def tracked(speed: Tensor, value: Tensor, shape: Tensor, relaxed: Tensor, count: int) -> Tensor:
-    """(n, ..., count) places among eigenvalues (n, ..., m h) with shapes (n, ..., m h, channels),
-    of m motions by each of h harmonics, value (n, ..., m, h): the slowest at the last speed, by
-    their first harmonic, those that relax there, `relaxed` (..., m) bool, behind the others; and at
-    each speed before those most like them, by modal assurance and frequency; in order of their mean
-    frequencies. Where a frequency passes zero the other one of its pair goes on.
+def grows(value: Tensor, speed: Tensor, error: Tensor) -> Tensor:
+    """(..., m) bool: which eigenvalues (..., m) grow, at speeds (..., 1) rad/s, beyond rounding and
+    an error (..., m) 1/s.
     """
-    h, value = value.shape[-1], value.flatten(-2)
+    least = GROWING * torch.maximum(value.abs(), speed)
+    return value.real > torch.maximum(least, 10 * error)
+
+
+class Motions(NamedTuple):
+    """Eigenvalue (..., m) 1/s and shape (..., m, channels) of motions by their harmonics."""
+
+    value: Tensor
+    shape: Tensor
+
+    def at(self, *k: int) -> Motions:
+        return Motions(self.value[k], self.shape[k])
+
+    def taken(self, index: Tensor) -> Motions:
+        """Those at places (..., count)."""
+        rows = index[..., None].expand(*index.shape, self.shape.shape[-1])
+        return Motions(self.value.gather(-1, index), self.shape.gather(-2, rows))
+
+
+def tracked(speed: Tensor, motions: Motions, h: int, relaxed: Tensor, count: int) -> Tensor:
+    """(n, ..., count) places among m h motions (n, ...), m by each of h harmonics: the slowest at
+    the last speed, by their first harmonic, those that relax there, `relaxed` (..., m) bool, behind
+    the others; and at each speed before those most like them, by modal assurance and frequency; in
+    order of their mean frequencies. Where a frequency passes zero the other one of its pair goes
+    on. Where one parts into a growing and a decaying motion, which are as fast, the growing one
+    goes on.
+    """
+    value = motions.value
     first = value[-1, ..., ::h]
     first = first.imag.abs() - SAME * first.real  # of those as fast the growing ones
     chosen = torch.where(relaxed, BEHIND + first, first).argsort(dim=-1, stable=True)[..., :count]
     index = [h * chosen]
     for k in range(len(value) - 2, -1, -1):
-        last = _taken(shape[k + 1], index[-1])
-        before = value[k + 1].gather(-1, index[-1])[..., :, None]
-        size, likeness = NEAR * before.abs() + (speed[k + 1] - speed[k]), []
-        for at, there in ((value[k], shape[k]), (value[k].conj(), shape[k].conj())):
-            off = (at[..., None, :] - before).abs() / size
-            likeness.append(modal_assurance(last, there) / (1 + off**2))
-        best, harmonic = torch.maximum(*likeness).unflatten(-1, (-1, h)).max(-1)
+        last = motions.at(k + 1).taken(index[-1])
+        there = motions.at(k)
+        best, harmonic = (
+            _likeness(speed[k + 1], last, speed[k], there).unflatten(-1, (-1, h)).max(-1)
+        )
         motion = pairs(best)
-        index.append(h * motion + harmonic.gather(-1, motion[..., None])[..., 0])
+        at = h * motion + harmonic.gather(-1, motion[..., None])[..., 0]
+        index.append(_growing(speed[k], there, last, at, h))
     index = torch.stack(index[::-1])
     mean = value.gather(-1, index).imag.abs().mean(0)
     mean = torch.where(relaxed.gather(-1, chosen), BEHIND + mean, mean)
@@ -48,8 +75,41 @@ def tracked(speed: Tensor, value: Tensor, shape: Tensor, relaxed: Tensor, count:
     return index.gather(-1, order.expand(index.shape))
 
 
-def _taken(shape: Tensor, index: Tensor) -> Tensor:
-    return shape.gather(-2, index[..., None].expand(*index.shape, shape.shape[-1]))
+def next_motion(speed: Tensor, motion: Motions, other: Tensor, there: Motions) -> Tensor:
+    """(...) place of a motion (...) at a speed (...) among those (..., m) at another one: the most
+    like it, and of those as fast the growing one.
+    """
+    last = Motions(motion.value[..., None], motion.shape[..., None, :])
+    index = _likeness(speed, last, other, there).argmax(-1)
+    return _growing(other[..., None], there, last, index, 1)[..., 0]
+
+
+def _likeness(speed: Tensor, last: Motions, other: Tensor, there: Motions) -> Tensor:
+    """(..., count, m) of motions (..., count) at a speed and (..., m) at another one."""
+    before, change = last.value[..., None], (other - speed).abs()
+    size, likeness = NEAR * before.abs() + change.reshape(*change.shape, 1, 1), []
+    for of in (lambda x: x, torch.conj):
+        off = (of(there.value)[..., None, :] - before).abs() / size
+        likeness.append(modal_assurance(last.shape, of(there.shape)) / (1 + off**2))
+    return torch.maximum(*likeness)
+
+
+def _growing(speed: Tensor, there: Motions, last: Motions, index: Tensor, h: int) -> Tensor:
+    """Places (..., count) among motions (..., m h) at a speed, with those that grow, and are not
+    among them, in place of those as fast that grow less; the most like the last ones (..., count).
+    """
+    value = there.value
+    here, size = value.gather(-1, index)[..., None], torch.maximum(value.abs(), speed)
+    other = torch.arange(value.shape[-1], device=index.device) // h
+    other = (other[:, None] != index[..., None, :] // h).all(-1)[..., None, :]
+    by, least = value[..., None, :], SAME * size[..., None, :]
+    better = other & (by.real > least) & (by.real > here.real + least)
+    better = better & ((here.imag.abs() - by.imag.abs()).abs() <= least)
+    likeness = torch.where(better, 1 + modal_assurance(last.shape, there.shape), 0)
+    best, harmonic = likeness.unflatten(-1, (-1, h)).max(-1)
+    motion = pairs(best)[..., None]
+    at = h * motion + harmonic.gather(-1, motion)
+    return torch.where(best.gather(-1, motion) > 0, at, index[..., None])[..., 0]
 
 
 def whirl(spinning: SpinningModel, shape: Tensor) -> Tensor:

@@ -71,3 +71,15 @@ def _quadratic(x: Tensor) -> Tensor:
 
 
 SHAPES = {1: ElementShape(2, False, (0.0,), _linear), 2: ElementShape(3, True, (-X, X), _quadratic)}
+
+
+def point_weights(order: int, length: Tensor, count: int) -> Tensor:
+    """(..., N, count) m: what the Gauss points of elements count for in an integral over them;
+    length (..., stations) m: what their stations stand for, between which ds/dx is linear.
+    """
+    x, weights = (part.to(length) for part in gauss_points(count))
+    length = length[..., None]
+    if not SHAPES[order].midside:
+        return weights * (length / 2)
+    first, second = length.unflatten(-2, (-1, 2)).unbind(-2)
+    return weights * ((first + second) / 2 + (second - first) / (2 * X) * x)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..scene.beam import Beam
+from .line_loads import LineRule
 from .rows import Rows
 from .sample_check import written
 
@@ -13,8 +14,9 @@ class ActingLoad(NamedTuple):
     """A load; node: the row that it acts on, or the rows along which it does, None = all of them,
     or those of an interaction;
     what it reads of a node's motion; which of the internal states are its own, None = it has none;
-    elements: along how many it acts, None = the beam's; functions: what a user wrote in it. Of
-    `Conditions` the load holds numbers alone, see `LoadEffect.resolved`.
+    elements: along how many it acts, None = the beam's; functions: what a user wrote in it;
+    rule: how nodes bear what is known along the beam, None = it is asked at nodes. Of `Conditions`
+    the load holds numbers alone, see `LoadEffect.resolved`.
     """
 
     load: Any
@@ -23,6 +25,7 @@ class ActingLoad(NamedTuple):
     internal: slice | None
     elements: int | None = None
     functions: tuple[Any, ...] = ()
+    rule: LineRule | None = None
 
     def acts_on(self, row: int) -> bool:
         if isinstance(self.node, slice):

@@ -194,6 +194,29 @@ class BallLaws(Losses):
         return C, None if by is None else skew(m)[..., None, :, :] @ by / 2
 
 
+@dataclass(frozen=True)
+class SmallBallLaws(BallLaws):
+    """Those of small rotations, D = I + ~phi: C = ~P/2 with what acts on a, P = K phi + c phi' -
+    tau, phi at the middle of a step. There is neither friction nor a limit.
+    """
+
+    def conjugate(self, step: BallStep, by: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+        phi, before = axial(step.after) / 2, axial(step.before) / 2
+        P, dP = torch.zeros_like(phi), None if by is None else torch.zeros_like(axial(by))
+        share = 1.0 if step.dt is None else 0.5
+        if self.stiffness is not None:
+            P = P + (self.stiffness @ (phi + before)[..., None] / 2)[..., 0]
+            dP = None if by is None else dP + share * axial(by) @ self.stiffness.mT / 2
+        if self.damping is not None and step.dt is not None:
+            c = self.damping[..., None] / step.dt
+            P = P + c * (phi - before)
+            dP = None if by is None else dP + c[..., None] * axial(by) / 2
+        elif self.damping is not None and step.spin is not None:
+            P = P + self.damping[..., None] * step.spin
+        P = P if step.torque is None else P - step.torque
+        return skew(P) / 2, None if by is None else skew(dP) / 2
+
+
 def _swing(D: Tensor, e: Tensor) -> Tensor:
     """(...) rad between an axis e (..., 3) and D e."""
     turned = (D @ e[..., None])[..., 0]
@@ -210,14 +233,17 @@ def moment(C: Tensor, a: Tensor, b: Tensor) -> Tensor:
 
 
 class Axes(NamedTuple):
-    """Of both parts (..., B, 3, 3), columns, frame a."""
+    """Of both parts (..., B, 3, 3), columns, frame a. small: D of small rotations, of which both
+    are as drawn; None = rotations are large.
+    """
 
     a: Tensor
     b: Tensor
+    small: Tensor | None = None
 
     @property
     def relative(self) -> Tensor:
-        return self.a.mT @ self.b
+        return self.a.mT @ self.b if self.small is None else self.small
 
 
 @dataclass(frozen=True)
@@ -260,8 +286,13 @@ class Balls(Tree):
 
     def axes(self, pose: Pose) -> Axes:
         eye = torch.eye(3, dtype=pose.R.dtype, device=pose.R.device)
-        axes = (self.of(pose.R, -4) + self.of(self.ground, -4) * eye) @ self.of(self.own, -4)
-        return Axes(*axes.unbind(-3))
+        R = pose.R if pose.drawn is None else pose.drawn
+        fixed = self.of(self.own, -4)
+        a, b = ((self.of(R, -4) + self.of(self.ground, -4) * eye) @ fixed).unbind(-3)
+        if pose.drawn is None:
+            return Axes(a, b)
+        by_a, by_b = (self.of(pose.R, -4) @ fixed).unbind(-3)
+        return Axes(a, b, eye + by_b - by_a)
 
     def spin(self, pose: Pose, spins: Tensor) -> Tensor:
         """(..., B, 3) rad/s of b against a, axes of a; spins (..., J, 2, 3), frame a."""
@@ -289,6 +320,8 @@ class Balls(Tree):
         C, by = self.own_laws.conjugate(step, rate * relative)
         C, to_a, to_b = C[..., None, :, :], axes.a[..., None, :, :], axes.b.mT[..., None, :, :]
         bent = to_a @ by @ to_b
+        if ends.small is not None:  # of what acts along axes as drawn
+            a, b = 0 * a, 0 * b
         first, second = a @ C @ to_b - bent, to_a @ C @ b.mT + bent
         return axial(torch.cat(torch.broadcast_tensors(first, second), -3)).mT
 

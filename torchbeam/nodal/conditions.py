@@ -14,6 +14,7 @@ from ..scene.effects import Inputs, Pose
 from .acting import ActingLoad
 from .frame import FixedFrame, frame_of
 from .joint_motion import NO_VALUES, JointValues
+from .line_loads import valued
 from .model import Model
 
 
@@ -101,7 +102,7 @@ def conditions(
         tendons = model.tendons.values(model.scene, t, inputs, until)
     else:
         acts = tuple(act for act in acts if any(act.load is load for load in loads))
-    acts = tuple(act._replace(load=_valued(model, act, t, inputs)) for act in acts)
+    acts = tuple(act._replace(load=valued(model, act, t, inputs)) for act in acts)
     asked = loads is None or any(act.load.wants_frame for act in acts)
     velocities = motion.frame(t) if asked else (None, None)
     root = motion.root_pose(t) if any(act.load.wants_support for act in acts) else None
@@ -134,12 +135,6 @@ def split(acts: tuple[ActingLoad, ...]) -> tuple[tuple[ActingLoad, ...], ...]:
         for is_between in (False, True)
     )
     return at, between, several
-
-
-def _valued(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
-    """A load with numbers for the rows along which it acts."""
-    s = model.s[..., act.node] if isinstance(act.node, slice) else model.s
-    return act.load.resolved(s, t, inputs, act.elements or model.scene.beam.element_count)
 
 
 def supports(model: Model, end: Tensor) -> tuple[SupportConditions, ...]:

@@ -11,10 +11,9 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, instance
-from ..core.leaves import own_leaves, sent
+from ..core.leaves import sent
 from ..core.remembered import few, remembered
 from ..scene.beam import Beam
-from ..scene.effects import PerElement
 from ..scene.scene import Scene
 from ..scene.structure import unstressed
 from ..topology.protocols import Topology
@@ -27,6 +26,7 @@ from .coordinates.spatial import Spatial
 from .inertia import impossible_strains, inertia_of, warn_of_uneven
 from .interactions import couplings_of
 from .joint_constraints import joints_of
+from .line_loads import warn_of_jumps
 from .model import Model
 from .model_check import check_plane, refuse_redundant
 from .tendons import tendons_of
@@ -83,13 +83,6 @@ def _discretised(scene: Scene, lumped: bool, topology: Topology | None) -> Model
     )
     if space.plane is not None and beam.coupled:
         space.check_section("compliance", beam.compliance.detach())
-    if beam.linked_interpolation and any(
-        isinstance(x.value, PerElement) for load in scene.loads for x in own_leaves(load)
-    ):
-        raise ValueError(
-            "a load PerElement was given for a beam with linked interpolation; one Along the "
-            "beam is wanted"
-        )
     model = Model(
         scene=scene,
         space=space,
@@ -108,6 +101,8 @@ def _discretised(scene: Scene, lumped: bool, topology: Topology | None) -> Model
     if space.plane is not None:
         check_plane(model)
     refuse_redundant(model)
+    if any(load.integrated for load in scene.loads):
+        warn_of_jumps(model)
     return model
 
 
@@ -143,7 +138,8 @@ def _reference(
     """Strain (..., N, k) of the undeformed beam, found in 3D."""
     h = length[..., None]
     rest = whole.strains(whole.kinematics(*assembly.poses(nodes, frames), h), h)
-    return space.project_strain(rest) if space.turns else torch.zeros_like(rest)
+    rest = space.project_strain(rest)
+    return rest if space.turns else torch.zeros_like(rest)
 
 
 def in_double(model: Model) -> Model:

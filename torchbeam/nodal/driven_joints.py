@@ -203,21 +203,17 @@ class DrivenJoints(Joints):
         """Sizes of efforts as joints are drawn: given ones, of limits that exclude this, and of
         springs whose coordinates are off by rounding, a gap of `CLOSED`.
         """
-        values: JointValues = now.joints
+        values, p = now.joints, self.space.dims.position
         drawn = torch.zeros_like(self.c)
         laws, _ = self.laws.effort(CoordinateStep(drawn, drawn, self.angles > 0, None, None))
         total = laws.abs() if values.effort is None else laws.abs() + values.effort.abs()
         if self.laws.stiffness is not None:
-            total = total + CLOSED * self.laws.stiffness * (
-                self.angles + self.travels * self.size[..., None, None]
-            )
-        force, moment = (
-            (rows * total).sum(-1, keepdim=True)
-            for rows in (self.travels, self.angles + self.turning_rows)
-        )
+            turns = torch.arange(total.shape[-1], device=total.device) >= p
+            unit = torch.where(turns, 1.0, self.size[..., None, None])
+            total = total + CLOSED * self.laws.stiffness * unit
+        force, moment = total[..., :p].sum(-1, True), total[..., p:].sum(-1, True)
         if self.acting_balls is not None and self.balls.laws.stiffness is not None:
             moment = moment + CLOSED * self.balls.laws.stiffness.abs().amax((-1, -2))[..., None]
-        p = self.space.dims.position
         return torch.cat((force.expand(*force.shape[:-1], p), moment), -1)
 
     def blocks(self, motion: NodeMotion, force: Tensor) -> Tensor:
@@ -383,7 +379,9 @@ class DrivenJoints(Joints):
             change = ball.after - ball.before
             return total - (self.balls.conjugate(ball) * change).sum((-1, -2, -3))
         start = self.balls.axes(motion.start).relative
-        turn = Turn.of(ball.after @ start.mT).vector @ self.moves[:, 3:].mT
+        turn = Turn.of(ball.after - start).y  # of small rotations
+        turn = Turn.of(ball.after @ start.mT).vector if self.space.turns else turn
+        turn = turn @ self.moves[:, 3:].mT
         return total - (self.balls.of(force, -2) * turn).sum((-1, -2))
 
     @property

@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from ..math.element_shapes import SHAPES, X, gauss_points
+from ..math.element_shapes import SHAPES, gauss_points
+from ..math.element_shapes import point_weights as weights_at
 from ..math.shapes import stacked
 from ..scene.effects import Contact, LoadPoint
 from ..scene.effects.load_point import POSITION, SPIN, VELOCITY
@@ -254,17 +255,10 @@ def _shares(rows: Rows, acting: ActingLoad) -> Tensor:
 
 
 def point_weights(rows: Rows, acting: ActingLoad) -> Tensor:
-    """(..., points, 1) m: ds/dx of an element, which is linear between the lengths that its
-    stations stand for.
-    """
-    x, weights = (part.to(rows.length) for part in gauss_points(acting.load.points))
+    """(..., points, 1) m, see `element_shapes.point_weights`."""
     length = rows.length if acting.node is None else rows.length[..., acting.node, :]
-    if not SHAPES[rows.space.interpolation.order].midside:
-        slopes = length / 2 * torch.ones_like(x)
-    else:
-        first, second = length.unflatten(-2, (-1, 2)).unbind(-2)
-        slopes = (first + second) / 2 + (second - first) / (2 * X) * x
-    return (weights * slopes).flatten(-2)[..., None]
+    order = rows.space.interpolation.order
+    return weights_at(order, length[..., 0], acting.load.points).flatten(-2)[..., None]
 
 
 def _elements(rows: Rows, acting: ActingLoad) -> slice:

@@ -1,4 +1,10 @@
-"""Constraints of a scene's joints, as products of two vectors: see `joints`."""
+"""Constraints of a scene's joints, as products of two vectors: see `joints`.
+
+Of small rotations theta, axes are (I + ~theta) F, and each row is linear in the nodes' moves: v is
+as drawn, and of a rotation w is what it is in one part less what it is in the other,
+
+    F_a,i . (p_b - p_a)        -F_y . (theta_b - theta_a) x F_z        d_0/L . d - L
+"""
 
 from __future__ import annotations
 
@@ -17,7 +23,7 @@ from ..scene.ball import Ball
 from ..scene.joint import Joint
 from ..scene.scene import Scene
 from ..scene.structure import Structure, unstressed
-from .balls import BallLaws, Balls
+from .balls import BallLaws, Balls, SmallBallLaws
 from .between_nodes import BetweenNodes
 from .coordinate_laws import coordinate_laws_of
 from .coordinates.spatial import Spatial
@@ -67,7 +73,7 @@ class Vector:
 @dataclass(frozen=True)
 class End:
     """One part of a joint, at rest: its node (None = the ground), at r (..., 3) with the axes R
-    (..., 3, 3); point p of the joint.
+    (..., 3, 3); point p of the joint. turns: False for small rotations, which add ~theta e to e.
     """
 
     second: bool
@@ -75,13 +81,13 @@ class End:
     r: Tensor
     R: Tensor
     p: Tensor
+    turns: bool
 
     @classmethod
-    def of(cls, beam: Any, node: int | None, second: bool, p: Tensor) -> End:
+    def of(cls, beam: Any, node: int | None, second: bool, p: Tensor, turns: bool) -> End:
         at = 0 if node is None else node
-        return cls(
-            second, node is None, beam.nodes[..., at, :], quat.matrix(beam.frames[..., at, :]), p
-        )
+        r, R = beam.nodes[..., at, :], quat.matrix(beam.frames[..., at, :])
+        return cls(second, node is None, r, R, p, turns)
 
     def direction(self, e: Tensor) -> Vector:
         """What at rest is e (..., 3), frame a."""
@@ -90,7 +96,21 @@ class End:
         place = 0 if self.ground else 2 if self.second else 1
         constant, in_a, in_b = (local if k == place else zero for k in range(3))
         there = tuple(float(k == place) for k in range(3))
+        if not self.turns:
+            constant, there = e, (1.0, *there[1:])
         return Vector(constant, zero[..., 0], in_a, in_b, there)
+
+    def line(self, e: Tensor) -> Vector:
+        """The first of two vectors likewise: of small rotations it stays as drawn."""
+        end = self if self.turns else dataclasses.replace(self, ground=True)
+        return end.direction(e)
+
+    def crossed(self, e: Tensor, other: End) -> Vector:
+        """The second one, across a line of the other part: of small rotations less what it is
+        there, which turns with the line.
+        """
+        here = self.direction(e)
+        return here if self.turns else here + other.direction(e).times(-1.0)
 
     @property
     def arm(self) -> Vector:
@@ -153,6 +173,8 @@ def _reference_joints(
     def mask(which: Callable[[Constraint], bool]) -> Tensor:
         return like.new_tensor([[float(which(row)) for row in rows] for rows in each])
 
+    turns = ("angle",) if space.turns else ()  # small ones are as travels are
+
     like = beam.nodes
     places = [x for joint in joints for x in joint.drawn(beam)[:2]]
     size = beam.size_with(torch.stack(torch.broadcast_tensors(*places), -2)).detach()
@@ -166,8 +188,8 @@ def _reference_joints(
         moves=space.embed(torch.eye(m, dtype=like.dtype, device=like.device)),
         # 1 m of a body that turns about its own centre, where nothing has a length
         size=torch.where(size > 0, size, 1.0),
-        angles=mask(lambda row: row.coordinate == "angle"),
-        travels=mask(lambda row: row.coordinate == "travel"),
+        angles=mask(lambda row: row.coordinate in turns),
+        travels=mask(lambda row: row.coordinate not in (None, *turns)),
         second=mask(lambda row: row.second))
     # fmt: on
 
@@ -215,7 +237,8 @@ class Constraint(NamedTuple):
 def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
     """The m constraints of a joint, those that it does not have as well."""
     at_a, at_b, axes = joint.drawn(beam)
-    a, b = End.of(beam, joint.ends[0], False, at_a), End.of(beam, joint.ends[1], True, at_b)
+    ends = zip(joint.ends, (False, True), (at_a, at_b), strict=True)
+    a, b = (End.of(beam, *end, space.turns) for end in ends)
     apart = b.arm + a.arm.times(-1.0)
     apart = dataclasses.replace(apart, shift=torch.ones_like(apart.shift))
     names = dict(zip("xyz", axes.unbind(-1), strict=True))
@@ -226,7 +249,7 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
     nothing = dataclasses.replace(apart.times(0.0), parts=(0.0, 0.0, 0.0))
     rows = [
         Constraint(
-            a.direction(names[i]),
+            a.line(names[i]),
             apart,
             none,
             i in joint.position,
@@ -243,14 +266,16 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
             v, w, across = (b, "y"), (a, "z"), (a, "y")
             if k == "y":
                 v, w, across = (a, "x"), (b, "z"), (b, "x")
-            v, w, across = (end.direction(names[axis]) for end, axis in (v, w, across))
-            rows.append(Constraint(v, w, none, False, across.times(-1.0), "angle", k == "y"))
+            (v, line), (w, axis), (end, other) = v, w, across
+            v, w = v.line(names[line]), w.crossed(names[axis], v)
+            across = end.direction(names[other]).times(-1.0)
+            rows.append(Constraint(v, w, none, False, across, "angle", k == "y"))
             continue
         free = k == "x" and joint.rotation == "yz"
         rows.append(
             Constraint(
-                a.direction(names[i]).times(sign),
-                b.direction(names[j]),
+                a.line(names[i]).times(sign),
+                b.crossed(names[j], a),
                 none,
                 k in joint.rotation,
                 b.direction(names["y"]) if free else nothing,
@@ -259,10 +284,10 @@ def _rows(joint: Any, beam: Any, space: Spatial) -> list[Constraint]:
         )
     if joint.distance:
         L = torch.linalg.vector_norm(at_b - at_a, dim=-1)
-        rows = [
-            Constraint(apart.times(0.5 / L), apart, L / 2, True, nothing),
-            *(row._replace(held=False) for row in rows[1:]),
-        ]
+        length = Constraint(apart.times(0.5 / L), apart, L / 2, True, nothing)
+        if not space.turns:
+            length = length._replace(v=a.line((at_b - at_a) / L[..., None]), c=L)
+        rows = [length, *(row._replace(held=False) for row in rows[1:])]
     return rows
 
 
@@ -289,7 +314,8 @@ def _balls(scene: Scene) -> Balls | None:
         laws["axis"] = laws["axis"] / torch.where(size > 0, size, 1.0)
     end_axes = torch.stack(torch.broadcast_tensors(*end_axes), -4)
     torques = any(joints[k].torque is not None for k in at)
-    return Balls(at, like.new_tensor(ground), end_axes, BallLaws(**laws), torques)
+    own_laws = (SmallBallLaws if scene.small else BallLaws)(**laws)
+    return Balls(at, like.new_tensor(ground), end_axes, own_laws, torques)
 
 
 def _of_plane(joint: Any, axes: dict[str, Tensor], normal: Tensor) -> tuple[str, str]:

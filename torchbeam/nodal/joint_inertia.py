@@ -32,8 +32,8 @@ from torch import Tensor
 from ..math.quaternions import skew
 from .between_nodes import NodeMotion, Placed, Rates, Where
 from .joint_laws import CoordinateStep
-from .joint_motion import Factor, Pose, columns
-from .joints import Joints, along
+from .joint_motion import Factor, Pose, along, columns
+from .joints import Joints
 
 
 class Inertial(NamedTuple):
@@ -142,5 +142,7 @@ def _moved(factor: Factor, pose: Pose, moving: Tensor) -> tuple[Any, Tensor, Ten
         skew(spin)[..., None, :, :] @ x for spin, x in ((moving[..., 3:6], a), (moving[..., 9:], b))
     )
     none = torch.zeros_like(a)
+    if pose.drawn is not None:
+        a = b = none
     rate_by = torch.cat((none, a, none, b), -1)
     return vector, by, (by @ moving[..., None, :, None])[..., 0], rate_by

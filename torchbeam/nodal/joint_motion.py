@@ -15,14 +15,16 @@ from ..math.quaternions import skew
 
 class Pose(NamedTuple):
     """Of both ends of each joint, frame a: position r (..., J, 2, 3) m and axes R
-    (..., J, 2, 3, 3); of the ground 0.
+    (..., J, 2, 3, 3); of the ground 0. drawn: of small rotations theta the axes as drawn; R is then
+    what they change by, ~theta drawn.
     """
 
     r: Tensor
     R: Tensor
+    drawn: Tensor | None = None
 
     def mean(self, other: Pose) -> Pose:
-        return Pose((self.r + other.r) / 2, (self.R + other.R) / 2)
+        return Pose((self.r + other.r) / 2, (self.R + other.R) / 2, self.drawn)
 
 
 def end_moves(half: Tensor, p: int) -> Tensor:
@@ -40,6 +42,11 @@ def columns(by: Tensor, ends: Tensor, moves: Tensor | None) -> Tensor:
     """
     parts = (by @ ends.mT).unflatten(-1, (2, -1)).movedim(-2, -3)
     return parts if moves is None else parts @ moves
+
+
+def along(vector: Tensor, by: Tensor) -> Tensor:
+    """vector (..., 3) times by (..., 3, n)."""
+    return (vector[..., None, :] @ by)[..., 0, :]
 
 
 class JointValues(NamedTuple):
@@ -74,9 +81,11 @@ class Factor(Tree):
     fixed: Tensor = leaf(4)
 
     def at(self, pose: Pose) -> Vector:
-        turning = self.fixed @ pose.R.mT
+        fixed = turning = self.fixed @ pose.R.mT
+        if pose.drawn is not None:
+            turning = self.fixed @ pose.drawn.mT
         apart = (pose.r[..., 1, :] - pose.r[..., 0, :])[..., None, :]
-        return Vector(self.constant + self.shift * apart + turning.sum(-3), turning)
+        return Vector(self.constant + self.shift * apart + fixed.sum(-3), turning)
 
     def by_moves(self, turning: Tensor) -> Tensor:
         """(..., J, m, 3, 12) by displacement and spin of the first node, then of the second;

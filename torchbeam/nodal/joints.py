@@ -38,7 +38,7 @@ from ..topology.framework import Framework
 from .balls import Balls
 from .between_nodes import BetweenNodes, NodeMotion, Placed, Rates
 from .coordinates.spatial import Spatial
-from .joint_motion import Factor, Pose, Vector, columns, end_moves
+from .joint_motion import Factor, Pose, Vector, along, columns, end_moves
 from .multipliers import Multipliers
 
 
@@ -186,15 +186,15 @@ class Joints(BetweenNodes):
         """Of wrenches (..., J, 12) on nodes: that on second parts, at the joints' points there,
         frame a; on the ground, which has no gradient, the opposite of what the first part gets.
         """
-        apart = self.w.at(motion.acting)  # row 0: of the points
+        apart = self.w.at(motion.acting)  # row 0: of the points, one where rotations are small
         arms, (push, moment) = apart.turning[..., 0, :], both.unflatten(-1, (2, 2, 3)).unbind(-2)
         moment = moment - cross(arms * arms.new_tensor([[-1.0], [1.0]]), push)
         ground = torch.tensor(
             [pair[1] is None for pair in self.framework.joints], device=both.device
         )[:, None]
         first, second = torch.cat((push, moment), -1).unbind(-2)
-        moved = cross(apart.value[..., 0, :], first[..., :3])
-        first = torch.cat((first[..., :3], first[..., 3:] - moved), -1)
+        if self.space.turns:
+            first = first - pad(cross(apart.value[..., 0, :], first[..., :3]), (3, 0))
         return torch.where(ground, -first, second)
 
     def after(self, motion: Placed) -> Tensor:
@@ -281,9 +281,13 @@ class Joints(BetweenNodes):
 
     def pose(self, position: Tensor, rotation: Tensor) -> Pose:
         """From nodes, in the space's coordinates."""
-        R = self.space.axes(rotation)
-        r = self.framework.at_joints(self.space.public_position(position))
-        return Pose(r, self.framework.at_joints(R.flatten(-2)).unflatten(-1, (3, 3)))
+        space, ends = self.space, self.framework.at_joints
+        r = ends(space.public_position(position))
+        R = ends(space.axes(rotation).flatten(-2)).unflatten(-1, (3, 3))
+        if space.turns:
+            return Pose(r, R)
+        theta = ends(space.public_spin(space.to_frame(rotation, rotation)))
+        return Pose(r, skew(theta) @ R, R)
 
     def gap(self, pose: Pose) -> Tensor:
         """g (..., J, w): of positions m, of rotations rad."""
@@ -317,9 +321,8 @@ class Joints(BetweenNodes):
         """With w as it is where forces act, and where joints are closed; more(v, dg/dq) and
         `added` (..., J, 12, 12): what the forces' wrenches change by beside that; more_along:
         what further forces act along (..., J, w, 12), and their derivative by the moves of both
-        nodes (..., J, 2, w, w). Moves are where
-        forces act, the mean of start and end: of which the end makes `rate` times the displacement,
-        and turns by rate * `half_turns` times the spin.
+        nodes (..., J, 2, w, w). Moves are where forces act, the mean of start and end: of which the
+        end makes `rate` times the displacement, and turns by rate * `half_turns` times the spin.
         """
         half, rate, (acting, end, *_) = motion.half_turns(), motion.rate, motion.placed(self.pose)
         v, w, v_end = self.v.at(acting), w_acting.at(acting), self.v.at(end)
@@ -376,6 +379,8 @@ class Joints(BetweenNodes):
         """(..., J, 12, 12): derivative of lambda dg/dq, the wrenches on both nodes, by half the
         moves of the end.
         """
+        if not self.space.turns:
+            return force[..., :1, None] * force.new_zeros(12, 12)
         weight = force[..., None, None]
         # (..., J, 3, 12)
         apart = (weight * (self.v.shift[..., None] * by_w + self.w.shift[..., None] * by_v)).sum(-3)
@@ -393,8 +398,3 @@ class Joints(BetweenNodes):
             )
             rows[2 * side + 1] = (weight * moment).sum(-3)
         return torch.cat(torch.broadcast_tensors(*rows), -2)
-
-
-def along(vector: Tensor, by: Tensor) -> Tensor:
-    """vector (..., 3) times by (..., 3, n)."""
-    return (vector[..., None, :] @ by)[..., 0, :]

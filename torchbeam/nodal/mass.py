@@ -204,9 +204,15 @@ def _positive(weights: Tensor, plain: Tensor) -> Tensor:
 
 
 def _corrected(length: Tensor, density: Tensor | float, plain: Tensor) -> Tensor:
-    N = length.shape[-1]
     slope = density * length**2 / 12
-    slope = pad(slope, (0, 1)) - pad(slope, (1, 0))  # what f' of each node counts for
+    return corrected(length, pad(slope, (0, 1)) - pad(slope, (1, 0)), plain)
+
+
+def corrected(length: Tensor, slope: Tensor, plain: Tensor) -> Tensor:
+    """Weights (..., N+1), from what the values of nodes count for, and what their slopes do: of
+    parabolas through three nodes.
+    """
+    N = length.shape[-1]
     # three nodes at -a, 0, b: slopes are wanted at 0, and at the ends of the beam
     a, b = length[..., :-1], length[..., 1:]
     first, last = pad(slope[..., :1], (0, N - 2)), pad(slope[..., -1:], (N - 2, 0))

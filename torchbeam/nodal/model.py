@@ -23,6 +23,7 @@ from .acting import ActingLoad, acting, by_part
 from .assembly import Assembly
 from .coordinates.elements import ELEMENTS
 from .frame import FixedFrame, frame_of
+from .line_loads import line_rule
 from .rigid_moves import Base, free_pieces
 from .rows import Rows
 
@@ -54,9 +55,12 @@ class Model(Rows):
         scene = self.scene
         acts = acting(self, scene.loads, scene.internal_states)
         acts += acting(self, scene.interactions, (0,) * len(scene.interactions))
-        if not self.scene.beam.parts:
-            return acts
-        return tuple(part for act in acts for part in by_part(self.scene.beam, act))
+        if self.scene.beam.parts:
+            acts = tuple(part for act in acts for part in by_part(self.scene.beam, act))
+        return tuple(
+            act._replace(rule=line_rule(self, act.node)) if act.load.integrated else act
+            for act in acts
+        )
 
     @cached
     def reference_axes(self) -> Tensor:

@@ -185,8 +185,8 @@ def _gradient(joints: Joints, nodes: Tensor, axes: Tensor, moving: Tensor) -> Te
     displacements in sizes of the whole, and rotations.
     """
     ends = joints.framework.at_joints
-    pose = Pose(ends(nodes), ends(axes.flatten(-2)).unflatten(-1, (3, 3)))
-    G = joints.held_rows(pose)
+    r, R = ends(nodes), ends(axes.flatten(-2)).unflatten(-1, (3, 3))
+    G = joints.held_rows(Pose(r, R) if joints.space.turns else Pose(r, 0 * R, R))
     size, space = joints.size.detach()[..., None, None], joints.space
     along = torch.arange(len(moving), device=G.device) % space.unknowns < space.dims.position
     G = G * torch.where(along, size, 1.0) * moving

@@ -18,7 +18,7 @@ from .assembly import Assembly
 from .between_nodes import BetweenNodes, NodeMotion
 from .constitutive_law import ElasticLaw
 from .constraints import Constraints
-from .coordinates.linearised import LinearElement, Linearised
+from .coordinates.linearised import LinearElement
 from .coordinates.spatial import Spatial
 from .inertia import Inertia
 from .mass import LumpedMass, NoRotaryInertia, RotaryInertia, SharedMass
@@ -113,7 +113,7 @@ class Rows(Tree):
         length, reference, law, coupling, linear = (
             (None,) * 5 if elements is None else vars(elements).values()
         )
-        if isinstance(space, Linearised):
+        if not space.turns:
             space = replace(space, frames=nodes.frames, R=nodes.R, linear_element=linear)
         if topology is None:
             topology = Framework(space.order, (0 if elements is None else 1,))
@@ -157,7 +157,7 @@ class Rows(Tree):
     def nodes(self) -> NodeRows:
         """All of them."""
         inertia, held, frames, R = self.inertia, self.constraints, None, None
-        if isinstance(self.space, Linearised):
+        if not self.space.turns:
             frames, R = self.space.frames, self.space.R
         return NodeRows(
             inertia.mass,
@@ -175,7 +175,7 @@ class Rows(Tree):
     @property
     def elements(self) -> ElementRows:
         """All of them."""
-        linear = self.space.linear_element if isinstance(self.space, Linearised) else None
+        linear = None if self.space.turns else self.space.linear_element
         return ElementRows(
             self.length,
             self.reference,

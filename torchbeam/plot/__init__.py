@@ -16,7 +16,7 @@ from .cross_sections import cross_section
 from .curves import campbell, energies, history, load_path, tried
 from .diagrams import diagram
 from .identification import correlation, design, fit, profile
-from .mode_shapes import mode_film, mode_shapes
+from .mode_shapes import mode_film, mode_shapes, orbits
 from .obstacles import obstacles
 from .reactions import reactions
 from .shapes import shape
@@ -30,7 +30,7 @@ __all__ = [
     "diagram",
     "energies",
     "fit", "grid", "histogram", "history", "load_path", "mode_film", "mode_shapes", "obstacles",
-    "profile", "reactions", "save", "shape", "symbols", "tendons", "tornado", "tried",
+    "orbits", "profile", "reactions", "save", "shape", "symbols", "tendons", "tornado", "tried",
 ]
 # fmt: on
 

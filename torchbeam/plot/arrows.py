@@ -61,7 +61,7 @@ class Arrows:
 
     def row(self, x: Tensor, f: Tensor, most: float) -> None:
         """Loads f (n, 3) N/m along a beam at x (n, 3) m, which push at it; numbers at the extremes,
-        one where all is the same.
+        one where all is the same. They jump where a place comes twice.
         """
         f = self._seen(f)
         size = f.norm(dim=-1)
@@ -69,8 +69,10 @@ class Arrows:
             return
         tails = x - self.length * f / most
         self._line(tails, lw=1.0)
-        at = torch.arange(0, len(x), -(-(len(x) - 1) // (ROW - 1)) or 1)  # evenly
-        at = torch.cat((at, at.new_tensor([len(x) - 1]))).unique()
+        place = torch.nn.functional.pad((x.diff(dim=0) != 0).any(-1).long(), (1, 0)).cumsum(0)
+        last = int(place[-1])
+        even = place % (-(-last // (ROW - 1)) or 1) == 0
+        at = (even | (place == last)).nonzero()[:, 0]
         for k in at[size[at] > FEW * most].tolist():
             self._line(torch.stack((tails[k], x[k])), lw=1.0)
             self._head(x[k], f[k] / size[k], HEAD * self.length * size[k].item() / most, lw=1.0)

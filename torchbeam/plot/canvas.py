@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +142,11 @@ def is_3d(ax: Axes) -> bool:
     return ax.name == "3d"
 
 
+def ink(ax: Axes) -> Any:
+    """The colour that axes are labelled in: black, or white in a dark style."""
+    return ax.xaxis.label.get_color()
+
+
 def numbers(x: Tensor) -> Any:
     """NumPy array of a tensor's numbers, on the CPU and without gradient."""
     return x.detach().cpu().numpy()
@@ -155,11 +162,20 @@ def _figure(size: tuple[float, float]) -> Any:
         raise refusal(f"size = {shown(size)}", "two lengths, in inches,", are=True)
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
+    figure._repr_png_ = partial(_png, figure)
     return figure
 
 
+def _png(figure: Any) -> bytes:
+    """The figure as a notebook shows it."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
+
+
 def _tidy(ax: Axes) -> Axes:
-    """The axes without frames and panes that say nothing."""
+    """The axes without frames and panes that say nothing; the last line of a cell shows them."""
+    ax._repr_png_ = ax.figure._repr_png_
     if is_3d(ax):
         for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
             axis.pane.set_visible(False)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..core.arguments import choice, instance
 from ..core.validation import Value
-from .canvas import Axes, drawn_on
+from .canvas import Axes, drawn_on, ink
 
 # numbers of a cell's nodes around it, by how many it has
 OUTLINES = {9: (0, 3, 6, 7, 8, 5, 2, 1), 6: (0, 3, 1, 4, 2, 5)}
@@ -62,7 +62,7 @@ def cross_section(
         ax.figure.colorbar(faces, ax=ax, label=label, shrink=0.8)
     for name, marker, label in CENTRES:
         y, z = _first(getattr(cross, name), 1).tolist()
-        ax.plot(y, z, marker, color="k", ms=7, label=label)
+        ax.plot(y, z, marker, color=ink(ax), ms=7, label=label)
     ax.set(aspect="equal", xlabel="y, m", ylabel="z, m")
     ax.autoscale_view()
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, fontsize=8)

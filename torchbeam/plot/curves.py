@@ -14,7 +14,7 @@ from ..core.arguments import choice, instance, listed, number
 from ..core.validation import converted, finite, refusal, shown
 from ..sensors import Sensor
 from ..state.solution import Solution
-from .canvas import GREY, Axes, check_label, drawable, drawn_on, line_style, numbers
+from .canvas import GREY, Axes, check_label, drawable, drawn_on, ink, line_style, numbers
 
 
 def history(
@@ -78,7 +78,7 @@ def energies(solution: Solution, ax: Axes | None = None) -> Axes:
     for x, text, look in (
         (energy.kinetic, "kinetic", dict(color="C0", lw=1)),
         (energy.strain, "strain", dict(color="C1", lw=1)),
-        (total, "kinetic + strain", dict(color="k", lw=1.8)),
+        (total, "kinetic + strain", dict(color=ink(ax), lw=1.8)),
         (energy.work, "work of the loads", dict(color="C3", lw=1.5, ls="--")),
     ):
         if x is not None:
@@ -205,7 +205,14 @@ def campbell(
         ax.annotate(f"{order:g}/rev", (end, rise * end), (2, 0), **place, **look)
     ax.set(xlabel=f"speed / {by}", ylabel=f"frequency / {seen}")
     ax.set(xlim=(0, x.max()), ylim=(0, top))
-    return ax if names is None else _legend(ax)
+    return ax if names is None else legend_above(ax)
+
+
+def legend_above(ax: Axes) -> Axes:
+    """The axes with a legend over them, where it covers no curve and no ray's name."""
+    look = dict(frameon=False, fontsize=8, borderpad=0, columnspacing=1.2)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1.06), ncols=3, **look)
+    return ax
 
 
 def _label(sensor: Sensor, name: str, label: str | None) -> str:
@@ -248,7 +255,7 @@ def tried(best: Any, ax: Axes | None = None) -> Axes:
             ax.plot(*zip(*shown, strict=True), mark, color=color, label=label)
     chosen = next(run for run in best.table if run.chosen)
     if chosen.error > 0:
-        ring = dict(ms=13, mfc="none", color="black", label=f"chosen: {best.settings}")
+        ring = dict(ms=13, mfc="none", color=ink(ax), label=f"chosen: {best.settings}")
         ax.plot(1e3 * chosen.seconds, chosen.error, "o", **ring)
     ax.axhline(best.rtol, color=GREY, lw=0.8)
     ax.set(xscale="log", yscale="log", xlabel="CPU time / ms", ylabel="relative error")

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, choice, instance, tolerance
+from ..core.validation import refusal
 from ..scene.scene import Scene
 from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
@@ -19,10 +20,15 @@ from .symbols import Symbols
 # Of a resultant: the section axis along which it is drawn, y or z, and to which side. Bending
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
 SIDES = {"F1": (2, 1), "F2": (1, 1), "F3": (2, 1), "M1": (2, 1), "M2": (2, 1), "M3": (1, -1)}
+# As textbooks name and sign them: where y lies in the plane, and where z does. With z up a sagging
+# moment and the shear at the left support are positive; so dM/dx = V.
+NAMES = {"N": ("F1", "F1"), "V": ("F2", "F3"), "M": ("M3", "M2"), "T": ("M1", "M1")}
+TURNED = ("F2", "F3", "M2")  # which have the other sign there
 FEW = 0.02  # of the largest value: what is less, or as near to another, is not written
 LITTLE = 1e-3  # of it: a beam with less has no curve, and is written 0
 OUTWARD, FONT = 5.0, 8.0  # points: from a curve to a value; of its letters
-ROOM = 0.2  # of the largest value, beside it
+ROOM = 0.13, 0.05  # of the structure's size, beside a value and above it
+NEAR = 0.06  # of the structure's size: values that are closer would cover each other
 STRAIGHT = 0.05  # of its size: what is as flat stands along one axis
 # of the largest force, or of its moment across what is drawn, times the root of eps: what is less
 # is what rounding leaves of zero
@@ -44,13 +50,15 @@ def diagram(
     """Diagram of a stress resultant along all beams of one state, drawn from their axes.
 
     F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
-    moments (N m). All are in section axes. Bending moments stand on the side that they stretch; the
-    others stand on the side of z, F2 on that of y. A resultant that is rounding beside the others
-    is zero. A beam with less than a thousandth of the largest value has no curve, and a 0. A
-    structure along one axis leaves the other to the values, without metres.
+    moments (N m). All are in section axes. N, V, M and T are those of textbooks, in a plane: V and
+    M of bending in it, with V = dM/ds and a sagging M positive. Bending moments stand on the side
+    that they stretch; the others stand on the side of z, F2 on that of y. A resultant that is
+    rounding beside the others is zero. A beam with less than a thousandth of the largest value has
+    no curve, and a 0. A structure along one axis leaves the other to the values, without metres.
 
     Args:
         state: one sample, of the nodal form
+        resultant: "N", "V", "M", "T", or "F1" to "M3"
         scene: whose state it is; the loads along its beams count between nodes (`SectionForces`)
         inputs: values of its inputs, by their names
         plane: "xy", "xz" or "yz", as in `shape`
@@ -64,7 +72,7 @@ def diagram(
     Examples:
         >>> ax = tb.plot.diagram(tb.equilibrium(scene), "M2", scene=scene)
     """
-    choice("resultant", resultant, tuple(SIDES))
+    name = choice("resultant", resultant, (*NAMES, *SIDES))
     instance("scene", scene, Scene)
     height, values = tolerance("height", height), boolean("values", values)
     boolean("symbols", symbols)
@@ -76,6 +84,12 @@ def diagram(
     if forces.numel() == 0:
         raise ValueError("bodies alone were given to a diagram; a scene with a beam is wanted")
     ax, seen = prepared(ax, plane, position)
+    if name in NAMES:
+        y, z = torch.linalg.vector_norm(axes[0, :, seen, 1:], dim=1).amax(0).tolist()
+        if len(seen) == 3 and name in "VM":
+            raise refusal(f"{name} of a structure in space", "F2, F3, M2 or M3")
+        resultant = NAMES[name][z > y]
+    sign = -1.0 if name in NAMES and resultant in TURNED else 1.0
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
         column = 3 - column  # the other one
@@ -83,6 +97,7 @@ def diagram(
     told = _along(_clear(forces.reshape(-1, 3, 6), resultant, size), scene.beam.order)
     most = told.abs().max().clamp(min=torch.finfo(told.dtype).tiny)
     scale, first = side * height * size / most, 0
+    written: list[tuple[float, Tensor]] = []
     for row in rows_of(state):
         x, R = position[0, row], axes[0, row]
         value = told[first : first + len(x) - 1]
@@ -95,10 +110,10 @@ def diagram(
         if values and zero:
             _value(ax, foot[len(foot) // 2, 0 if len(foot) % 2 == 0 else POINTS // 2], 0.0)
         elif values:
-            _write(ax, foot, top, value, FEW * most)
+            _write(ax, foot, top, sign * value, FEW * most, written, size)
     if symbols:
         Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
-    ax.set_title(f"{resultant} / {'N' if resultant[0] == 'F' else 'N m'}")
+    ax.set_title(f"{name} / {'N' if resultant[0] == 'F' else 'N m'}")
     even(ax, seen)
     _values_alone(ax, seen, position, size)
     return ax
@@ -140,25 +155,45 @@ def _draw(ax: Axes, base: Tensor, top: Tensor) -> None:
         ax.plot(*numbers(torch.stack((foot, end))).T, color="C0", lw=0.5, alpha=0.5)
 
 
-def _write(ax: Axes, base: Tensor, top: Tensor, value: Tensor, least: Tensor) -> None:
-    """Values at the ends of a beam and at its extremes, each once, that are not next to nothing."""
-    base, top, value, written = base.flatten(0, 1), top.flatten(0, 1), value.flatten(), [0.0]
+def _write(
+    ax: Axes,
+    base: Tensor,
+    top: Tensor,
+    value: Tensor,
+    least: Tensor,
+    written: list[tuple[float, Tensor]],
+    size: float,
+) -> None:
+    """Values at the ends of a beam and at its extremes, each once, that are not next to nothing nor
+    `written` at the same place by another beam; they are added to those.
+    """
+    base, top, value = base.flatten(0, 1), top.flatten(0, 1), value.flatten()
+    own = [0.0]
     for k in (0, len(value) - 1, int(value.argmax()), int(value.argmin())):
-        number = value[k].item()
-        if all(abs(number - other) > least for other in written):
-            written.append(number)
-            _value(ax, top[k], number, top[k] - base[k])
+        number, there = value[k].item(), top[k]
+        again = any(
+            abs(abs(number) - abs(other)) < least and (there - at).norm() < NEAR * size
+            for other, at in written
+        )
+        if not again and all(abs(number - other) > least for other in own):
+            own.append(number)
+            written.append((number, there))
+            _value(ax, there, number, there - base[k], size)
 
 
-def _value(ax: Axes, at: Tensor, number: float, outward: Tensor | None = None) -> None:
-    """A number beside a point (2,) m, on the side of a way `outward`; at a point (3,)."""
+def _value(
+    ax: Axes, at: Tensor, number: float, outward: Tensor | None = None, size: float = 0.0
+) -> None:
+    """A number beside a point (2,) m, on the side of a way `outward`, with room by the structure's
+    size; at a point (3,).
+    """
     if is_3d(ax):
         ax.text(*at.tolist(), written_number(number), fontsize=FONT)
         return
     x = y = 0.0
     if outward is not None:
         x, y = (outward / outward.norm()).tolist()
-        ax.update_datalim([(at + ROOM * outward).tolist()])  # room for it
+        ax.update_datalim([(at[0] + ROOM[0] * size * x, at[1] + ROOM[1] * size * y)])
     ax.annotate(
         written_number(number),
         at.tolist(),
@@ -167,7 +202,7 @@ def _value(ax: Axes, at: Tensor, number: float, outward: Tensor | None = None) -
         fontsize=FONT,
         ha=_side(x, "left", "right"),
         va=_side(y, "bottom", "top"),
-        bbox=dict(facecolor="white", edgecolor="none", alpha=0.7, pad=0.5),
+        bbox=dict(facecolor=ax.get_facecolor(), edgecolor="none", alpha=0.7, pad=0.5),
         annotation_clip=False,
     )
 

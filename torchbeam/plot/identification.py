@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from .canvas import GREY, Axes, axes, check_axes, drawable, grid, numbers
+from .canvas import GREY, Axes, axes, check_axes, drawable, grid, ink, numbers
 
 BAND = 1.96  # deviations to either side
 LABEL = 20  # letters of a line of a name beside a matrix
@@ -55,7 +55,7 @@ def fit(fit: Any) -> list[Axes]:
         above.plot(t, y, "C0", lw=1.2, label="model")
         below.fill_between(t, -noise, noise, color="0.9", lw=0)
         below.plot(t, data - y, ".", ms=4, color="C3")
-        below.axhline(0, color="k", lw=0.8)
+        below.axhline(0, color=ink(below), lw=0.8)
         above.set(title=name, ylabel="reading")
         below.set(xlabel="sample" if reading.times is None else "time / s", ylabel="data - model")
         for axis in (above, below):
@@ -150,7 +150,7 @@ def design(plan: Any) -> list[Axes]:
     colors = ["C0" if name in plan.measurements else GREY for name in names]
     right.barh(range(len(names)), numbers(factors - 1), left=1.0, color=colors)
     right.set_yticks(range(len(names)), names, fontsize=8)
-    right.axvline(1.0, color="k", lw=0.8)
+    right.axvline(1.0, color=ink(right), lw=0.8)
     right.set(xlabel="factor of the criterion without it, or (grey) with it too")
     right.invert_yaxis()
     return [left, right]

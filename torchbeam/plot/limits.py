@@ -62,6 +62,15 @@ def even(ax: Axes, seen: list[int]) -> Axes:
     return ax
 
 
+def widened(ax: Axes, seen: list[int]) -> Axes:
+    """Even axes with room for what was drawn since limits were set that stay."""
+    if is_3d(ax) or ax.get_autoscalex_on() or ax.get_autoscaley_on():
+        return even(ax, seen)
+    whole = ax.viewLim.union([ax.viewLim, ax.dataLim])
+    ax.set(xlim=whole.intervalx, ylim=whole.intervaly)
+    return ax
+
+
 def framed(ax: Axes, seen: list[int], points: Tensor) -> None:
     """Equal scales, with limits that stay: those that a user has set, or with room for what was
     drawn and for points (n, 2 or 3) m.

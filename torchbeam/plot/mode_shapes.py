@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.arguments import count as check_count
 from ..core.arguments import instance, number, tolerance
-from ..core.validation import refusal
+from ..core.validation import refusal, shown
 from ..linear.modes import Modes
 from ..math import quaternions as quat
 from ..scene.scene import Scene
@@ -19,7 +19,7 @@ from ..state.state import State
 from .animation import animate
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .limits import even, prepared
+from .limits import even, extent, prepared
 from .magnified import tilted
 
 PERIOD = 2.0  # s, of the film of a mode
@@ -36,8 +36,8 @@ def mode_shapes(
     plane: str | None = None,
 ) -> Axes:
     """The first `count` mode shapes about a state, both of one sample. The beam's axis moves by
-    each mode at the instant of its largest displacement, which is `scale` times the beam's length.
-    The legend has frequencies in Hz, or the rate in 1/s of a motion that does not oscillate. A mode
+    each mode at the instant of its largest displacement, `scale` times the structure's size. The
+    legend has frequencies in Hz, or the rate in 1/s of a motion that does not oscillate. A mode
     that hardly displaces the axis (torsion) is named, not drawn.
 
     Raises:
@@ -88,7 +88,7 @@ def mode_film(
         modes: of one sample, with their equilibrium
         path: as in `animate`, as are ax, plane, scene, fps and dpi
         mode: its number, the slowest is 1
-        scale: the largest displacement, as a share of the length of all beams. A mode that hardly
+        scale: the largest displacement, as a share of the structure's size. A mode that hardly
             displaces the axis (torsion) turns by 0.5 rad at most, visible with a `scene`
 
     Raises:
@@ -120,6 +120,60 @@ def mode_film(
     return animate(film, path, ax, plane=plane, scene=scene, fps=fps, trail=False, dpi=dpi)
 
 
+def orbits(
+    state: Any,
+    motion: Tensor,
+    ax: Axes | None = None,
+    *,
+    scale: float = 0.15,
+    plane: str | None = None,
+) -> Axes:
+    """Orbits of the nodes of a rotor about a state of one sample, and its axis at their beginning.
+
+    Args:
+        state: where the rotor stands, as `tb.rest(scene)`
+        motion: (nodes, 6) complex, a shape of `Campbell` or of `unbalance_response`: the nodes move
+            by the real part of motion times exp(i phase)
+        ax, plane: as in `shape`
+        scale: the largest displacement, as a share of the size of all
+
+    An orbit begins with a dot, and runs through nine tenths of a turn.
+
+    Raises:
+        ValueError: for a batch, a motion of another shape, and as `shape`.
+
+    Examples:
+        >>> disc = tb.Body(mass=2.0, inertia=(0.02, 0.01, 0.01), position=(1.0, 0, 0))
+        >>> shaft = tb.Beam.straight(1.0, 4, tb.Section.circle(0.01, 210e9, 0.3, 7800.0))
+        >>> journal = tb.Hinge(("shaft", -1), "disc", axis=(1, 0, 0))
+        >>> held = tb.Support(("shaft", 0))
+        >>> overhung = tb.Scene({"shaft": shaft, "disc": disc}, joints=[journal], supports=held)
+        >>> diagram = tb.campbell(overhung, [100.0], count=2)
+        >>> ax = tb.plot.orbits(tb.rest(overhung), diagram.shape[0, 1])  # forward
+    """
+    position, turn = nodes_of(state)
+    if not isinstance(motion, Tensor) or motion.shape != (position.shape[-2], 6):
+        wanted = f"({position.shape[-2]}, 6), of one speed and one mode,"
+        raise refusal(f"motion = {shown(motion)}", wanted)
+    if len(position) > 1:
+        raise refusal("a state of more than one sample", "one sample", were=True)
+    phase = torch.linspace(0, 0.9 * 2 * torch.pi, 61).to(position)[:, None, None]
+    move = (motion.detach() * torch.exp(1j * phase)).real.to(position)
+    largest = torch.linalg.vector_norm(move[..., :3], dim=-1).max().clamp(min=1e-300)
+    move = move * (number("scale", scale) * extent(position) / largest)
+    moved, at_rest = position + move[..., :3], turn[..., 0]
+    along = at_rest[0] + torch.linalg.cross(move[0, :, 3:], at_rest[0])
+    ax, seen = prepared(ax, plane, torch.cat((position, moved)))
+    rows, chord = rows_of(state), torch.linalg.vector_norm(position.diff(dim=-2), dim=-1)
+    for at, tangent, look in ((position, at_rest, "--"), (moved[:1], along[None], "-")):
+        curve = axis_curves(rows, at, tangent, chord[..., None])[0]
+        ax.plot(*numbers(curve[..., seen]).T, color=GREY if look == "--" else "C0", ls=look)
+    for orbit in numbers(moved[..., seen]).swapaxes(0, 1):
+        ax.plot(*orbit.T, color="C3", lw=1)
+        ax.plot(*orbit[:1].T, "o", color="C3", ms=3)
+    return even(ax, seen)
+
+
 def _moves(call: str, modes: Modes, position: Tensor, scale: float) -> tuple[Tensor, Tensor]:
     """Moves (modes, N+1, 6) complex of nodes at position (1, N+1, 3), of which the real part is
     the largest; and which modes hardly displace the axis. Raises ValueError for a batch.
@@ -129,7 +183,7 @@ def _moves(call: str, modes: Modes, position: Tensor, scale: float) -> tuple[Ten
         raise ValueError(
             f"modes or a state of more than one sample were given to {call}; one sample is wanted"
         )
-    length = torch.linalg.vector_norm(position[0].diff(dim=0), dim=-1).sum()
+    length = extent(position)
     moves = modes.shape.detach()
     flat = moves[..., :3].flatten(1)
     peak = flat.gather(1, flat.abs().argmax(-1, keepdim=True))[..., None]

@@ -12,7 +12,7 @@ from ..state.state_check import of_mesh
 from .arrows import Arrows
 from .axis import axis_curves, nodes_of, rows_of
 from .canvas import GREY, Axes, numbers
-from .limits import even, prepared
+from .limits import prepared, widened
 from .symbols import ARROW, Symbols
 
 COLOR = "C2"
@@ -27,7 +27,7 @@ def reactions(
 
     Args:
         state: one sample, of the nodal form
-        ax: axes with a picture of the beam; None = a new picture, with its axis and supports
+        ax: axes with a picture of the beam; empty or None = with its axis and supports
         scene: whose state it is
         plane: "xy", "xz" or "yz", as in `shape`
 
@@ -45,10 +45,9 @@ def reactions(
             f"a state with {len(position)} samples and the reactions of {loads.shape[-2]} supports "
             f"was given to reactions; one sample with those of {len(scene.supports)} is wanted"
         )
-    given = ax is not None
     ax, seen = prepared(ax, plane, position)
     pen = Symbols.of(ax, seen, scene, position, turn)
-    if not given:
+    if not ax.has_data():
         curve = axis_curves(rows_of(state), position, turn[..., 0])[0][:, seen]
         ax.plot(*numbers(curve).T, color=GREY, lw=2.0)
         pen.supports()
@@ -65,5 +64,6 @@ def reactions(
         x, into = pen.position[support.node], pen.into(support.node)
         for part in torch.diag(F)[seen]:
             arrows.force(x, part, strongest, into)
-        arrows.moment(x, M, max(most, 1e-9 * strongest * pen.size))
-    return even(ax, seen)
+        for part in torch.diag(M):
+            arrows.moment(x, part, max(most, 1e-9 * strongest * pen.size))
+    return widened(ax, seen)

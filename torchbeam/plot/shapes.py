@@ -13,7 +13,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..state.state_check import of_mesh
 from .axis import axis_curves, nodes_of, rows_of
-from .canvas import GREY, Axes, check_label, line_style, numbers
+from .canvas import GREY, Axes, check_label, ink, line_style, numbers
 from .limits import even, framed, prepared
 from .magnified import magnified, undeformed_state
 from .solid_picture import SolidPicture
@@ -123,7 +123,7 @@ def _mark(ax: Axes, state: Any, points: Any, color: Any) -> None:
         ax.plot(*points[bodies].T, "s", ms=9, color=color)
     for pair in getattr(state, "joined", ()):
         ends = points[[node for node in pair if node is not None]]
-        ax.plot(*ends.T, "o", ms=6, mfc="none", mec="k", mew=0.8, color=GREY, ls="-", lw=0.8)
+        ax.plot(*ends.T, "o", ms=6, mfc="none", mec=ink(ax), mew=0.8, color=GREY, ls="-", lw=0.8)
 
 
 def _triads(ax: Axes, position: Tensor, turn: Tensor, seen: list[int]) -> None:

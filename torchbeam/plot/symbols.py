@@ -25,10 +25,11 @@ from ..sensors.sensor import nodes_of as moving_nodes
 from ..state.state_check import of_mesh
 from .arrows import Arrows, normal_to
 from .axis import nodes_of
-from .canvas import Axes, numbers
-from .limits import extent, prepared
+from .canvas import Axes, ink, numbers
+from .limits import extent, prepared, widened
+from .line_loads import first, line_loads
 
-INK, LOAD = "0.15", "C3"
+LOAD = "C3"
 ARROW = 0.16  # of the size of all: the longest arrow of a force; half of it of a load along a beam
 SIZE = 26  # points, of the symbol of a support, both sides of its node
 GROUND = 8  # strokes below it
@@ -66,7 +67,7 @@ def symbols(
     of_mesh(state, scene, "a state")
     ax, seen = prepared(ax, plane, position)
     Symbols.of(ax, seen, scene, position, turn).draw(state, inputs)
-    return ax
+    return widened(ax, seen)
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Symbols:
     @classmethod
     def of(cls, ax: Axes, seen: list[int], scene: Scene, position: Tensor, axes: Tensor) -> Symbols:
         """Of the first of positions (samples, N+1, 3) and axes (samples, N+1, 3, 3)."""
-        return cls(ax, seen, scene, _first(position, 2), _first(axes, 3))
+        return cls(ax, seen, scene, first(position, 2), first(axes, 3))
 
     def draw(self, state: Any, inputs: dict[str, Any] | None = None) -> None:
         """All of them, and the loads that act in a state. Raises ValueError for no sample."""
@@ -141,7 +142,7 @@ class Symbols:
         """In space: one along each coordinate that is held, to a point that stands."""
         for unit in torch.eye(3, dtype=x.dtype)[list(held)]:
             ends = torch.stack((x, x - 0.1 * self.size * unit))
-            self.ax.plot(*numbers(ends).T, color=INK, lw=1.4, marker="o", ms=3, zorder=3)
+            self.ax.plot(*numbers(ends).T, color=ink(self.ax), lw=1.4, marker="o", ms=3, zorder=3)
 
     def _ground(self, moves: list[int], turns: bool, into: Tensor) -> Tensor:
         """The side (3) on which the ground lies of what holds these coordinates."""
@@ -162,7 +163,7 @@ class Symbols:
                 kind = "clamp" if joint.rotation == AXES else "pin"
                 into = self.into(next(node for node in joint.ends if node is not None))
                 self._mark(middle, kind, self._ground(self.seen[:2], kind == "clamp", into))
-            self.ax.plot(*numbers(points[:, self.seen]).T, color=INK, lw=0.8, zorder=3)
+            self.ax.plot(*numbers(points[:, self.seen]).T, color=ink(self.ax), lw=0.8, zorder=3)
             if joint.distance:
                 self._rings(points, "")
             elif len(joint.position) < 3:
@@ -174,9 +175,9 @@ class Symbols:
         """Where its points (3) m on both parts are."""
         beam = self.scene.beam
         for node, drawn in zip(joint.ends, joint.drawn(beam)[:2], strict=True):
-            point = _first(drawn, 1)
+            point = first(drawn, 1)
             if node is not None:
-                arm = point - _first(beam.nodes[..., node, :], 1)
+                arm = point - first(beam.nodes[..., node, :], 1)
                 point = self.position[node] + self._turned(node) @ arm
             yield point
 
@@ -184,23 +185,23 @@ class Symbols:
         """How far (3, 3) a node, None = the ground, has turned since it was drawn."""
         if node is None:
             return torch.eye(3, dtype=self.position.dtype)
-        at_rest = _first(quat.matrix(self.scene.beam.frames[..., node, :]), 2)
+        at_rest = first(quat.matrix(self.scene.beam.frames[..., node, :]), 2)
         return self.axes[node] @ at_rest.mT
 
     def _rings(self, points: Tensor, inside: str) -> None:
-        ring = dict(ls="", mfc=self.ax.get_facecolor(), mec=INK, zorder=6)
+        ring = dict(ls="", mfc=self.ax.get_facecolor(), mec=ink(self.ax), zorder=6)
         self.ax.plot(*numbers(points[:, self.seen]).T, marker="o", ms=6.5, **ring)
         if inside:
             self.ax.plot(*numbers(points[:, self.seen]).T, marker=inside, ms=3.5, **ring)
 
     def _rails(self, x: Tensor, joint: Joint) -> None:
         """Two short lines along the axis of a slider."""
-        along = self._turned(joint.ends[0]) @ _first(joint.axes(self.scene.beam), 2)[:, 0]
+        along = self._turned(joint.ends[0]) @ first(joint.axes(self.scene.beam), 2)[:, 0]
         reach, side = 0.05 * self.size, normal_to(along, self.seen)
         for way in (1, -1):
             middle = x + way * 0.3 * reach * side
             ends = torch.stack((middle - reach * along, middle + reach * along))
-            self.ax.plot(*numbers(ends[:, self.seen]).T, color=INK, lw=1.6, zorder=6)
+            self.ax.plot(*numbers(ends[:, self.seen]).T, color=ink(self.ax), lw=1.6, zorder=6)
 
     def _mark(self, x: Tensor, kind: str, side: Tensor) -> None:
         """A sign at x (3) m, whose ground lies on a side (3) of it."""
@@ -215,7 +216,7 @@ class Symbols:
         path = Path.make_compound_path(*map(Path, SIGNS[kind]))
         sign = MarkerStyle(path, transform=Affine2D().rotate(angle))
         size = SIZE * abs(path.vertices).max()  # a marker is scaled by its largest coordinate
-        look = dict(ms=size, mfc=self.ax.get_facecolor(), mec=INK, mew=1.0, zorder=3)
+        look = dict(ms=size, mfc=self.ax.get_facecolor(), mec=ink(self.ax), mew=1.0, zorder=3)
         look["clip_on"] = len(self.seen) == 3  # in space a layout takes it for far larger
         self.ax.plot(*numbers(x[None, self.seen]).T, marker=sign, ls="", **look)
 
@@ -227,7 +228,8 @@ class Symbols:
         e = normal_to(normal, self.seen)
         f = torch.linalg.cross(normal, e)
         corners = [x + 0.06 * self.size * (a * e + b * f) for a, b in CORNERS]
-        plate = Poly3DCollection([numbers(torch.stack(corners))], fc="0.8", ec=INK, alpha=0.9)
+        plate = Poly3DCollection([numbers(torch.stack(corners))], fc="0.8", ec=ink(self.ax))
+        plate.set_alpha(0.9)
         self.ax.add_collection3d(plate)
 
     def loads(self, state: Any, inputs: dict[str, Any] | None) -> None:
@@ -239,16 +241,17 @@ class Symbols:
         acts = []
         for act in (act for act in now.loads if not act.along):
             x, arm = self.position[act.node], getattr(act.load, "offset", None)
-            arm = torch.zeros_like(x) if arm is None else self.axes[act.node] @ _first(arm, 1)
+            arm = torch.zeros_like(x) if arm is None else self.axes[act.node] @ first(arm, 1)
             if isinstance(act.load, Spring):
-                self._spring(_first(act.load.to, 1), x + arm)
+                self._spring(first(act.load.to, 1), x + arm)
             elif not isinstance(act.load, RootSpring):
-                F, M = _first(external(model, nodes, now, (act,))[..., act.node, :], 1).split(3)
+                F, M = first(external(model, nodes, now, (act,))[..., act.node, :], 1).split(3)
                 acts.append((x + arm, F, M - torch.linalg.cross(arm, F), self.into(act.node)))
         acting_along = tuple(act for act in now.loads if act.along)
-        along = external(bare_beams(self.scene), nodes, now, acting_along)
+        bare = bare_beams(self.scene)
+        along = external(bare, nodes, now, acting_along)
         if not isinstance(along, float):
-            fixed = _first(external(model, nodes, now, acting_along) - along, 2)
+            fixed = first(external(model, nodes, now, acting_along) - along, 2)
             for k in (fixed != 0).any(-1).nonzero()[:, 0].tolist():  # what is fixed to nodes
                 acts.append((self.position[k], *fixed[k].split(3), self.into(k)))
         arrows = Arrows(self.ax, self.seen, ARROW * self.size, LOAD)
@@ -258,12 +261,13 @@ class Symbols:
             arrows.force(x, F, strongest, into)
             arrows.moment(x, M, max(most, 1e-9 * strongest * self.size))
         if not isinstance(along, float):
-            f = _first(along[..., :3], 2) / _first(model.tributary_length, 2)
+            each = line_loads(model, bare, nodes, now)
             arrows = replace(arrows, length=arrows.length / 2)
-            rows = [list(row) for row in self._rows()]
-            most = max((f[row].norm(dim=-1).max().item() for row in rows), default=0.0)
+            rows = [[(k, f) for k in row for f in each[k]] for row in self._rows()]
+            most = max((f.norm().item() for row in rows for _, f in row), default=0.0)
             for row in rows:
-                arrows.row(self.position[row], f[row], most)
+                at, f = zip(*row, strict=True)
+                arrows.row(self.position[[*at]], torch.stack(f), most)
 
     def _spring(self, start: Tensor, end: Tensor) -> None:
         """A zigzag from what stands to a node."""
@@ -273,14 +277,8 @@ class Symbols:
         along = end - start
         side = normal_to(torch.nn.functional.normalize(along, dim=0), self.seen)
         points = start + s[:, None] * along + 0.02 * self.size * out[:, None] * side
-        self.ax.plot(*numbers(points[:, self.seen]).T, color=INK, lw=1.0, zorder=3)
+        self.ax.plot(*numbers(points[:, self.seen]).T, color=ink(self.ax), lw=1.0, zorder=3)
         self._mark(start, "clamp", -along)
-
-
-def _first(x: Tensor, axes: int) -> Tensor:
-    """The first sample of (..., own axes), in double precision."""
-    x = x.detach().double().cpu()
-    return x.reshape(-1, *x.shape[x.ndim - axes :])[0]
 
 
 def _ground_below(y: float) -> list[tuple[tuple[float, float], ...]]:

@@ -9,7 +9,7 @@ from ..core.validation import shown
 from ..scene.scene import Scene
 from ..state.state import State
 from .axis import PLANES
-from .canvas import Axes, check_axes, check_label, is_3d, line_style, numbers
+from .canvas import Axes, check_axes, check_label, ink, is_3d, line_style, numbers
 
 
 def tendons(
@@ -18,7 +18,7 @@ def tendons(
     ax: Axes,
     *,
     plane: str | None = None,
-    color: Any = "k",
+    color: Any = None,
     label: str | None = None,
     **line: Any,
 ) -> Axes:
@@ -27,7 +27,7 @@ def tendons(
 
     Args:
         plane: "xy", "xz" or "yz" of a flat picture; None = in space
-        color, label: of the lines, as further keywords of matplotlib
+        color, label: of the lines, as further keywords of matplotlib; None = that of the labels
 
     Raises:
         ValueError: for a scene without tendons, a state of another scene, and another plane than
@@ -56,6 +56,7 @@ def tendons(
             f"{scene.beam.nodes.shape[-2]}; as many are wanted"
         )
     seen = [0, 1, 2] if plane is None else list(PLANES[plane])
+    color = ink(ax) if color is None else color
     usual = dict(color=color, lw=1.0, ls="--", marker="o", ms=4, mfc="none", mew=0.8)
     style = line_style(line, **usual)
     for tendon in scene.tendons:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..core.arguments import listed
 from ..core.validation import Value, converted
-from .canvas import Axes, axes, check_axes, check_label, drawable, drawn_on, numbers
+from .canvas import Axes, axes, check_axes, check_label, drawable, drawn_on, ink, numbers
 
 
 def histogram(
@@ -58,7 +58,7 @@ def histogram(
         share = samples.histogram(edges).reshape(-1)
         ax.stairs(numbers(share / edges.diff()), numbers(edges), fill=True, **look)
     top = ax.get_ylim()[1]
-    marks = [("mean", "k", *(x.item() for x in mean))]
+    marks = [("mean", ink(ax), *(x.item() for x in mean))]
     marks += [
         (f"{100 * level:g} %", "C1", *(x[k].item() for x in quantile))
         for k, level in enumerate(levels)
@@ -78,15 +78,13 @@ def histogram(
     return ax
 
 
-def convergence(
-    runs: Mapping[str, Any], reference: Value | None = None, ax: Axes | None = None
-) -> Axes:
+def convergence(runs: Any, reference: Value | None = None, ax: Axes | None = None) -> Axes:
     """Error of the mean over the number of samples, by run, each with the slope of a line through
     its latter half.
 
     Args:
-        runs: label -> result of `tb.monte_carlo`, of replicates or of independent samples; y is one
-            number
+        runs: result of `tb.monte_carlo`, of replicates or of independent samples, or several by
+            labels, label -> result; y is one number
         reference: the true mean, None = the mean of each run's samples
 
     Raises:
@@ -96,7 +94,8 @@ def convergence(
         >>> samples = tb.monte_carlo(deflection, laws, 1024, replicates=16, by_name=True)
         >>> ax = tb.plot.convergence({"Sobol": samples})
     """
-    drawable("runs", runs, "name -> torchbeam.Samples", "items")
+    runs = {"samples": runs} if hasattr(runs, "convergence") else runs
+    drawable("runs", runs, "torchbeam.Samples, or label -> torchbeam.Samples", "items")
     ax = drawn_on(ax)
     for k, (label, samples) in enumerate(runs.items()):
         drawable("a run", samples, "torchbeam.Samples", "convergence")
@@ -141,7 +140,7 @@ def tornado(table: Any, ax: Axes | None = None, *, name: str = "y") -> Axes:
         for (word, color, _), y in zip(ends, both, strict=True):
             label = word if row == rows[0] else None
             ax.barh(row, y - base, left=base, height=0.6, color=color, label=label)
-    ax.axvline(base, color="k", lw=1)
+    ax.axvline(base, color=ink(ax), lw=1)
     ax.set_yticks(list(rows), table.names)
     ax.set(xlabel=name)
     ax.legend(frameon=False, fontsize=8, title="parameter", title_fontsize=8)

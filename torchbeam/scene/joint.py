@@ -201,9 +201,9 @@ def _numbers(x: Any) -> Any:
 def joints_of(scene: Any) -> tuple[Joint, ...]:
     """The joints of a scene, their ends as rows of its structure. Raises ValueError for joints in a
     scene of one beam, of nodes that do not exist or lie within an element, of a node with itself,
-    two at one place of the same two nodes, parts that do not meet as drawn, joints with small
-    motions, an inertia to a ground that moves, and bodies without inertia which nothing keeps from
-    turning.
+    two at one place of the same two nodes, parts that do not meet as drawn, balls with
+    friction or a limit and small motions, an inertia to a ground that moves, and bodies without
+    inertia which nothing keeps from turning.
     """
     structure, joints = scene.beam, []
     for drawn in scene.joints:
@@ -227,8 +227,10 @@ def joints_of(scene: Any) -> tuple[Joint, ...]:
                     "wanted"
                 )
         joints.append(joint)
-    if joints:
-        large_rotations(scene, "joints")
+    for joint in joints:
+        for name in ("friction", "limit"):
+            if getattr(joint, name, None) is not None and len(joint.coordinates) == 3:
+                large_rotations(scene, f"the {name} of a {joint.called}")
     for body in structure.masses:
         if body.inertia is None and not _cannot_turn(body.node, scene, joints):
             raise ValueError(

@@ -76,8 +76,8 @@ class Scene(Tree):
             are numbers. "auto": in a plane if the beam, its sections and all numbers lie in one and
             nothing else acts. Gradients by quantities out of the plane are 0
         supports: list of `Support`; None = a clamp at node 0, in a structure none; () = free
-        small: small displacements and rotations: linear about the undeformed beam. A state holds
-            rotations below pi
+        small: small displacements and rotations: linear about the undeformed beam, as first-order
+            theory of frames is. A state holds rotations below pi
         joints: `Weld`, `Hinge` and others, between parts of a structure or a part and the ground
         dtype: precision of the motion; None = torch.float64. All numbers, arrays, tensors and
             results of functions are converted to it; functions get it. A gradient has the dtype of
@@ -124,9 +124,6 @@ class Scene(Tree):
             set_(self, "beam", Structure.of(self.beam))
         instance("a beam", self.beam, Beam)
         super().__post_init__()
-        if self.small and self.plane is not None:
-            wanted = "one of them (small=True alone keeps what lies in a plane there)"
-            raise refusal(f"plane = {self.plane!r} and small=True", wanted, were=True)
         precision(self.beam.nodes.dtype)
         asked = vars(self).pop("dtype")
         if not isinstance(asked, torch.dtype | None):
@@ -179,7 +176,7 @@ class Scene(Tree):
             for s in self.supports
         ]
         moving = "in 3D" if self.plane is None else f"plane {self.plane!r}"
-        moving = "small displacements and rotations" if self.small else moving
+        moving = f"{moving}{', small displacements and rotations' * self.small}"
         moving = f"{'frame a moves; ' * (self.frame is not None)}{moving}"
         joints = {"joints": ", ".join(map(str, self.joints)) or "none"} if self.beam.parts else {}
         return {

@@ -11,9 +11,10 @@ from torch.nn.functional import pad
 
 from ..core.functions_of_time import shared
 from ..math import quaternions as quat
-from ..nodal.conditions import conditions
+from ..nodal.conditions import Conditions, conditions
 from ..nodal.discretise import discretise
 from ..nodal.element_loads import element_loads
+from ..nodal.line_loads import valued
 from ..nodal.loads import Nodes, external
 from ..nodal.model import Model
 from ..scene.scene import Scene
@@ -89,11 +90,15 @@ class SectionForces(OfScene):
         total = external(self.bare, nodes, now, tuple(act for act in now.loads if act.along))
         between = element_loads(model, nodes, now) if now.between else (0.0,) * (order + 1)
         if not isinstance(total, float):
+            rest, known = total, (0.0,) * (order + 1)
+            if any(act.rule is not None for act in model.acts):
+                known = known_shares(model, self.bare, nodes, now)
+                rest = total - model.topology.scatter(known)
             length = model.length.unflatten(-2, (-1, order)).sum(-2)
             beside = model.topology.scatter((length,) * (order + 1))  # m, of elements at a node
             beside = torch.where(beside > 0, beside, 1.0)  # bodies
-            per_length = model.topology.gather(total / beside)
-            between = tuple(length * f + g for f, g in zip(per_length, between, strict=True))
+            each = zip(model.topology.gather(rest / beside), known, between, strict=True)
+            between = tuple(length * f + g + h for f, g, h in each)
         inside = model.length.new_tensor(INSIDE.get(self.scene.plane, (1.0,)))
         return tuple(inside * f for f in between)
 
@@ -104,6 +109,22 @@ def bare_beams(scene: Scene) -> Model:
     """
     bare = tuple(effect for effect in scene.effects if effect.kind != "inertia")
     return discretise(replace(scene, plane=None, effects=bare))
+
+
+def known_shares(model: Model, bare: Model, nodes: Nodes, now: Conditions) -> tuple[Tensor, ...]:
+    """Force N and moment N m (..., N, 6), frame a, that elements give each of their nodes, of loads
+    that are known along the beam; bare: see `bare_beams`.
+    """
+    shares, zero = [], torch.zeros_like(nodes.position[..., :1]).repeat_interleave(6, -1)
+    for k in range(model.space.interpolation.order + 1):
+        known = tuple(
+            act._replace(load=valued(model, act, now.t, now.inputs, k))
+            for act in model.acts
+            if act.rule is not None
+        )
+        at_nodes = external(bare, nodes, now, known, zero)
+        shares.append(model.topology.gather(at_nodes)[k])
+    return tuple(shares)
 
 
 def _between(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,7 +16,7 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.one_thread import one_thread
-from ..core.status import DIVERGED
+from ..core.status import DIVERGED, kept
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
@@ -74,7 +74,7 @@ def equilibrium(
             removed in steps. Supported nodes move to their supports, by the shorter rotation
         tolerance: of the scaled residual, which is measured before the last update; default 1e-8 in
             float64
-        throw: raise where a sample has none; otherwise `status` says so, and it stays on the way
+        throw: raise where a sample has none; else it stays, as `status` and a warning say
         branch: "first": the branch to which load steps lead. "stable": an unstable sample is
             followed again from zero load by arc length (see `path`). At a bifurcation it takes the
             new branch, to the side to which it leans
@@ -210,8 +210,7 @@ def _equilibrium(
     if differentiated(problem, x) or wants_gradient(*start):
         problem, x, reaction, good = _differentiable(problem, x, reaction, start, good, throw)
     failed = status != 0
-    if throw and concrete(failed).any():
-        _refuse(problem, x, failed, status, relax)
+    _tell_of_lost(problem, x, status, relax, throw)
     if judged:
         _warn_of_unstable(problem, x, start, doubtful, ~failed, branch)
     if relax and model.conservative and concrete(~failed).any():
@@ -247,18 +246,22 @@ def _differentiable(
     return problem, *_attached(problem, x, reaction, start, good), good
 
 
-def _refuse(
-    problem: SteadyProblem, x: Configuration, failed: Tensor, status: Tensor, relax: bool
-) -> NoReturn:
-    """Say of which sample no equilibrium was found, and why."""
+def _tell_of_lost(
+    problem: SteadyProblem, x: Configuration, status: Tensor, relax: bool, throw: bool
+) -> None:
+    """Raise, or warn, of which sample no equilibrium was found, if of any, and why."""
+    failed = status != 0
+    if not concrete(failed).any() or (kept(concrete(status)) and not throw):
+        return
     alike = failed is not concrete(failed)  # one of many that torch.func.vmap has
     failed, status = concrete(failed), concrete(status)
-    which = f"sample {_first(failed)} of {tuple(failed.shape)}" if failed.ndim else "the scene"
+    which = _which(failed) if failed.ndim else "the scene"
     first = None if alike else tuple(failed.nonzero()[0].tolist())
-    raise RuntimeError(
-        f"found no equilibrium of {which}: "
-        f"{reason(problem, x, int(status[failed][0]), first, relax)}"
-    )
+    why = reason(problem, x, int(status[failed][0]), first, relax)
+    sentence = f"found no equilibrium of {which}: {why}"
+    if throw:
+        raise RuntimeError(sentence)
+    warn(sentence)
 
 
 def _warn_of_unstable(

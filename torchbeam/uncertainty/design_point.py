@@ -19,6 +19,8 @@ AGAIN = 4  # times that as many starts are added, as long as a point is told by 
 SHORTENED = 6  # halvings of a step that are tried at once
 # largest distance, in normal scores, of a point from the ray along its gradient, and of its step
 FIXED = 1e-4
+# largest distance, in normal scores, that is looked at: a law's numbers overflow far out
+FARTHEST = 45.0
 FAR = 5.0  # distance, in normal scores, of random starts that are far out
 
 
@@ -88,6 +90,8 @@ def design_points(limit: LimitState, z: Tensor, steps: int = 60) -> DesignPoints
         target = (
             -((-slope * z).sum(-1) - g)[:, None] * slope / steep.clamp_min(1e-300).square()[:, None]
         )
+        # the target of a flat y is beyond all numbers
+        target = target * (FARTHEST / target.norm(dim=-1, keepdim=True)).clamp_max(1.0)
         towards = target - z
         near = towards.norm(dim=-1) <= FIXED
         ends = usable & near & (g.abs() <= FIXED * torch.maximum(steep, size * 1e-6))
@@ -130,11 +134,13 @@ def design_points(limit: LimitState, z: Tensor, steps: int = 60) -> DesignPoints
 
 @dataclass(frozen=True)
 class ImportanceRuns:
-    """Probability (replicates,) of y > threshold by each of several Sobol sequences.
+    """Probability (2, replicates) of y > threshold by each of several Sobol sequences: with failed
+    samples as no event, and as the event.
 
     beyond     (k, d) normal scores, the heaviest first, of what counts although it is likelier by
                the laws than around any of the points, which do not lead to it
-    from_these share of the probability (of the rest, where the medians lie within the event)
+    from_these share of the probability (of the rest, where the medians lie within the event) that
+               such samples have, the larger of both
     """
 
     probability: Tensor
@@ -159,15 +165,16 @@ def importance_sampling(
     z = points.z[which] + normal_score(u[:, 1:])
     exponent = z @ points.z.mT - points.z.square().sum(-1) / 2
     ratio = (-torch.logsumexp(share.log() + exponent, -1)).exp()
-    counted = (limit(z) > limit.threshold) != points.usual
-    weight = torch.where(counted, ratio, 0.0)
-    mean = weight.reshape(replicates, each).mean(-1)
-    heavy = counted & (exponent < 0).all(-1)
-    heaviest = weight[heavy].argsort(descending=True)
+    y = limit(z)
+    above = torch.stack((y > limit.threshold, (y > limit.threshold) | torch.isneginf(y)))
+    weight = torch.where(above != points.usual, ratio, 0.0)
+    mean = weight.reshape(2, replicates, each).mean(-1)
+    heavy = torch.where((exponent < 0).all(-1), weight, 0.0)
+    heaviest = heavy[0].argsort(descending=True)[: int((heavy[0] > 0).sum())]
     return ImportanceRuns(
         1 - mean if points.usual else mean,
-        z[heavy][heaviest],
-        (weight[heavy].sum() / weight.sum()).nan_to_num().item(),
+        z[heaviest],
+        (heavy.sum(-1) / weight.sum(-1)).nan_to_num().amax().item(),
     )
 
 

@@ -171,6 +171,8 @@ def quantile(
         low[k] = pooled[ranks[0] - 1] if ranks[0] else -math.inf
         high[k] = pooled[ranks[1] - 1] if ranks[1] <= len(pooled) else math.inf
         methods.add("order statistics")
+    # which is between order statistics, and may be below the one that is a bound
+    low, high = torch.minimum(low, centre), torch.maximum(high, centre)
     return Estimate(centre, low, high, level, len(pooled), " and ".join(sorted(methods)), reasons)
 
 

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -29,11 +29,12 @@ from ..core.files import NotWritten
 from ..core.memory import check_memory
 from ..core.repetition import one_of
 from ..core.validation import precision, refusal, shown
+from ..core.warning import warn
+from .called import Function, evaluated
 from .chunks import Chunk, ChunkFolder
 from .designs import SOBOL_POINTS
 from .joint_law import JointLaw
 from .progress import Progress, Report
-from .samples import FAILED
 
 
 class _Pickler(pickle.Pickler):
@@ -56,16 +57,15 @@ def unpacked(result: Any) -> Any:
     return pickle.loads(result) if isinstance(result, bytes) else result
 
 
-Function = Callable[..., Any]  # theta (N, p) -> y (N, ...), or (y, status (N,))
 AHEAD = 1024  # chunks that an executor is given before the first of them is back
 
 
 @dataclass(frozen=True)
 class Job:
     """One chunk of an evaluation: samples first to last - 1, of its design's part. Calling it gives
-    theta, y and status, and whether they are written: into the folder, where there is one and this
-    machine sees it. Another process computes on one thread, with the caller's default dtype, and
-    gives its result packed.
+    theta, y and status; whether they are written: into the folder, where there is one and this
+    machine sees it; and what is doubtful, see `called`. Another process computes on one thread,
+    with the caller's default dtype, and gives its result packed.
     """
 
     work: Evaluation
@@ -74,19 +74,22 @@ class Job:
     caller: tuple[str, int]
     default: torch.dtype
 
-    def __call__(self) -> tuple[Any, bool]:
+    def __call__(self) -> tuple[Any, bool, str | None]:
         work, elsewhere = self.work, _here() != self.caller
         if elsewhere:
             torch.set_num_threads(1)
             torch.set_default_dtype(self.default)
         theta = work.design.theta(work.joint, self.first, self.last).detach().to(work.dtype)
         with one_of(work.total / (self.last - self.first)):
-            chunk = theta, *evaluated(work.function, work.joint, theta.clone(), work.by_name)
+            *answer, doubt = evaluated(
+                work.function, work.joint, theta.clone(), work.by_name, self.first
+            )
+        chunk = theta, *answer
         written = work.folder is not None and work.folder.reachable
         if written:
             work.folder.put(self.first, chunk)
         result = chunk if work.reduce is None else work.reduce(chunk)
-        return packed(result) if elsewhere else result, written
+        return packed(result) if elsewhere else result, written, doubt
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ class Evaluation:
     points  of each replicate, where no chunk may be of two
     reduce  what becomes of a chunk where it was computed, without a folder: something with
             `failed`, the number of samples
+    told    what was doubtful first, of which a warning told
     """
 
     function: Function
@@ -110,6 +114,7 @@ class Evaluation:
     total: int = 1
     points: int | None = None
     reduce: Callable[[Chunk], Any] | None = None
+    told: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Raises MemoryError where the parameters of a call are more than there is memory for."""
@@ -120,7 +125,9 @@ class Evaluation:
     def chunks(
         self, first: int, last: int, progress: Progress | None = None
     ) -> Generator[Any, None, None]:
-        """Chunks of samples first to last - 1, in order, stored ones too; reduced if asked for."""
+        """Chunks of samples first to last - 1, in order, stored ones too; reduced if asked for.
+        Warns of the first that is doubtful.
+        """
         stored: dict[int, Chunk] = {}
         todo: Iterable[tuple[int, int]] = self._ends(first, last)
         if self.folder is not None:
@@ -143,11 +150,14 @@ class Evaluation:
         try:
             for a, b in self._ends(first, last):
                 known = stored.pop(a, None)
-                chunk, written = (
-                    (tuple(part[: b - a] for part in known), True)
+                chunk, written, doubt = (
+                    (tuple(part[: b - a] for part in known), True, None)
                     if known is not None
                     else next(results)
                 )
+                if doubt and not self.told:
+                    self.told.append(doubt)
+                    warn(doubt)
                 if self.folder is not None and not written:
                     self.folder.put(a, chunk)
                 if progress is not None:
@@ -168,62 +178,6 @@ class Evaluation:
                 end = min(end, (first // self.points + 1) * self.points)
             yield first, end
             first = end
-
-
-def evaluated(
-    function: Function, joint: JointLaw, theta: Tensor, by_name: bool
-) -> tuple[Tensor, Tensor]:
-    """y (n, ...) and status (n,) of n samples, detached, on the CPU; ValueError if unfit."""
-    y, status = (x.detach().cpu() for x in called(function, joint, theta, by_name))
-    return _alone(y), status
-
-
-def called(
-    function: Function, joint: JointLaw, theta: Tensor, by_name: bool
-) -> tuple[Tensor, Tensor]:
-    """y (n, ...) and status (n,) of a function at samples theta (n, p), on y's device and with its
-    gradients; FAILED where y is not finite. ValueError where they do not fit.
-    """
-    n, named = len(theta), joint.named(theta) if by_name else {}
-    checked_function("function", function, *(() if by_name else ("theta",)), named=named)
-    try:
-        result = function(**named) if by_name else function(theta)
-    except TypeError as error:
-        if not by_name and "invalid data type 'str'" in str(error):  # torch's, of theta["EI"]
-            raise ValueError(
-                "a function that takes columns of theta by name was given; by_name=True is wanted, "
-                f"and a function of {', '.join(joint.names)}, or theta[:, 0]"
-            ) from error
-        raise
-    y, status = (
-        result
-        if isinstance(result, tuple) and len(result) == 2
-        else (result, torch.zeros(n, dtype=torch.long))
-    )
-    for name, value, wanted in (("y", y, f"({n}, ...)"), ("a status", status, f"({n},)")):
-        if not isinstance(value, Tensor):
-            raise refusal(
-                f"a function that gave {name} as a {type(value).__name__}", f"a tensor {wanted}"
-            )
-        if value.shape[:1] != (n,) or (value is status and value.ndim != 1) or not value.numel():
-            raise refusal(f"a function that gave {name} {tuple(value.shape)}", wanted)
-        if value.layout != torch.strided or value.is_meta:
-            raise ValueError(
-                f"a function that gave {name} in the layout {value.layout} on {value.device} was "
-                "given; numbers, one beside the other, are wanted"
-            )
-        if value.is_complex():
-            raise refusal(
-                f"a function that gave a complex {name.split()[-1]}", "real numbers", are=True
-            )
-    if status.is_floating_point() and not (status == status.round()).all():
-        raise ValueError(
-            "a function that gave a status between whole numbers was given; 0 for good samples, "
-            "and whole numbers for those that failed, are wanted"
-        )
-    y = y.float() if y.dtype in (torch.float16, torch.bfloat16) else y
-    status, finite = status.long().to(y.device), torch.isfinite(y).reshape(n, -1).all(-1)
-    return y, torch.where((status == 0) & ~finite, FAILED, status)
 
 
 def one_kind(chunks: Iterable[tuple[int, Chunk]]) -> None:
@@ -270,11 +224,6 @@ def points_of(n: int, replicates: Any, fewest: int = 1, least: int = 1) -> int:
     return points
 
 
-def _alone(x: Tensor) -> Tensor:
-    """The tensor without what it is part of, which would be kept, and written, with it."""
-    return x.clone() if x.untyped_storage().nbytes() > x.numel() * x.element_size() else x
-
-
 def _here() -> tuple[str, int]:
     """Machine and process."""
     return platform.node(), os.getpid()
@@ -295,10 +244,10 @@ def _gathered(executor: Executor, jobs: Iterable[Callable[[], Any]]) -> Generato
             future.cancel()
 
 
-def _result(future: Any) -> tuple[Any, bool]:
+def _result(future: Any) -> tuple[Any, bool, str | None]:
     """What a job gave, once it is there."""
-    result, written = future.result()
-    return unpacked(result), written
+    result, *rest = future.result()
+    return unpacked(result), *rest
 
 
 def progress_of(report: Report | bool | None, total: int) -> Progress | None:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
+from .called import called
 from .designs import Scores
-from .evaluation import Evaluation, called
+from .evaluation import Evaluation
 from .samples import reasons_of
 
 STEP = 1e-4  # of a normal score, for central differences
@@ -31,8 +32,8 @@ class LimitState:
     failures: Counter = field(default_factory=Counter)
     reverse: bool | None = None  # whether gradients are those that y carries; None = not known yet
 
-    def __call__(self, z: Tensor) -> Tensor:
-        """y (N,) float64; -inf where the sample failed: it is not counted as the event."""
+    def __call__(self, z: Tensor, failed: float = -torch.inf) -> Tensor:
+        """y (N,) float64; `failed` where the sample failed: -inf is no event, inf is one."""
         parts = [
             (_one_number(y).double(), status)
             for _, y, status in replace(self.work, design=Scores(z)).chunks(0, len(z))
@@ -40,7 +41,7 @@ class LimitState:
         y, status = (torch.cat(part) for part in zip(*parts, strict=True))
         self.evaluations += len(z)
         self.failures.update(reasons_of(y, status, {}))
-        return torch.where(status == 0, y, -torch.inf)
+        return torch.where(status == 0, y, failed)
 
     def gradient(self, z: Tensor) -> tuple[Tensor, Tensor]:
         """y (N,) and dy/dz (N, d): by reverse mode, or by central differences where y carries no
@@ -51,7 +52,7 @@ class LimitState:
         if self.reverse is False:
             return self(z), self._differences(z)
         at, work = z.clone().requires_grad_(), self.work
-        y, status = called(
+        y, status, _ = called(
             work.function, work.joint, work.joint.of_score(at).to(work.dtype), work.by_name
         )
         self.evaluations += len(z)

@@ -14,9 +14,11 @@ from ..core.arguments import boolean, level_of
 from ..core.arguments import function as checked_function
 from ..core.repetition import one_of
 from ..core.validation import Value, as_tensor, finite, refusal
+from ..core.warning import warn
+from .called import Function, called
 from .designs import Sobol
 from .estimate import Estimate, student_half
-from .evaluation import Function, called, points_of, settings
+from .evaluation import points_of, settings
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .samples import reasons_of
@@ -110,7 +112,7 @@ def moment_derivatives(
     u = plan.uniform(0, min(TRIED, points))
     _refuse_a_part(
         lambda q: JointLaw.of(laws(q), correlation).of_uniform(u).to(q.dtype),
-        lambda theta: called(function, joint, theta, by_name),
+        lambda theta: called(function, joint, theta, by_name)[:2],
         q,
     )
     sums, reached, about = [], [], None
@@ -198,7 +200,9 @@ def _sums(
     squares of y itself cancel where its mean is large.
     """
     theta = joint.of_uniform(plan.uniform(first, last)).to(q.dtype)
-    y, status = called(function, joint, theta, by_name)
+    y, status, doubt = called(function, joint, theta, by_name, first)
+    if doubt:
+        warn(doubt)
     good = y[status == 0].double()
     about = good.detach().mean(0) if about is None and len(good) else about
     values = (good if about is None else good - about).reshape(len(good), math.prod(y.shape[1:]))

@@ -41,7 +41,8 @@ class EvaluationOptions:
             cases
         executor: any concurrent.futures.Executor, such as ProcessPoolExecutor, or a Dask cluster's
             Client.get_executor(); None = this process, chunk after chunk. With an executor,
-            function and laws must pickle; other processes compute on one thread
+            function and laws must pickle; other processes compute on one thread. Forked ones may
+            wait for ever where torch has used threads: mp_context=get_context("spawn") is safe
         out: a folder with a file for each chunk. Existing chunks are not computed again: a killed
             run continues, and so does a run with a larger n. (With `replicates`, n grows by more
             replicates of the same size; with your own `theta` it cannot grow.) A damaged chunk is
@@ -108,7 +109,8 @@ def monte_carlo(
             (error, lambda samples: Estimate) for another quantity, such as (0.02, lambda samples:
             samples.quantile(0.99, 0.95)). Each check, at 8, 12, 16 ..., shortens intervals a bit
 
-    A y that is not finite has the status 1 in its place. y and status are detached, on the CPU.
+    A sample that the function refuses by a ValueError has the status -1, a y that is not finite 1.
+    Answers are detached, on the CPU.
 
     Raises:
         ValueError: for invalid laws, a function whose y does not fit, and a folder of another run

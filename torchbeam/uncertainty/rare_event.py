@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -26,16 +28,20 @@ METHODS = ("subset", "importance")
 AGAIN = 5  # times that samples are drawn, as long as they lead to further design points
 # share of the probability that may come from samples that design points do not lead to
 BEYOND = 0.05
+ENOUGH = 500  # samples of a run of subset simulation
+Ends = tuple[float, float, float]  # estimate, low, high
 
 
 @dataclass(frozen=True)
 class RareEvent:
-    """Probability of y > threshold, and its interval from `low` to `high` at `level`.
+    """Probability of y > threshold, and its interval from `low` to `high` at `level`. Where samples
+    failed, it reaches from what holds if none of them is the event to what holds if all are.
 
     Attributes:
+        probability: with failed samples as no event; with failed_exceed=True as the event
         method: "subset" or "importance"
         evaluations: number of evaluations of the function
-        failed: number of failed ones, by reason in `reasons`; they count as no event
+        failed: number of failed ones, by reason in `reasons`
         thresholds: (levels,) intermediate thresholds of subset simulation, the mean of its runs
         points: (k, p) theta at the design points, the likeliest first
         beta: (k,) their distances from the medians in normal scores
@@ -93,6 +99,7 @@ def rare_event(
     executor: Executor | None = None,
     dtype: torch.dtype | None = None,
     by_name: bool = False,
+    failed_exceed: bool | None = None,
 ) -> RareEvent:
     """Probability that a function of random parameters exceeds a threshold.
 
@@ -106,8 +113,7 @@ def rare_event(
             1e-6. "importance": importance sampling around design points, which gradients find
             (FORM). It takes fewer evaluations, but needs a smooth y and few regions of failure; it
             misses a region to which no start leads. Samples that are likelier by the laws than
-            around any point are starts too. If they lead to no point, a RuntimeWarning names their
-            share
+            around any point are starts too. If they lead to no point, a warning names their share
         replicates: number of independent runs, whose scatter gives the interval: by default 10 for
             subset simulation, 16 for importance sampling
         starts: number of starts of the search for design points: the medians, and random pairs z,
@@ -115,6 +121,9 @@ def rare_event(
             a point
         laws, correlation, seed, chunk, executor, dtype, by_name: as in `monte_carlo`; gradients are
             computed in this process
+        failed_exceed: True or False: failed samples are the event, or are not. None: an interval of
+            both, and a warning. Subset simulation then runs twice; importance sampling sees what
+            fails around design points
 
     Raises:
         ValueError: as `monte_carlo`, for a y of several numbers, and where no sample or start leads
@@ -129,31 +138,71 @@ def rare_event(
     joint, threshold = JointLaw.of(laws, correlation), number("threshold", threshold)
     level = level_of("interval", interval)
     boolean("by_name", by_name)
+    boolean("failed_exceed", False if failed_exceed is None else failed_exceed)
     choice("method", method, METHODS)
     n, seed, chunk, dtype = settings(function, n, seed, chunk, executor, dtype, None)
     joint.random()  # there is one
     check_memory(f"n = {n} samples", 8 * n * joint.dimension, "fewer are wanted")
-    limit = LimitState(
-        Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n), threshold
-    )
+    work = Evaluation(function, joint, None, dtype, chunk, by_name, executor, total=n)
+    limit = LimitState(work, threshold)
     usual = 10 if method == "subset" else 16
-    runs = usual if replicates is None else count("replicates", replicates, 2)
+    runs = count("replicates", usual if replicates is None else replicates, 2)
 
-    def event(ends: tuple[float, float, float], **more: Any) -> RareEvent:
-        failures = dict(limit.failures)
-        return RareEvent(joint.names, *ends, level, method, limit.evaluations, failures, **more)
+    def event(ends: Ends, **more: Any) -> RareEvent:
+        counted = limit.evaluations, dict(limit.failures)
+        return RareEvent(joint.names, *ends, level, method, *counted, **more)
 
     if method == "subset":
-        estimates = subset_simulation(limit, _samples_of_run(n, runs), runs, seed)
-        thresholds = estimates.thresholds.nanmean(-1)
-        return event(estimates.interval(level), thresholds=thresholds[~thresholds.isnan()])
-    probability, points = _by_importance(limit, n, runs, starts, seed)
+        ends, thresholds = _by_subset(limit, n, runs, seed, level, failed_exceed)
+        return event(ends, thresholds=thresholds)
+    (safe, unsafe), points = _by_importance(limit, n, runs, starts, seed)
+    ends = importance_interval(unsafe if failed_exceed else safe, level)
     return event(
-        importance_interval(probability, level),
+        _with_failed(limit, failed_exceed, ends, lambda: importance_interval(unsafe, level)),
         points=joint.of_score(points.z),
         beta=points.beta,
         form=normal_probability(-points.beta[0]).item(),
     )
+
+
+def _with_failed(
+    limit: LimitState, failed_exceed: bool | None, safe: Ends, unsafe: Callable[[], Ends]
+) -> Ends:
+    """Probability and its interval, which holds whether failed samples are the event or not, unless
+    that is known.
+    """
+    if failed_exceed is not None or not limit.failures:
+        return safe
+    lost, of = sum(limit.failures.values()), limit.evaluations
+    reasons = ", ".join(limit.failures)
+    probability, _, high = unsafe()
+    warn(
+        f"{lost} of {of} evaluations failed ({reasons}): the probability is {safe[0]:.3g} if none "
+        f"of these is the event, and {probability:.3g} if all are; the interval holds both, and "
+        "failed_exceed=True or False decides"
+    )
+    return safe[0], safe[1], max(safe[2], high)
+
+
+def _by_subset(
+    limit: LimitState, n: int, runs: int, seed: int, level: float, failed_exceed: bool | None
+) -> tuple[Ends, Tensor]:
+    """Probability with its interval, and mean thresholds (levels,) of the runs. Warns where these
+    have few samples.
+    """
+    each = _samples_of_run(n, runs)
+    simulated = partial(subset_simulation, limit, each, runs, seed)
+    estimates = simulated(math.inf if failed_exceed else -math.inf)
+    ends = estimates.interval(level)
+    thresholds = estimates.thresholds.nanmean(-1)
+    thresholds = thresholds[~thresholds.isnan()]
+    if len(thresholds) and each < ENOUGH:
+        warn(
+            f"{runs} runs of {each} samples a level were asked for: the probability may be too "
+            f"large by a third; n = {ENOUGH * runs} or fewer `replicates` are wanted"
+        )
+    exceeding = lambda: simulated(math.inf).interval(level)  # noqa: E731
+    return _with_failed(limit, failed_exceed, ends, exceeding), thresholds
 
 
 def _samples_of_run(n: int, runs: int) -> int:
@@ -171,7 +220,7 @@ def _samples_of_run(n: int, runs: int) -> int:
 def _by_importance(
     limit: LimitState, n: int, runs: int, starts: int, seed: int
 ) -> tuple[Tensor, DesignPoints]:
-    """Probabilities (runs,) by samples around design points, and these. Raises ValueError for too
+    """Probabilities (2, runs) by samples around design points, and these. Raises ValueError for too
     few samples, and laws that no gradient leads along.
     """
     if n < 2 * runs:

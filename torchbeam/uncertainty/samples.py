@@ -19,6 +19,7 @@ from .estimate import Estimate, Statistic, failures, probabilities
 from .output import Tables
 
 FAILED = 1  # status of a sample whose y is not finite
+REFUSED = -1  # of one that the function refuses
 NOT_FINITE = "y is not finite"
 
 
@@ -245,10 +246,13 @@ def checked_sentences(sentences: Any) -> dict[int, str]:
 
 
 def reasons_of(y: Tensor, status: Tensor, sentences: Mapping[int, str]) -> dict[str, int]:
-    """Failed samples by reason: by status, those whose y is not finite first of all."""
+    """Failed samples by reason: by status, those whose y is not finite first of all. A status with
+    no sentence of the user may be the user's own, or torchbeam's.
+    """
     if not (status != 0).any():
         return {}
-    known = {**STATUS, **sentences}
+    known = {k: f"status {k} (torchbeam's: {why})" for k, why in STATUS.items()}
+    known |= {REFUSED: "the function refused it by a ValueError", **sentences}
     finite_ = torch.isfinite(y).reshape(len(y), -1).all(-1)
     counts = {NOT_FINITE: int(((status == FAILED) & ~finite_).sum())}
     for code in status[(status != 0) & ((status != FAILED) | finite_)].unique().tolist():

@@ -46,14 +46,17 @@ class SubsetRuns:
         return mean, mean / factor, min(mean * factor, 1.0)
 
 
-def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> SubsetRuns:
+def subset_simulation(
+    limit: LimitState, samples: int, runs: int, seed: int, failed: float = -math.inf
+) -> SubsetRuns:
     """Probability of y > threshold by `runs` independent runs of `samples` a level each, all as one
     batch. (Au and Beck 2001.)
 
     From a level's samples the tenth with the largest y begin Markov chains, of ten states each,
     that stay above the least of them. A move is z' = sqrt(1 - s^2) z + s w, w normal, taken if
     y(z') stays above: it keeps the normal law, in any number of dimensions; s is adapted, run by
-    run, so that 44 % of the moves are taken. (Papaioannou et al. 2015.)
+    run, so that 44 % of the moves are taken. (Papaioannou et al. 2015.) failed: y of samples that
+    failed, -inf or inf.
 
     Raises ValueError where most samples of a level failed, and where many have the same y: no bound
     parts a tenth of those.
@@ -62,7 +65,7 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
     d = limit.work.joint.dimension
     seeds = round(SHARE * samples)
     z = torch.randn(runs, samples, d, generator=draw, dtype=torch.float64)
-    y = limit(z.flatten(0, 1)).reshape(runs, samples)
+    y = limit(z.flatten(0, 1), failed).reshape(runs, samples)
     probability = torch.zeros(runs, dtype=torch.float64)
     scale = torch.full((runs, 1, 1), 0.6, dtype=torch.float64)
     active, thresholds = torch.arange(runs), []
@@ -70,7 +73,7 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
         y, order = y.sort(-1, descending=True)
         z = z.gather(1, order[..., None].expand_as(z))
         bound = (y[:, seeds - 1] + y[:, seeds]) / 2
-        if torch.isinf(bound).any():
+        if torch.isneginf(bound).any():
             raise ValueError(
                 "more than nine tenths of the samples of a level failed "
                 f"({', '.join(limit.failures)}); no rare event can be found among so few"
@@ -100,7 +103,7 @@ def subset_simulation(limit: LimitState, samples: int, runs: int, seed: int) -> 
         for step in range(round(1 / SHARE) - 1):
             move = torch.randn(z.shape, generator=draw, dtype=z.dtype)
             trial = (1 - scale.square()).sqrt() * z + scale * move
-            trial_y = limit(trial.flatten(0, 1)).reshape(y.shape)
+            trial_y = limit(trial.flatten(0, 1), failed).reshape(y.shape)
             taken = trial_y >= bound[:, None]
             z, y = torch.where(taken[..., None], trial, z), torch.where(taken, trial_y, y)
             states.append(z)

@@ -10,8 +10,10 @@ import torch
 from torch import Tensor
 
 from ..core.arguments import boolean, level_of
+from ..core.warning import warn
 from ..math.distributions import normal_score
-from .evaluation import Function, evaluated, settings
+from .called import Function, evaluated
+from .evaluation import settings
 from .joint_law import JointLaw
 from .laws import Law
 
@@ -96,7 +98,9 @@ def tornado(
     for k in range(len(names)):
         z[1 + 2 * k, firsts[k]], z[2 + 2 * k, firsts[k]] = -far, far
     theta = joint.of_score(z).to(dtype)
-    y, status = evaluated(function, joint, theta, by_name)
+    y, status, doubt = evaluated(function, joint, theta, by_name)
+    if doubt:
+        warn(doubt)
     y = torch.where((status == 0).reshape(-1, *[1] * (y.ndim - 1)), y.double(), torch.nan)
     values = joint.named(theta.double())
     none = torch.full((2,), torch.nan, dtype=torch.float64)  # of a field

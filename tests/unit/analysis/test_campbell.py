@@ -185,6 +185,61 @@ def test_critical_speeds_lie_where_a_multiple_of_the_speed_meets_a_frequency():
         diagram.critical(1.5)
 
 
+def test_critical_speeds_of_a_batch_with_derivatives():
+    """Those of each sample as `critical` of it alone; NaN where a frequency is not met. By the mass
+    against central differences.
+    """
+
+    def critical(mass):
+        return tb.campbell(overhung(mass=mass), torch.linspace(0, 300, 31), count=4).critical_speed
+
+    mass = torch.tensor([1.5, 2.0], dtype=torch.float64)
+    speeds = critical(mass)(order=1)
+    assert speeds.shape == (2, 4)
+    diagram = tb.campbell(overhung(mass=mass[1]), torch.linspace(0, 300, 31), count=4)
+    alone = {c.mode: c.speed for c in diagram.critical(orders=1)}
+    for name, speed in zip(diagram.names, speeds[1].tolist(), strict=True):
+        assert math.isnan(speed) if name not in alone else abs(speed - alone[name]) < 1e-7, name
+    assert speeds.isnan().sum() == 2  # the second forward whirl
+    m, h = mass[1].clone().requires_grad_(), 1e-3
+    (slope,) = torch.autograd.grad(critical(m)()[0], m)
+    up, down = (critical(m.detach() + s * h)()[0] for s in (1, -1))
+    assert torch.allclose(slope, (up - down) / (2 * h), rtol=1e-5)  # of h^2
+
+
+def test_position_and_velocity_of_a_load_can_be_stacked():
+    """Both have the axis of the speeds."""
+
+    def stacked(x, R, v, w, t):
+        force = (0 * x[..., 0], -90.0 * x[..., 1] - v[..., 1], -90.0 * x[..., 2] - v[..., 2])
+        return torch.stack(force, -1), None
+
+    def plain(x, R, v, w, t):
+        across = torch.tensor([0.0, 1.0, 1.0], dtype=torch.float64)
+        return -across * (90.0 * x + v), None
+
+    film = dict(node="disc", of=("position", "velocity"))
+    one, other = (
+        tb.campbell(overhung(effects=[tb.Load(f, **film)]), SPEED, count=2)
+        for f in (stacked, plain)
+    )
+    assert torch.allclose(one.eigenvalue, other.eigenvalue, rtol=1e-10)
+
+
+def with_loose_body():
+    scene = overhung()
+    shaft = tb.Beam.straight(1.0, 1, tb.Section.circle(0.01, 2e11, 0.3, 7800.0))
+    parts = {"shaft": shaft, "disc": tb.Body(1.0, 0.1, position=(1.0, 0, 0))}
+    parts["loose"] = tb.Body(1.0, 0.1)
+    return tb.Scene(parts, joints=scene.joints, supports=[tb.Support(("shaft", 0))])
+
+
+def with_axes_of_its_own():
+    k = torch.tensor([10.0, 20.0], dtype=torch.float64)
+    film = tb.Load(lambda x, R, v, w, t: (-k[:, None] * v, None), node="disc", of=("velocity",))
+    return overhung(effects=[film])
+
+
 def test_a_disc_that_is_not_round_is_unstable_between_two_critical_speeds():
     """Jeffcott's rotor whose shaft turns with it and is not round: between the critical speeds of
     its two stiffnesses it grows, w1 < W < w2 (Smith 1933), where nothing is damped.
@@ -220,6 +275,7 @@ def test_files_and_pictures(tmp_path):
     diagram = tb.campbell(overhung(), SPEED, count=3)
     with np.load(diagram.save(tmp_path / "rotor.npz")) as kept:
         assert np.array_equal(kept["frequency"], diagram.frequency)
+        assert np.array_equal(kept["growth"], diagram.growth)
         assert kept["names"].tolist() == diagram.names
     torch.save(diagram, tmp_path / "rotor.pt")
     again = torch.load(tmp_path / "rotor.pt", weights_only=True)
@@ -242,6 +298,9 @@ def test_files_and_pictures(tmp_path):
     (overhung, {"method": "hill"}, "method = 'hill'"),
     (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
     (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
+    (with_loose_body, {}, "motions of 'loose' that nothing resists"),
+    (with_axes_of_its_own, {}, r"axes \(2,\) of its own .* values="),
+    (with_axes_of_its_own, {"speeds": [10.0, 20.0, 30.0]}, r"axes \(2,\) of its own .* values="),
     (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),
     (lambda: overhung(inertia=(0.08, 0.03, 0.05)), {"method": "multiblade"}, "three or more"),
 )  # fmt: skip

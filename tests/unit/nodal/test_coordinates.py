@@ -77,13 +77,23 @@ def scenes(plane):
     yield "drag", beam, [*dead, tb.Drag(1.2, 0.05), tb.MassDamping(0.3)], {}
     yield "user load", beam, [tb.Load(lambda r, R, v, w, t: (-r - 0.3 * v, -0.1 * w), node=-1)], {}
     yield "actuated", beam, [tb.Actuation(curvature=(0.0, 1.0, 0))], {}
+    eccentric = tb.PointMass(0.1, inertia=(1e-3, 2e-3, 3e-3), offset=(0.05, 0, 0.1), node=2)
+    yield "small", beam, [*dead, eccentric, tb.Damping(0.01)], dict(small=True)
+    yield "small arc", arc, [*dead, tb.Drag(1.2, 0.05)], dict(small=True)
+    yield "small shaken", beam, dead, dict(root=shaken, small=True)
+    yield (
+        "small hinged",
+        beam,
+        dead,
+        dict(supports=(tb.Support(0, rotation=hinge), slide), small=True),
+    )
 
 
 CASES = {f"{plane} {name}": (plane, *rest) for plane in NORMAL for name, *rest in scenes(plane)}
 
 
 # in short runs, what knows which plane it is; the others in one
-BOTH = "dead", "arc", "eccentric mass", "hinged"
+BOTH = "dead", "arc", "eccentric mass", "hinged", "small"
 
 
 @pytest.mark.parametrize(
@@ -127,7 +137,8 @@ def test_plane_is_3d(case):
         pytest.param("rk4", "xy", marks=pytest.mark.long),
     ],
 )
-def test_other_methods_in_a_plane(plane, method):
+@pytest.mark.parametrize("small", [False, True])
+def test_other_methods_in_a_plane(plane, method, small):
     """generalized_alpha and an explicit method, likewise."""
     _, beam, effects, _ = CASES[f"{plane} dead"]
     options = (
@@ -135,7 +146,7 @@ def test_other_methods_in_a_plane(plane, method):
     )
     ends = [
         tb.simulate(
-            tb.Scene(beam, effects, plane=p), torch.tensor([0.0, 0.05]), method=method, **options
+            tb.Scene(beam, effects, plane=p, small=small), [0.0, 0.05], method=method, **options
         ).state[-1]
         for p in (None, plane)
     ]
@@ -143,11 +154,12 @@ def test_other_methods_in_a_plane(plane, method):
         assert_close(getattr(ends[1], name), getattr(ends[0], name), rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("small", [False, True])
 @pytest.mark.parametrize("plane", NORMAL)
-def test_statics_and_modes_in_a_plane(plane):
+def test_statics_and_modes_in_a_plane(plane, small):
     """Equilibrium to 1e-11, and the frequencies of the plane among those of 3D to 1e-8."""
     _, beam, effects, _ = CASES[f"{plane} dead"]
-    scenes = [tb.Scene(beam, effects, plane=p) for p in (None, plane)]
+    scenes = [tb.Scene(beam, effects, plane=p, small=small) for p in (None, plane)]
     whole, flat = (tb.equilibrium(scene, tolerance=1e-12) for scene in scenes)
     for name in ("position", "rotation", "stress", "reaction"):
         assert_close(getattr(flat, name), getattr(whole, name), rtol=0, atol=1e-11)

@@ -174,11 +174,9 @@ def test_gradients():
 
 
 def test_what_it_is_not_for():
-    """The mixed forms, and loads that jump between elements: sentences."""
+    """The mixed forms, and elements of order 2: sentences."""
     with pytest.raises(ValueError, match="linked interpolation"):
         tb.simulate(rod(2), [0.0, 0.1], form="minimal")
-    with pytest.raises(ValueError, match="Along the beam"):
-        tb.equilibrium(rod(2, tb.LineLoad(force=tb.PerElement([[0, 0.1, 0], [0, 0, 0]]))))
     with pytest.raises(ValueError, match="order 1 is wanted"):
         tb.Beam.straight(0.5, 2, tb.Section.from_stiffness(**SOFT, inertia=1e-3), order=2).linked()
     assert "linked interpolation" in repr(rod(2).beam) and replace(rod(2).beam).linked_interpolation

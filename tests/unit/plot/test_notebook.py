@@ -42,6 +42,14 @@ class Reader(HTMLParser):
             self.cells.append(data)
 
 
+def test_the_last_line_of_a_cell_shows_axes():
+    """As a notebook asks for a picture: `_repr_png_` of what it is given."""
+    flat, three = tb.plot.axes(size=(2, 1)), tb.plot.grid(1, 1, three=(0,))[0]
+    for ax, size in ((flat, (200, 100)), (three, None)):
+        with Image.open(io.BytesIO(ax._repr_png_())) as image:
+            assert image.format == "PNG" and size in (None, image.size)
+
+
 def colours(source):
     """Number of colours of a picture, by its address in a page."""
     data = base64.b64decode(source.removeprefix("data:image/png;base64,"))

@@ -95,6 +95,24 @@ def test_mode_shapes(tmp_path):
     assert_close(torch.tensor(hz), modes.frequency / (2 * torch.pi), rtol=1e-3, atol=0)
 
 
+def test_orbits(tmp_path):
+    """Nodes go round circles, ahead about x, the largest of 0.1 of the length; a dot is where they
+    begin, nine tenths of a turn before they end.
+    """
+    state = tb.rest(tb.Scene(BEAM))
+    motion = torch.zeros(state.position.shape[-2], 6, dtype=torch.complex128)
+    motion[-1, 1], motion[-1, 2] = 3.0, -3.0j  # y = cos, z = sin
+    ax = tb.plot.orbits(state, motion, tb.plot.axes(), scale=0.1, plane="yz")
+    drawn(ax, tmp_path / "orbits.png")
+    orbit, dot = data(ax)[-2:]
+    middle = orbit - state.position[-1, 1:]
+    assert_close(middle.norm(dim=-1), torch.full_like(middle[:, 0], 0.1))
+    assert_close(middle[0], torch.tensor([0.1, 0.0]))
+    assert_close(dot[0], orbit[0])
+    turned = torch.atan2(middle[-1, 1], middle[-1, 0])
+    assert_close(turned, torch.tensor(-0.2 * torch.pi))
+
+
 def test_a_film_of_a_mode(tmp_path):
     """Two seconds of one period, that run on: the first picture has the tip at 0.2 of the length,
     the middle one at the other side; its frequency above. A torsion turns what is solid.
@@ -176,6 +194,62 @@ def test_diagram_of_a_bending_moment(order, tmp_path):
     assert ax.get_ylabel() == "" and not len(ax.get_yticks())
     inside = ax.get_window_extent()
     assert inside.y0 < text.get_window_extent().y0 and text.get_window_extent().y1 < inside.y1
+
+
+@pytest.mark.parametrize("plane", ["xz", "xy"])
+def test_diagrams_as_textbooks_sign_them(plane):
+    """A beam on two supports under q: V = q L/2 at the left support, -q L/2 at the right one, the
+    sagging M = q L^2/8 in the middle, whichever section axis lies in the plane. Pulled by P: N = P.
+    """
+    L, q, P = 2.0, 4.0, 3.0
+    section = tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=1e4, EI=1e6, mass=1.0)
+    beam = tb.Beam.straight(L, 4, section)
+    across, held = (0, 0, -q) if plane == "xz" else (0, -q, 0), "xz" if plane == "xz" else "xy"
+    free = "xz" if plane == "xz" else "yx"
+    supports = [tb.Support(0, rotation=held), tb.Support(-1, position="yz", rotation=free)]
+    loads = [tb.LineLoad(force=across), tb.PointLoad(-1, force=(P, 0, 0))]
+    scene = tb.Scene(beam, loads, supports=supports, plane=plane)
+    state = tb.equilibrium(scene)
+    values = {
+        name: [text.get_text() for text in tb.plot.diagram(state, name, scene=scene).texts]
+        for name in "NVM"
+    }
+    assert values == {"N": ["3"], "V": ["4", "-4"], "M": ["2"]}
+
+
+def test_diagrams_in_space_have_axes_of_the_section():
+    state = tb.equilibrium(
+        scene := tb.Scene(tb.Beam.arc(1.0, 1.0, 2, SECTION, direction=(1, 1, 1)))
+    )
+    with pytest.raises(ValueError, match="F2, F3, M2 or M3"):
+        tb.plot.diagram(state, "V", scene=scene)
+
+
+@pytest.mark.parametrize("resultant", ["M", "V"])
+def test_numbers_of_beams_that_meet_stand_once(resultant):
+    """Two rafters under a force at the ridge: what both say there stands there once. Supports have
+    the colour of the labels, also in a dark style.
+    """
+    plt = pytest.importorskip("matplotlib.pyplot")
+    section = tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=1e4, EI=1e6, mass=1.0)
+    parts = {"left": tb.Beam.straight(2.0, 4, section, direction=(1, 0, 0.05))}
+    tip = parts["left"].nodes[-1].tolist()
+    parts["right"] = tb.Beam.straight(2.0, 4, section, root=tip, direction=(1, 0, -0.05))
+    scene = tb.Scene(
+        parts,
+        [tb.PointLoad(("left", -1), (0, 0, -1000.0))],
+        joints=[tb.Weld(("left", -1), ("right", 0))],
+        supports=[
+            tb.Support(("left", 0), rotation="xz"),
+            tb.Support(("right", -1), position="yz", rotation="xz"),
+        ],
+        plane="xz",
+    )
+    with plt.style.context("dark_background"):
+        ax = tb.plot.diagram(tb.equilibrium(scene), resultant, scene=scene, symbols=True)
+    numbers = [text.get_text() for text in ax.texts if "N" not in text.get_text()]
+    assert len(numbers) == {"M": 1, "V": 2}[resultant]
+    assert {line.get_markeredgecolor() for line in ax.lines if line.get_ls() == "None"} == {"white"}
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
@@ -481,8 +555,8 @@ CASES = {
                      "one sample is wanted"),
     "samples for a diagram": (lambda s: tb.plot.diagram(s.state, "M2", scene=SCENE),
                               "9 samples were given to a diagram; one sample is wanted"),
-    "another resultant": (lambda s: tb.plot.diagram(s.state[0], "M", scene=SCENE),
-                          "resultant = 'M' was given"),
+    "another resultant": (lambda s: tb.plot.diagram(s.state[0], "M4", scene=SCENE),
+                          "resultant = 'M4' was given"),
     "flat frequencies": (lambda s: tb.plot.campbell(torch.zeros(2), torch.zeros(2)),
                          r"\(n,\) and \(n, count\)"),
     "another file": (lambda s: tb.plot.animate(s, "motion.avi"), "one that ends in .gif or .mp4"),

@@ -64,6 +64,8 @@ def test_convergence(tmp_path):
     slopes = [float(text.get_text().split()[-1]) for text in ax.get_legend().get_texts()]
     assert -0.8 < slopes[0] < -0.2 and slopes[1] < -0.9
     assert_close(torch.from_numpy(ax.lines[0].get_ydata()), runs["plain"].convergence(0.5)[1])
+    alone = tb.plot.convergence(runs["plain"], 0.5)  # the samples themselves
+    assert_close(alone.lines[0].get_ydata(), ax.lines[0].get_ydata())
 
 
 def test_tornado(tmp_path):

@@ -173,7 +173,8 @@ REFUSED = {
         tb.Weld(("arm", 0), ("arm", -1)), tb.Hinge(("arm", -1), ("arm", 0), at=ARM.nodes[:, -1])]),
     "a Weld of ('arm', 0) with itself": scene_of(lambda: tb.Weld(("arm", 0), ("arm", 0))),
     "a Weld of the ground with itself": lambda: tb.Weld(None, None),
-    "small=True with joints": scene_of(lambda: tb.Ball(("arm", 0), None), small=True),
+    "small=True with the limit of a Ball": scene_of(
+        lambda: tb.Ball(("arm", 0), None, limit=0.1, limit_stiffness=1.0), small=True),
     "a joint's part = 'arm' was given": scene_of(lambda: tb.Ball(("arm", POINT), None)),
     "the ground without at=": scene_of(lambda: tb.Distance(("arm", 0), None)),
     "at a place and at a point of a body": scene_of(lambda: tb.Ball(("hub", POINT), None,

@@ -375,7 +375,7 @@ def test_a_mechanism_in_the_batch_is_told_from_its_neighbour(beam, k):
     """
     spring = tb.Spring(-1, torch.tensor(k), to=(1.0, 0.0, 0.5))
     scene = tb.Scene(beam, [tb.TipLoad(force=(0.0, 0.0, 0.1)), spring], supports=HINGE)
-    said = f"found no equilibrium of sample 1 of ({len(k)},): nothing holds the rotation about"
+    said = f"found no equilibrium of sample 1 (1 of {len(k)}): nothing holds the rotation about"
     with pytest.raises(RuntimeError, match=re.escape(said)):
         tb.equilibrium(scene)
 

@@ -110,6 +110,10 @@ def test_few_samples_say_so():
     )
     rare = found.exceedance(1.9)
     assert "Clopper" in rare.method and rare.high > 0.05
+    levels = (0.0, 1e-5, 0.02, 0.5, 0.98, 0.999, 1 - 1e-5, 1.0)
+    for n, replicates in ((8, None), (64, None), (64, 4)):  # an estimate is in its own interval
+        q = tb.monte_carlo(total, LAWS, n, replicates=replicates).quantile(levels, 0.95)
+        assert ((q.low <= q.estimate) & (q.estimate <= q.high)).all()
 
 
 def test_failures_are_told():
@@ -121,6 +125,8 @@ def test_failures_are_told():
 
     found = tb.monte_carlo(function, LAWS, 1000, replicates=8, sentences={7: "buckled"})
     assert found.reasons == {"buckled": 200, "y is not finite": 100}
+    own = tb.monte_carlo(lambda theta: (theta[:, 0], theta[:, 0].long() + 3), LAWS, 8).reasons
+    assert all(why.startswith(("status 3 (torchbeam's: ", "status 4 (")) for why in own), own
     for statistic in (
         found.mean_interval(),
         found.quantile(0.5, 0.9),

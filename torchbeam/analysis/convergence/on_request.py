@@ -1,12 +1,14 @@
-"""Accuracy on request: `simulate`, `equilibrium` and `modes` choose their mesh and steps."""
+"""Accuracy on request: `simulate`, `equilibrium` and `modes` choose their mesh and steps. Within
+`finer` they, and others that solve for a scene, run on meshes and steps that it chooses.
+"""
 
 from __future__ import annotations
 
 import inspect
 import logging
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import wraps
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -17,17 +19,21 @@ from ...core.arguments import instance
 from ...core.remembered import keep, structure_of
 from ...core.warning import warn
 from ...dynamics import simulate as dynamics
+from ...linear import critical, state_space
 from ...linear import modes as linear
 from ...scene.scene import Scene
+from ...state import state as states
 from ...state.solution import Solution
 from ...state.state import State
 from ...statics import equilibrium as statics
+from ...statics import path as paths
 from .converge import converge
 from .convergence import Convergence
 from .finer import Finer
 from .remesh import remesh
 from .setting import Setting
 
+P = ParamSpec("P")
 T = TypeVar("T")
 LOG = logging.getLogger("torchbeam")
 APART = 0.5  # of the largest number of a tensor: where a scene is further off a new search is made
@@ -94,7 +100,7 @@ def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options:
     options = dict(**dict(zip(POSITIONAL, given, strict=False)), **options)
     given = given[len(POSITIONAL) :]  # more than there may be, which are refused
     if accuracy is None:
-        return dynamics.simulate(finer.scene(scene), t, *given, **finer.options(t, options))
+        return finer.run(dynamics.simulate, scene, (t, *given), finer.options(t, options))
     inspect.signature(dynamics.simulate).bind(scene, t, *given, **options)  # or unknown keywords
     for name, value in options.items():
         if name not in (*SEARCHED, *FREE) and value is not None:
@@ -128,8 +134,6 @@ def simulate(scene: Scene, t: Any, *given: Any, accuracy: Any = None, **options:
 
 @wraps(statics.equilibrium)
 def equilibrium(scene: Scene, *, accuracy: Any = None, **options: Any) -> State:
-    if accuracy is None and (finer := Finer.now.get()) is not None:
-        scene = finer.scene(scene)
     return _static(statics.equilibrium, "initial", shape, scene, accuracy, options)
 
 
@@ -151,7 +155,7 @@ def _static(
 ) -> T:
     """A call without t; of_mesh: its option that belongs to one mesh."""
     if accuracy is None:
-        return call(scene, **options)
+        return _run(call, scene, (), options)
     if options.get(of_mesh) is not None:
         raise ValueError(
             f"{of_mesh} was given with accuracy, which chooses the mesh; one of them is wanted"
@@ -169,6 +173,30 @@ def _static(
 
     setting = _setting(call.__name__, scene, accuracy, options, search)
     return call(remesh(scene, **setting.mesh), **options)
+
+
+def _run(call: Callable[..., T], scene: Any, given: Sequence[Any], options: Mapping[str, Any]) -> T:
+    """As it is asked for, or as `finer` has it."""
+    finer = Finer.now.get()
+    if finer is None:
+        return call(scene, *given, **options)
+    return finer.run(call, scene, given, options)
+
+
+def _watched(call: Callable[P, T]) -> Callable[P, T]:
+    """A call of a scene that `finer` runs on other meshes."""
+
+    @wraps(call)
+    def run(scene: Any, *given: Any, **options: Any) -> T:
+        return _run(call, scene, given, options)
+
+    return cast(Callable[P, T], run)
+
+
+critical_load = _watched(critical.critical_load)
+linearize = _watched(state_space.linearize)
+path = _watched(paths.path)
+rest = _watched(states.rest)
 
 
 def _setting(

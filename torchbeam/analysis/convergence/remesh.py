@@ -19,7 +19,7 @@ from ...math.element_shapes import SHAPES
 from ...scene.beam import Beam
 from ...scene.beam_arguments import check_order
 from ...scene.beam_recipe import recipe_of, remade, whole_parts
-from ...scene.effects import Actuation, Load, PerElement
+from ...scene.effects import Actuation, Eyelet, Load, PerElement
 from ...scene.effects.effect import Effect
 from ...scene.effects.interaction import Interaction
 from ...scene.effects.tendon import Tendon
@@ -38,8 +38,9 @@ def remesh(
     The beam is built again by its own constructor: functions of s are evaluated anew, tables are
     integrated anew. The elements of a beam through nodes, or of a modified copy, are divided.
     Loads, supports, masses and eyelets at nodes keep their arc lengths, where the new mesh needs
-    nodes. Values of single elements (`PerElement`, `Actuation.elements`, a `Load`'s values) pass to
-    the parts of these elements.
+    nodes. A `Tendon.along` goes through the ends of the new elements, by cubics between its points.
+    Values of single elements (`PerElement`, `Actuation.elements`, a `Load`'s values) pass to the
+    parts of these elements.
 
     Raises:
         ValueError: for a new mesh without a node at such an arc length, an uneven division of
@@ -126,7 +127,8 @@ def _nodes(scene: Scene) -> Iterator[int]:
     yield from (support.node for support in scene.supports)
     for effect in scene.effects:
         if isinstance(effect, Tendon | Interaction):
-            yield from effect.nodes
+            along = isinstance(effect, Tendon) and effect.is_along
+            yield from () if along else effect.nodes
         elif effect.node is not None:
             yield effect.node
 
@@ -147,6 +149,11 @@ def _count(value: Any) -> int:
 
 def _moved(effect: Effect, rows: _Rows) -> Effect:
     """An effect at the places of the new mesh."""
+    if isinstance(effect, Tendon) and effect.is_along:
+        points = torch.stack(torch.broadcast_tensors(*(x.point for x in effect.eyelets)), -2)
+        places = _cubic(points, rows.elements).unbind(-2)
+        each = (Eyelet(rows.order * k, point, along=True) for k, point in enumerate(places))
+        return with_values(effect, eyelets=tuple(each))
     if isinstance(effect, Tendon):
         eyelets = tuple(
             x if x.node is None else with_values(x, node=rows(int(x.node))) for x in effect.eyelets
@@ -177,6 +184,23 @@ def _moved(effect: Effect, rows: _Rows) -> Effect:
             for name, value in effect.values.items()
         }
     return with_values(effect, **changed)
+
+
+def _cubic(points: Tensor, elements: int) -> Tensor:
+    """(..., elements + 1, 3) evenly along points (..., m, 3), by Lagrange's cubics through the four
+    next to each; of fewer by what goes through all.
+    """
+    last = points.shape[-2] - 1
+    size = min(4, last + 1)
+    at = torch.arange(elements + 1, device=points.device) * last
+    first = (at // elements - 1).clamp(0, last + 1 - size)
+    u = at.to(points.dtype) / elements - first
+    k = torch.arange(size, device=points.device)
+    off = (u[:, None] - k)[:, None, :].expand(-1, size, -1)
+    between = (k[:, None] - k).to(points.dtype)
+    same = torch.eye(size, dtype=torch.bool, device=points.device)
+    weight = (torch.where(same, 1.0, off) / torch.where(same, 1.0, between)).prod(-1)
+    return (weight[..., None] * points[..., first[:, None] + k, :]).sum(-2)
 
 
 def _divided(value: PerElement | AtSites, parts: int) -> PerElement:

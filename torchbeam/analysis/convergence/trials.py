@@ -154,14 +154,15 @@ class TrialRuns:
     def _run(self, setting: Setting) -> TrialRun:
         with no_derivatives(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of samples that failed
-            for _ in range(2):  # the second time only where the first one compiled
+            # the second time where the first one compiled, or was the first of all
+            for _ in range(2):
                 # a copy is prepared for anew, so that times tell what a first call takes
                 scene, known = copy(self.scene(setting)), Library.count
                 begun = time.process_time()
                 result = self._solve(scene, setting)
                 reading = self.reader(result, scene)
                 seconds = time.process_time() - begun
-                if Library.count == known:
+                if Library.count == known and self.made:
                     break
         if self.in_time is None:
             self.in_time = self.t is not None and self.reader.in_time(reading, result, scene)

@@ -1,5 +1,5 @@
-"""Exchanged channels: data that fit the model better with two markers or channels in each other's
-place.
+"""Exchanged channels, signs and units: data that fit the model better with two markers or channels
+in each other's place, or as a multiple of themselves.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ...sensors import Sensor
+from .hints import series
 from .problem import FitProblem
 from .readings import Readings
 
@@ -19,6 +20,14 @@ FACTOR = 1.5  # of the misfit, by which an exchange is better
 ALIKE = 0.2  # of the distance of their offsets, which an exchange leaves at most to make them alike
 FEWEST = 3  # readings in a row
 TRIED = 4  # pairs
+# factors of data that are read with another sign or in another unit
+MULTIPLES = {
+    -1.0: "another sign",
+    9.80665: "g for m/s^2",
+    1 / 9.80665: "m/s^2 for g",
+    1000.0: "m for mm, kg for g",
+    1e-3: "mm for m, g for kg",
+}
 NOISE = 25.0  # variances of the noise, that are at stake at least
 
 
@@ -74,6 +83,43 @@ def exchange_hints(
             alike = whole and share < 1 and _alike(*zeros, theta, theta - step)
             if fall > NOISE * scale**2 and (not alike, share) < best[0]:
                 best = (not alike, share), _sentence(a, b, part, share, alike)
+    return [best[1]] * bool(best[1])
+
+
+def multiple_doubts(
+    problem: FitProblem, r: Tensor, J: Tensor, C: Tensor, scale: float
+) -> list[str]:
+    """A sentence about the channel, or all data, of which a multiple fits best, by a step as in
+    `exchange_hints`. Of multiples below 1 the model's readings grow instead of the data's, so that
+    no misfit falls as all numbers get smaller.
+    """
+    if not all(torch.isfinite(part).all() for part in (r, J, C)):
+        return []
+    alone, squares = problem.white.inverse(problem.target[0]), r.square().sum()
+    prior, best = torch.linalg.pinv(C, hermitian=True) - J.mT @ J, (1 / FACTOR**2, "")
+    channels = [
+        (repr(name) if name else "the record", rows) for _, name, rows, _ in series(problem)
+    ]
+    all_ = [("the record", torch.cat([rows for _, rows in channels]))] * (len(channels) > 1)
+    channels.sort(key=lambda channel: -r[channel[1]].square().sum().item())
+    for name, rows in (*channels[:TRIED], *all_):
+        some = torch.zeros_like(alone, dtype=torch.bool)
+        some[rows] = True
+        for factor, what in MULTIPLES.items():
+            off, by = r, J
+            if abs(factor) < 1:
+                y = problem.white.inverse(r + problem.target[0])
+                off = r + problem.white(torch.where(some, (1 / factor - 1) * y, 0.0))
+                by = torch.where(some[:, None], J / factor, J)
+            else:
+                off = r + problem.white(torch.where(some, (1 - factor) * alone, 0.0))
+            pull = by.mT @ off
+            step = torch.linalg.pinv(prior + by.mT @ by, hermitian=True) @ pull
+            left = (off - by @ step).square().sum()
+            share = (left / squares).item()
+            if squares - left > NOISE * scale**2 and share < best[0]:
+                said = f"{name} fits {factor:.4g} times its readings ({what}?)"
+                best = share, f"{said}: the misfit would be {share**0.5:.2g} of what it is"
     return [best[1]] * bool(best[1])
 
 

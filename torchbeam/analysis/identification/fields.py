@@ -12,9 +12,10 @@ from torch import Tensor
 from ...core.arguments import choice, count, level_of
 from ...core.validation import Value
 from .field_search import FieldSearch
-from .fit import Fit, warn_of
+from .fit import Fit
 from .identify import SearchOptions
 from .regularization import CRITERIA, RegularizationChoice, weigh
+from .result import warn_of
 from .smoothness import Smoothness
 
 LEAST = 1e-8  # deviation of data without noise, over their RMS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from torch import Tensor
 from ...core import files
 from ...core.arguments import choice, level_of
 from ...core.validation import Value, shown
-from ...core.warning import warn
 from ...math.distributions import student_quantile
 from ...solvers.least_squares import CONVERGED, Found
 from ...solvers.region import Region
@@ -28,25 +27,13 @@ from .profile import Profile, profiles
 from .readings import Readings
 from .refinement import refined
 from .report import write_report
-from .result import REASON, NamedFit, conclusions
+from .result import REASON, NamedFit, conclusions, warn_of
 from .table import table
 from .transform import Transform
 
 INTERVALS = ("laplace", "profile", "bootstrap")
 FORMAT = 2  # of saved fits
 LOST = ("problem", "transform", "readings", "blocks")  # fields that are not saved as they are
-
-
-def warn_of(doubts: Sequence[str]) -> None:
-    """Warn of intervals whose residuals are no noise of the size that was stated."""
-    if doubts:
-        warn(
-            "intervals that take the model as right and what it leaves as noise were asked for, "
-            f"but {'; '.join(doubts)}. A finer mesh (`refined`) or what the model leaves out is "
-            "wanted; or, of noise that is larger than sigma, data without sigma or "
-            "absolute_sigma=False, which take its size from the misfit",
-            UserWarning,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,6 +286,7 @@ class Fit(NamedFit):
             raise ValueError(
                 "a finer model that fails at the fit, or differs too much from the one that was "
                 "fitted, was given; one of the same beam, a little finer, is wanted"
+                f"{self._reason}"
             )
         return Fit.of(finer, search, region, self.derivatives, 1e-6)
 
@@ -366,8 +354,15 @@ class Fit(NamedFit):
                 "tb.identify is wanted"
             )
         if bool(self.open.all()):
-            raise ValueError(f"a {what} of a fit that determines nothing was asked for")
+            raise ValueError(
+                f"a {what} of a fit that determines nothing was asked for{self._reason}"
+            )
         return self.problem
+
+    @property
+    def _reason(self) -> str:
+        """What was odd before."""
+        return f"; of the fit it was said: {'; '.join(self.hints)}" if self.hints else ""
 
     def _noisy(self, what: str) -> FitProblem:
         """The problem, whose noise is known."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
 import torch
 from torch import Tensor
 
+from .noise import SHARED, unit_of
 from .problem import FitProblem
 from .readings import Readings
 from .residuals import FEWEST, Residuals, ResidualTest
@@ -19,6 +21,8 @@ UNITS = (
     (180 / math.pi, 2.0, True, "degrees for rad", "rad for degrees"),
     (9.80665, 2.0, True, "m/s^2 for g", "g for m/s^2"),
 )
+FAR = 10.0  # times the model's at the start: data of another kind
+OPPOSITE = -0.5  # correlation of data with a model at its start
 KNOWN = 0.1  # of a parameter's size, to which it is known with the others where they are
 SHOWN = 0.1  # of a direction: smaller parts are not named
 ALARM = 0.01  # of the fits of models that are right, in which any test may find something
@@ -28,18 +32,26 @@ def unit_hints(
     readings: Sequence[Readings], offset: Sequence[bool], converged: bool
 ) -> tuple[str, ...]:
     """Channels whose data are about a thousand times the model's at the start, or a thousandth; of
-    a fit that has not converged, degrees for rad and g for m/s^2 too. Of those with an `offset`
-    what is beside their mean.
+    a fit that has not converged, degrees for rad and g for m/s^2 too, and another sign. Of those
+    with an `offset` what is beside their mean. First pairs, each with the size of the other's.
     """
-    said = []
+    said, off = [], []
     for reading, shifted in zip(readings, offset, strict=True):
         for label, data, y in reading.channels():
             known = ~(data.isnan() | y.isnan())
-            both = (v[known] - shifted * v[known].mean() for v in (data, y))
+            both = [v[known] - shifted * v[known].mean() for v in (data, y)]
             size, first = (v.square().mean().sqrt().item() for v in both)
             if not size or not first or not math.isfinite(first):
                 continue
             what, ratio = f"{label!r}" if label else "the data", size / first
+            if not 1 / FAR < ratio < FAR:
+                off.append((what, size, first))
+            alike = ((both[0] * both[1]).mean() / size / first).item()
+            if not converged and alike < OPPOSITE:
+                said.append(
+                    f"{what}: the data go against the model's at the start (correlation "
+                    f"{alike:.2f}); is their sign another?"
+                )
             for unit, near, doubtful, larger, smaller in UNITS:
                 if doubtful and converged:
                     continue
@@ -54,7 +66,13 @@ def unit_hints(
                         f"{1 / ratio:.3g} times the data's, {size:.3g}; is a unit off by "
                         f"{unit:.4g} ({smaller})?"
                     )
-    return tuple(said)
+    exchanged = [
+        f"{a} and {b} seem to be exchanged: the data of each have the size of the other's model at "
+        "the start"
+        for (a, *of_a), (b, *of_b) in itertools.combinations(off, 2)
+        if all(0.5 < x / y < 2 for x, y in ((of_a[0], of_b[1]), (of_b[0], of_a[1])))
+    ]
+    return (*exchanged, *said)
 
 
 def noise_hints(freedom: int, sigma_given: bool) -> tuple[str, ...]:
@@ -70,15 +88,18 @@ def noise_hints(freedom: int, sigma_given: bool) -> tuple[str, ...]:
 def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[str, ...]:
     """Residuals that are no noise of the size that was stated: more squares than sigma says, of all
     data and of each channel; residuals that are alike from reading to reading; a line in their
-    periodogram. All these tests together find something in one of a hundred fits of models that are
-    right, or in fewer (Bonferroni). Where sigma is not known squares say nothing; noise that counts
-    by blocks may be of any size and alike.
+    periodogram; outliers, of residuals that are not alike. All these tests together find something
+    in one of a hundred fits of models that are right, or in fewer (Bonferroni). Where sigma is not
+    known squares say nothing; noise that counts by blocks may be of any size and alike.
 
     r, J, C  weighted residuals (T,), their derivatives (T, p), covariance (p, p) of the parameters
              over the weighted noise
     """
+    free = [m for e, m in problem.measurements if e.measured and m.sigma is None]
+    units = {unit_of(m) or "" for m in free} if not problem.sigma_given else set()
+    shared = [SHARED.format(units=" and ".join(sorted(units)))] * (len(units) > 1 > ("" in units))
     if not all(torch.isfinite(part).all() for part in (r, J, C)):
-        return ()
+        return tuple(shared)
     channel = problem.noise.channel[problem.known]  # -1: sigma is known
     every = problem.measured & (channel < 0) & problem.independent
     whole = Residuals("", None, r[every], J[every], C, True)
@@ -89,12 +110,15 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
     ]
     parts = channels if len(channels) > 1 else []
     sizes, each = (
-        [rest.excess() for rest in some if rest.known and rest.left >= 1]
+        [rest.excess() for rest in some if rest.known and rest.left > 0.99]
         for some in ([whole], parts)
     )
     long = [rest for rest in channels if rest.left >= FEWEST]
     alike, lines = [rest.correlation() for rest in long], [rest.line() for rest in long]
-    level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines), 1)
+    far = [rest.outliers() for rest in channels]
+    level = ALARM / max(len(sizes) + len(each) + len(alike) + len(lines) + len(far), 1)
+    smooth = {a.name for a in alike if a.probability < level}
+    far = [a for a in far if a.name not in smooth]
     said = [
         f"the misfit{of} is {a.size:.3g} times what sigma says ({chance}): noise is larger, or the "
         "model or its mesh does not explain the data"
@@ -111,7 +135,14 @@ def misfit_hints(problem: FitProblem, r: Tensor, J: Tensor, C: Tensor) -> tuple[
         "the model misses a vibration, or what drives or damps it"
         for a, of, chance in _least(lines, level)
     ]
-    return tuple(f"{sentence}, and stated intervals are too narrow" for sentence in said)
+    said = [f"{sentence}, and stated intervals are too narrow" for sentence in said]
+    said += [
+        f"readings{of} are further off than normal noise: {a.at}, by up to {a.size:.3g} deviations "
+        f"of the others ({chance}): outliers move the fit, which loss='student' or 'huber' "
+        "gives less weight"
+        for a, of, chance in _least(far, level)
+    ]
+    return (*shared, *said)
 
 
 def series(problem: FitProblem) -> Iterator[tuple[str | None, str, Tensor, Tensor | None]]:

@@ -50,10 +50,11 @@ class SearchOptions:
         sigma: (...) standard deviation of the data: weights them, and scales the covariance
         absolute_sigma: False: sigma (of measurements too) weighs the data only; the misfit gives
             the size of the noise
-        noise: of data without sigma. "common": a common deviation, from the misfit. "channel": a
-            deviation for each channel (heteroscedastic), also beside data with sigma. Searches
-            alternate with estimates of the deviations (iteratively reweighted least squares), up to
-            restricted maximum likelihood
+        noise: of data without sigma. "common": a common deviation, from the misfit; of sensors that
+            read several units (m, m/s^2) a deviation for each unit. "channel": a deviation for each
+            channel (heteroscedastic), also beside data with sigma. Searches alternate with
+            estimates of the deviations (iteratively reweighted least squares), up to restricted
+            maximum likelihood
         derivatives: "difference": central differences of `relative_step` (1e-4), a batch of 2 p
             times the starts, which run on the compiled engine. "forward": forward mode, the p
             directions as a batch, by eager steps. "adjoint": the gradient of the squares by reverse
@@ -189,11 +190,13 @@ def searched(model: Any, data: Any, start: Any, options: SearchOptions) -> Fit:
             "bounds were given with derivatives = 'adjoint', which takes none but by the "
             "transform 'logit'; 'difference' and 'forward' do"
         )
-    parameters, own = parameters.more_starts(o.starts, o.spread, o.seed), None
-    if o.noise == "channel":
-        experiments, own = Noise.by_channel(experiments)
+    parameters, noise = parameters.more_starts(o.starts, o.spread, o.seed), None
     absolute = boolean("absolute_sigma", o.absolute_sigma)
-    problem = FitProblem.of(experiments, parameters, absolute, own)
+    if o.noise == "channel":
+        experiments, noise = Noise.by_channel(experiments)
+    elif absolute:
+        experiments, noise = Noise.by_unit(experiments, parameters.model)
+    problem = FitProblem.of(experiments, parameters, absolute, noise)
     x = problem.parameters.x
     region = problem.region(x)
     with torch.no_grad():

@@ -121,6 +121,8 @@ class Measurement:
                 "squares; 'white' or 'ar1' is wanted"
             )
         given = self._unmeasured() if self.values is None else self.values
+        if isinstance(given, Tensor) and given.is_complex():
+            raise refusal(f"complex {self._of}", "real ones, as shape.real of modes,", were=True)
         dtype, device = common_dtype(given)
         values = as_tensor(given, dtype, device).detach()
         if values.isinf().any():
@@ -173,8 +175,7 @@ class Measurement:
         self._check_sensor()
         for name in CLOCKS:
             if not isinstance(value := getattr(self, name), str):
-                value = finite(name, as_tensor(value, dtype, device))
-                object.__setattr__(self, name, value)
+                object.__setattr__(self, name, finite(name, as_tensor(value, dtype, device)))
         if not isinstance(self.gain, str):
             object.__setattr__(self, "gain", self._known_gain(dtype, device))
         late = [n for n in CLOCKS if isinstance(v := getattr(self, n), str) or (v != 0).any()]
@@ -394,7 +395,6 @@ def each(data: Any) -> list[Any]:
 
 def sigma_given(measurements: Iterable[Measurement]) -> bool:
     """Whether they have sigma. Raises ValueError where some have and others have not."""
-    known = {m.sigma is not None for m in measurements}
-    if len(known) > 1:
+    if len(known := {m.sigma is not None for m in measurements}) > 1:
         raise refusal("measurements with sigma and without", "all or none", were=True, are=True)
     return known == {True}

@@ -4,13 +4,18 @@ correlation from reading to reading; the weights of a loss.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
+SHARED = (
+    "measurements in {units} share one deviation, which none of them has, and stated intervals are "
+    "wrong: sigma of each, or more readings, are wanted"
+)
 NOISES = ("common", "channel")
 LEAST = 2  # readings of a channel whose noise is to be found
 
@@ -46,32 +51,68 @@ class Noise:
         """Experiments whose measurements without sigma have a first one, the scatter of each
         channel's data; and the channels of these. Raises ValueError for one of too few readings.
         """
-        numbers, fitted, sizes = [], {}, []
+        names: set[str] = set()
+
+        def name(e: Any, m: Any, label: str) -> str:
+            full = " ".join(filter(None, (e.name, label))) or "data"
+            full = full if full not in names else f"{full} ({len(names)})"
+            names.add(full)
+            return full
+
+        sized, noise, readings = cls._by(experiments, name)
+        for channel, count, lost in zip(noise.names, readings, noise.fitted, strict=True):
+            if count - lost < LEAST:
+                raise _too_few(channel, count)
+        return sized, noise
+
+    @classmethod
+    def by_unit(
+        cls, experiments: Sequence[Any], parameters: int
+    ) -> tuple[Sequence[Any], Noise | None]:
+        """As `by_channel`, with a deviation for each unit, of sensors without sigma of which all
+        know theirs and some differ. Without these, or where a unit has too few readings beside so
+        many parameters to know its noise by, the noise is common.
+        """
+        every = [m for e in experiments for m in e.measurements]
+        units = {unit_of(m) for m in every}
+        if None in units or len(units) < 2 or any(m.sigma is not None for m in every):
+            return experiments, None
+        sized, noise, readings = cls._by(experiments, lambda e, m, label: unit_of(m))
+        rest = (n - lost - parameters for n, lost in zip(readings, noise.fitted, strict=True))
+        return (experiments, None) if min(rest) < LEAST else (sized, noise)
+
+    @classmethod
+    def _by(
+        cls, experiments: Sequence[Any], name_of: Callable[[Any, Any, str], Any]
+    ) -> tuple[tuple[Any, ...], Noise, list[int]]:
+        """By names of channels: experiments with a first sigma, channels, readings of each."""
+        numbers, squares, fitted, readings = [], {}, {}, {}
         for e in experiments:
-            with_sigma = []
             for m in e.measurements:
                 columns = m.values.reshape(-1, len(m.labels))
                 here = torch.full(columns.shape, -1, device=columns.device)
-                sigma = torch.ones_like(columns[0])
                 for k, label in enumerate(m.labels):
                     seen = columns[~columns[:, k].isnan(), k]
                     if m.sigma is not None or not len(seen):
                         continue
-                    name = " ".join(filter(None, (e.name, label))) or "data"
-                    name = name if name not in fitted else f"{name} ({len(fitted)})"
-                    lost = m.fitted / len(m.labels)
-                    if len(seen) - lost < LEAST:
-                        raise _too_few(name, len(seen))
-                    here[:, k], fitted[name] = len(fitted), lost
-                    scatter = (seen - seen.mean()).square().mean().sqrt().item()
-                    sigma[k] = scatter or seen.abs().max().item() or 1.0
+                    name = name_of(e, m, label)
+                    here[:, k] = list(fitted).index(name) if name in fitted else len(fitted)
+                    fitted[name] = fitted.get(name, 0.0) + m.fitted / len(m.labels)
+                    readings[name] = readings.get(name, 0) + len(seen)
+                    scatter = (seen - seen.mean()).square().sum().item()
+                    scatter = scatter or len(seen) * (seen.abs().max().item() or 1.0) ** 2
+                    squares[name] = squares.get(name, 0.0) + scatter
                 numbers.append(here.flatten())
-                first = (
-                    sigma.expand_as(columns).reshape(m.values.shape) if m.sigma is None else m.sigma
-                )
-                with_sigma.append(replace(m, sigma=first))
-            sizes.append(replace(e, measurements=tuple(with_sigma)))
-        return tuple(sizes), cls(torch.cat(numbers), tuple(fitted), tuple(fitted.values()))
+        noise = cls(torch.cat(numbers), tuple(fitted), tuple(fitted.values()))
+        first = [math.sqrt(squares[name] / readings[name]) for name in fitted]
+        like = dict(dtype=torch.float64, device=numbers[0].device)
+        sigma = noise.each(torch.tensor(first, **like))
+        rest, sized = iter(sigma.split([len(n) for n in numbers])), []
+        for e in experiments:
+            each = [(m, next(rest).to(m.values).reshape(m.values.shape)) for m in e.measurements]
+            known = tuple(m if m.sigma is not None else replace(m, sigma=s) for m, s in each)
+            sized.append(replace(e, measurements=known))
+        return tuple(sized), noise, list(readings.values())
 
     def sums(self, values: Tensor, known: Tensor) -> Tensor:
         """(..., channels) of values (..., T) of the data that were measured."""
@@ -97,6 +138,12 @@ class Noise:
             raise _too_few(
                 self.names[c], int((self.channel[known] == c).sum()), redundancy[c].item()
             )
+
+
+def unit_of(m: Any) -> str | None:
+    """Of what a measurement's sensor reads; None = not known."""
+    unit = getattr(m.sensor, "unit", None)
+    return f"{unit}/s".replace("/s/s", "/s^2") if unit and m.rate else unit
 
 
 def _too_few(name: str, readings: int, free: float | None = None) -> ValueError:

@@ -1,5 +1,5 @@
-"""Residuals of a fit against noise: their size, their correlation from reading to reading, and the
-largest line among them.
+"""Residuals of a fit against noise: their size, their correlation from reading to reading, the
+largest line among them, and outliers.
 
 Of a model that is right, and linear as far as the noise reaches, residuals over sigma are M e: e is
 noise of unit deviation, and M = 1 - J C J^T what the parameters, fitted with it, leave of it (J
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ...math.distributions import beta_probability
+from ...math.distributions import beta_probability, normal_probability
 from .spectrum import Spectrum
 
 FEWEST = 20  # degrees of freedom of a series that is tested for its order
@@ -25,6 +25,8 @@ LAGS = 10
 HEAVY = 15
 #             lighter one: counted to 1e-3 in 200,000 series of noise of 20, 40 and 100 readings,
 #                 50,000 of 400
+MEDIAN = 0.6745  # of the size of normal noise of unit deviation
+OUTLIER = 4.0  # deviations, by the median, beyond which a residual is called one
 DETERMINED = 1e-3  # of a line's squares that the parameters leave, below which it is theirs
 
 
@@ -112,6 +114,23 @@ class Residuals:
         tail = beta_probability(second / (second + first * ratio), second / 2, first / 2)
         return ResidualTest(self.name, tail, correlation[off.abs().argmax()].item())
 
+    def outliers(self) -> ResidualTest:
+        """Residuals that are too far off for normal noise: the largest (Grubbs 1950, Ann. Math.
+        Stat. 21, 27), or many, by their fourth moment (Anscombe and Glynn 1983, Biometrika 70,
+        227). `size` is the largest, in deviations by the median, and `at` says how many there are.
+        """
+        leverage = ((self.J @ self.C) * self.J).sum(-1).clamp(max=1 - 1e-9)
+        r = (self.r.square() / (1 - leverage)).sqrt()
+        size = r / (r.median() / MEDIAN)
+        far, n, left = int((size > OUTLIER).sum()), len(r), self.left
+        if not 0 < far < n / 2 or left < 3 or not torch.isfinite(size).all():
+            return ResidualTest(self.name, 1.0, 0.0)
+        share = min((r.max().square() / self.r.square().sum()).item(), 1.0)
+        tail = n * beta_probability(1 - share, (left - 1) / 2, 0.5)
+        if n >= FEWEST:
+            tail = 2 * min(tail, _heavy_tailed(n * (r**4).sum() / r.square().sum() ** 2, n))
+        return ResidualTest(self.name, min(tail, 1.0), size.max().item(), f"{far} of {n}")
+
     def line(self) -> ResidualTest:
         """The largest line of the periodogram: by how much a cosine and a sine beside the
         parameters make the squares fall, over what they do of noise on average (`size`).
@@ -144,6 +163,18 @@ class Residuals:
             else f"at {1 / period:.4g} Hz"
         )
         return ResidualTest(self.name, min(tail, 1.0), fall[k].item() / 2, at)
+
+
+def _heavy_tailed(kurtosis: Tensor, n: int) -> float:
+    """Probability that n normal numbers have this kurtosis or more (Anscombe and Glynn 1983)."""
+    variance = 24 * n * (n - 2) * (n - 3) / ((n + 1) ** 2 * (n + 3) * (n + 5))
+    x = (kurtosis - 3 * (n - 1) / (n + 1)) / math.sqrt(variance)
+    skew = 6 * (n * n - 5 * n + 2) / ((n + 7) * (n + 9))
+    skew *= math.sqrt(6 * (n + 3) * (n + 5) / (n * (n - 2) * (n - 3)))
+    a = 6 + 8 / skew * (2 / skew + math.sqrt(1 + 4 / skew**2))
+    cube = (1 - 2 / a) / (1 + x * math.sqrt(2 / (a - 4)))
+    root = cube.abs() ** (1 / 3) * cube.sign()
+    return normal_probability(-(1 - 2 / (9 * a) - root) / math.sqrt(2 / (9 * a))).item()
 
 
 def _neighbours(values: Tensor, lag: int) -> Tensor:

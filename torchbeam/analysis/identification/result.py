@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -12,7 +13,7 @@ from ...core.warning import warn
 from ...solvers.least_squares import CONVERGED, FAILED, LEFT, STUCK, UNFINISHED, Found
 from ...solvers.region import Region
 from .covariance import Spread
-from .exchanged import exchange_hints
+from .exchanged import exchange_hints, multiple_doubts
 from .hints import bound_hints, misfit_hints, noise_hints, tangled_hints, unit_hints
 from .periods import period_hints
 from .problem import FitProblem
@@ -45,6 +46,18 @@ class NamedFit(Named):
             "theta": "estimate param parameter popt",
         }
     )
+
+
+def warn_of(doubts: Sequence[str]) -> None:
+    """Warn of intervals whose residuals are no noise of the size that was stated."""
+    if doubts:
+        said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
+        warn(
+            "intervals that take the model as right and what it leaves as noise were asked for, "
+            f"but {said} (`doubts` say more). A better model or mesh is wanted; of larger noise "
+            "absolute_sigma=False",
+            UserWarning,
+        )
 
 
 def conclusions(
@@ -92,7 +105,8 @@ def conclusions(
     doubts: tuple[str, ...] = ()
     if spread.scale:
         white = spread.white[determined][:, determined]
-        doubts = (*period_hints(problem, r[best], J[best], best, x[best]),
+        doubts = (*multiple_doubts(problem, r[best], J[best], spread.white, spread.scale),
+                  *period_hints(problem, r[best], J[best], best, x[best]),
                   *misfit_hints(problem, r[best], seen, white))  # fmt: skip
     exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale, theta[best])
     bounded = bound_hints(parameters.names, theta[best], spread.held)

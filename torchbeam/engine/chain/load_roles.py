@@ -11,8 +11,9 @@ from torch import Tensor
 
 from ...core.leaves import FunctionOfTime, Tree, constant, own_leaves
 from ...nodal.acting import ActingLoad
+from ...nodal.line_loads import places, valued
 from ...nodal.model import Model
-from ...scene.effects import Input, Inputs
+from ...scene.effects import Input
 from ...scene.effects.effect import of_library
 
 
@@ -58,7 +59,7 @@ class LoadRoles(NamedTuple):
                 (dead if is_given else asked).append(k)
         none = {name: model.length.new_zeros(size) for name, size in scene.inputs.items()}
         zero = model.length.new_zeros(())
-        by_place = [act.load.at_sites(*_places(model, act, zero, none)) is not None for act in some]
+        by_place = [act.load.at_sites(*places(model, act, zero, none)) is not None for act in some]
         valued = valued_at_rest(model, some)
         wants_support = any(load.wants_support for load in loads)
         rests = not scene.has_prescribed_motion and scene.root is None
@@ -88,16 +89,6 @@ def valued_at_rest(model: Model, acts: Iterable[ActingLoad]) -> tuple[Any, ...]:
     """
     none = {name: model.length.new_zeros(size) for name, size in model.scene.inputs.items()}
     return tuple(valued(model, act, model.length.new_zeros(()), none) for act in acts)
-
-
-def valued(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> Any:
-    return act.load.resolved(*_places(model, act, t, inputs))
-
-
-def _places(model: Model, act: ActingLoad, t: Tensor, inputs: Inputs) -> tuple[Any, ...]:
-    """What a load is asked for its values by."""
-    s = model.s[..., act.node] if isinstance(act.node, slice) else model.s
-    return s, t, inputs, act.elements or model.scene.beam.element_count
 
 
 def _by_time(load: Any, by_place: bool) -> bool:

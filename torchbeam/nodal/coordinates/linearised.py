@@ -17,12 +17,13 @@ from ...core.leaves import Tree, leaf
 from ...core.validation import concrete
 from ...core.warning import warn
 from ...math import quaternions as quat
-from ...math.shapes import broadcast_shapes
+from ...math.shapes import broadcast_shapes, stacked
 from ...scene.beam import Beam
 from ...state.state import State
 from ...topology.protocols import Topology
 from ..assembly import Assembly
 from .elements import ELEMENTS
+from .planar import Planar
 from .spatial import Spatial
 
 
@@ -52,17 +53,17 @@ class LinearElement(Tree):
 
     @classmethod
     def of(
-        cls, topology: Topology, order: int, nodes: Tensor, frames: Tensor, length: Tensor
+        cls, topology: Topology, space: Spatial, nodes: Tensor, frames: Tensor, length: Tensor
     ) -> LinearElement:
-        interpolation, finite, _ = ELEMENTS[order]
-        assembly = Assembly(topology, interpolation, 3)
+        """space: of large rotations, that nodes and frames are those of."""
+        interpolation, finite, p = space.interpolation, space.functions, space.dims.position
+        assembly = Assembly(topology, interpolation, p)
         positions, rotations = assembly.ends(nodes), assembly.ends(frames)
         B = finite.strain_operator(finite.kinematics(*positions, *rotations, length), length)
-        by_r, *by_spin = interpolation.by_spins(B, 3)
-        turned = torch.broadcast_tensors(
-            by_r, *(by @ quat.matrix(q) for by, q in zip(by_spin, rotations, strict=True))
-        )
-        return cls(interpolation.slopes(*positions), B, torch.cat(turned, -1), order)
+        by_r, *by_spin = interpolation.by_spins(B, p)
+        turned = (by @ space.spin_matrix(q) for by, q in zip(by_spin, rotations, strict=True))
+        B_section = stacked(by_r, *turned, axis=-1)
+        return cls(interpolation.slopes(*positions), B, B_section, space.order)
 
     def kinematics(self, *given: Tensor) -> Moves:
         """Positions m and rotation vectors rad (section axes) of the nodes of each element,
@@ -70,14 +71,8 @@ class LinearElement(Tree):
         """
         *ends, _ = given
         positions, rotations = ends[: len(ends) // 2], ends[len(ends) // 2 :]
-        return Moves(
-            torch.cat(
-                torch.broadcast_tensors(
-                    self.interpolation.slopes(*positions) - self.chord, *rotations
-                ),
-                -1,
-            )
-        )
+        slopes = self.interpolation.slopes(*positions) - self.chord
+        return Moves(stacked(slopes, *rotations, axis=-1))
 
     def strains(self, kin: Moves, length: Tensor, reference: Tensor | float = 0.0) -> Tensor:
         return (self.B_section @ kin.numbers[..., None])[..., 0] - reference
@@ -109,7 +104,7 @@ class Linearised(Spatial):
     @classmethod
     def of(cls, beam: Beam, topology: Topology) -> Linearised:
         element = LinearElement.of(
-            topology, beam.order, beam.nodes, beam.frames, beam.length[..., None]
+            topology, Spatial(order=beam.order), beam.nodes, beam.frames, beam.length[..., None]
         )
         return cls(beam.frames, quat.matrix(beam.frames), element, order=beam.order)
 
@@ -117,24 +112,11 @@ class Linearised(Spatial):
         return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])
 
     def to_reduced(self, state: State) -> State:
-        if state.frame is not None:
-            raise ValueError(
-                "a state in a frame that turns was given; small rotations want one that does not"
-            )
+        _refuse_turning(state)
         return replace(state, rotation=self.to_reduced_rotation(state.rotation))
 
     def to_public(self, state: State) -> State:
-        """A public state's quaternion holds less than half a turn: a vector beyond it, which small
-        rotations never are, loses whole turns, of which a RuntimeWarning tells.
-        """
-        angle = state.rotation.detach().norm(dim=-1)
-        if concrete(angle > math.pi).any():
-            warn(
-                f"rotations of {concrete(angle.amax()).item():.3g} rad came of small=True, which "
-                "are not small, and of which a state holds what is less than half a turn: what "
-                "goes on from it or is read of its rotations is wrong; a scene without small, or "
-                "smaller loads, are wanted"
-            )
+        _warn_of_turns(state)
         return replace(state, rotation=quat.multiply(self.frames, quat.exponential(state.rotation)))
 
     def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
@@ -161,39 +143,118 @@ class Linearised(Spatial):
     def to_reduced_rotation(self, q: Tensor) -> Tensor:
         return quat.logarithm(quat.multiply(quat.conjugate(self.frames), q))
 
-    def rotation_rate(self, q: Tensor, spin: Tensor) -> Tensor:
+    def rotation_rate(self: Spatial, q: Tensor, spin: Tensor) -> Tensor:
         return spin
 
     def to_section(self, q: Tensor, spin: Tensor) -> Tensor:
         return (self.R.mT @ spin[..., None])[..., 0]
 
-    def multiply(self, p: Tensor, q: Tensor) -> Tensor:
+    def multiply(self: Spatial, p: Tensor, q: Tensor) -> Tensor:
         return p + q
 
-    def inverse(self, q: Tensor) -> Tensor:
+    def inverse(self: Spatial, q: Tensor) -> Tensor:
         return -q
 
-    def identity(self, like: Tensor) -> Tensor:
-        return torch.zeros_like(like)
+    def identity(self: Spatial, like: Tensor) -> Tensor:
+        return torch.zeros_like(like[..., : self.dims.spin])
 
-    def sqrt(self, q: Tensor) -> Tensor:
+    def sqrt(self: Spatial, q: Tensor) -> Tensor:
         return q / 2
 
-    def normalize(self, q: Tensor) -> Tensor:
+    def normalize(self: Spatial, q: Tensor) -> Tensor:
         return q
 
     cayley = theta = exponential = logarithm = normalize
 
-    def cosine(self, q: Tensor) -> Tensor:
+    def cosine(self: Spatial, q: Tensor) -> Tensor:
         return torch.ones_like(q[..., 0])
 
-    def theta_by_turn(self, theta: Tensor) -> Tensor:
-        return torch.eye(3, dtype=theta.dtype, device=theta.device).expand(*theta.shape, 3)
+    def theta_by_turn(self: Spatial, theta: Tensor) -> Tensor:
+        s = self.dims.spin
+        return torch.eye(s, dtype=theta.dtype, device=theta.device).expand(*theta.shape, s)
 
     logarithm_by_turn = theta_by_turn
 
     def mean_rotation(self, R: Tensor, before: Tensor) -> Tensor:
-        return torch.eye(3, dtype=R.dtype, device=R.device).expand_as(R)
+        return torch.eye(R.shape[-1], dtype=R.dtype, device=R.device).expand_as(R)
 
     def spin_skew(self, spin: Tensor) -> Tensor:
         return torch.zeros_like(spin)[..., None] * spin[..., None, :]
+
+
+@dataclass(frozen=True)
+class LinearisedPlanar(Planar):
+    """In a plane: frames (..., N+1, 2), R (..., N+1, 2, 2); a rotation is an angle rad."""
+
+    frames: Tensor = leaf(2)
+    R: Tensor = leaf(3)
+    linear_element: LinearElement
+
+    turns: ClassVar[bool] = False
+    reversible = False
+    functions = property(lambda self: self.linear_element)
+
+    rotation_rate = Linearised.rotation_rate
+    multiply = Linearised.multiply
+    inverse = Linearised.inverse
+    identity = Linearised.identity
+    sqrt = Linearised.sqrt
+    cosine = Linearised.cosine
+    theta_by_turn = Linearised.theta_by_turn
+    normalize = cayley = theta = exponential = logarithm = Linearised.normalize
+
+    @classmethod
+    def of(cls, beam: Beam, topology: Topology, name: str) -> LinearisedPlanar:
+        """Raises ValueError as `Planar.of`."""
+        plane = Planar.of(beam, name)
+        nodes, frames = plane.pose(beam.nodes, beam.frames)
+        element = LinearElement.of(topology, plane, nodes, frames, beam.length[..., None])
+        of_plane = plane.name, plane.basis, plane.section, plane.place
+        return cls(*of_plane, frames, plane.matrix(frames), element, order=beam.order)
+
+    def of_nodes(self, nodes: slice | int) -> LinearisedPlanar:
+        return replace(self, frames=self.frames[..., nodes, :], R=self.R[..., nodes, :, :])
+
+    def to_reduced(self, state: State) -> State:
+        _refuse_turning(state)
+        return super().to_reduced(state)
+
+    def to_public(self, state: State) -> State:
+        _warn_of_turns(state)
+        rotation = Planar.multiply(self.frames, super().exponential(state.rotation))
+        return super().to_public(replace(state, rotation=rotation))
+
+    def pose(self, position: Tensor, rotation: Tensor) -> tuple[Tensor, Tensor]:
+        return self.project_vector(position), self.to_reduced_rotation(rotation)
+
+    def to_reduced_rotation(self, q: Tensor) -> Tensor:
+        turned = Planar.multiply(Planar.inverse(self.frames), super().to_reduced_rotation(q))
+        return super().logarithm(turned)
+
+    def matrix(self, q: Tensor) -> Tensor:
+        return self.R
+
+    def axes(self, q: Tensor) -> Tensor:
+        return super().axes(self.frames)
+
+
+def _refuse_turning(state: State) -> None:
+    """ValueError for a state in a frame that turns."""
+    if state.frame is not None:
+        raise ValueError(
+            "a state in a frame that turns was given; small rotations want one that does not"
+        )
+
+
+def _warn_of_turns(state: State) -> None:
+    """A public state's quaternion holds less than half a turn: a vector beyond it, which small
+    rotations never are, loses whole turns, of which a RuntimeWarning tells.
+    """
+    angle = state.rotation.detach().norm(dim=-1)
+    if concrete(angle > math.pi).any():
+        warn(
+            f"rotations of {concrete(angle.amax()).item():.3g} rad came of small=True, which "
+            "are not small, and of which a state holds what is less than half a turn: what "
+            "goes on from it or is read of its rotations is wrong; a scene without small, or "
+            "smaller loads, are wanted"
+        )

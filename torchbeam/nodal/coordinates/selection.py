@@ -7,7 +7,7 @@ from ...scene.beam import Beam
 from ...scene.prescribed_motion import turning
 from ...scene.scene import Scene
 from ...topology.protocols import Topology
-from .linearised import Linearised
+from .linearised import Linearised, LinearisedPlanar
 from .planar import Planar
 from .spatial import Spatial
 
@@ -21,6 +21,8 @@ def coordinates(beam: Beam, topology: Topology, plane: str | None, small: bool) 
     """Of a beam that moves in this plane, None = in 3D, or by small rotations. Raises ValueError
     where its nodes or its mass do not fit the plane.
     """
+    if small and plane is not None:
+        return LinearisedPlanar.of(beam, topology, plane)
     if small:
         return Linearised.of(beam, topology)
     return in_space(beam) if plane is None else Planar.of(beam, plane)

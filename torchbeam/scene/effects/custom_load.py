@@ -33,7 +33,8 @@ from .load_point import (
     derivatives,
     jacobians,
 )
-from .values import Input, Inputs, to_sites, value_at
+from .sites import to_sites
+from .values import Input, Inputs, value_at
 
 PLACE = "s"  # may be asked for in `of`, and is no motion
 UNSAID = (
@@ -104,7 +105,7 @@ class Load(LoadEffect):
             "spin". The others are given as None, and not differentiated. Empty: a load of t,
             inputs, values and z. Further quantities come by name: "acceleration" (..., 3) m/s^2 and
             "angular_acceleration" (..., 3) rad/s^2, absolute, frame a. Along the beam, also the arc
-            length "s" (..., sites) m from the root
+            length "s" (..., sites) m from the root, of nodes: `Along` integrates over elements
         on: along the beam: name of a beam of a structure; None = all
 
     Automatic differentiation gives the tangent. An implicit step takes z at mid step, linearly
@@ -272,8 +273,8 @@ class Load(LoadEffect):
         self, point: LoadPoint, t: Tensor, inputs: Inputs, z: Tensor | None
     ) -> tuple[tuple[Tensor | None, ...], dict[str, Tensor], torch.Size]:
         """Position, rotation, velocity, spin (None where they are not used); the others by name;
-        their axes before their own. All have as many of these, so that they can be stacked; along
-        the beam one of them is for the sites.
+        their axes before their own. All have as many of these, and motions the same, so that they
+        can be stacked; along the beam one of them is for the sites.
         """
         motion = dict(
             position=point.position, rotation=point.R, velocity=point.velocity, spin=point.spin
@@ -298,8 +299,12 @@ class Load(LoadEffect):
         axes = max([point.R.ndim - 2, *(x.ndim - k for x, k in present), *map(len, shapes)])
         named = {name: _with_axes(x, axes + 1) for name, x in named.items()}
         numbers = {name: _with_axes(x, axes) for name, x in numbers.items()}
-        both = zip(motion, axes_counts, strict=True)
-        motion = tuple(None if x is None else _with_axes(x, axes + k) for x, k in both)
+        present = [(_with_axes(x, axes + k), k) for x, k in present]
+        common = broadcast_shapes(*(x.shape[:-k] for x, k in present))
+        wide = iter(
+            [x if x.shape[:-k] == common else x.expand(*common, *x.shape[-k:]) for x, k in present]
+        )
+        motion = tuple(None if x is None else next(wide) for x in motion)
         return motion, named | numbers, lead
 
 

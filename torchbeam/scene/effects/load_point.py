@@ -133,6 +133,8 @@ class LoadEffect(Tree):
             None = all parts
         inputs: `Input`s that it takes beside the inputs in its leaves
         by_place: of an effect without a node: whether it differs along the beam
+        integrated: of a load along the beam: whether its values are integrated over elements, by
+            Gauss points. Else it acts at nodes, by its values there
         shared: names of leaves that are the same all along it even where others have `at_sites`
         by_mass: whether it acts on all masses, bodies included; else on beams alone, per length
         resists: whether it is no load but what moves act against, as a spring: the load factor of a
@@ -164,6 +166,7 @@ class LoadEffect(Tree):
     on = None
     inputs: ClassVar[Iterable] = ()
     by_place = True
+    integrated = False
     shared: ClassVar[tuple[str, ...]] = ()
     by_mass = False
     resists = False

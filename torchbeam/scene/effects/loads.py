@@ -172,6 +172,8 @@ class LineLoad(LoadEffect):
     def by_place(self) -> bool:
         return any(isinstance(value, ByPlace) for value in (self.force, self.moment))
 
+    integrated = by_place
+
     def at_sites(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> LineLoad | None:
         if not self.by_place:
             return None

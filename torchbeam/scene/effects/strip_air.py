@@ -31,6 +31,7 @@ from .load_point import (
     derivatives,
     jacobians,
 )
+from .sites import to_sites
 from .strip_air_arguments import (
     axes_of,
     chord_along,
@@ -40,7 +41,7 @@ from .strip_air_arguments import (
     of_place,
     wind_value,
 )
-from .values import Input, Inputs, to_sites, value_at
+from .values import Input, Inputs, value_at
 from .wake import Flow, delays
 from .wind import in_frame
 

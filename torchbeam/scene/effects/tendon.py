@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
 import torch
@@ -31,10 +31,12 @@ class Eyelet(Tree):
 
     node   as everywhere; None = the ground
     point  (..., 3) m in the section axes of the node, or in the body's; of the ground in frame a
+    along  whether it is one of `Tendon.along`, which goes through all ends of elements
     """
 
     node: Any
     point: Value = leaf(1)
+    along: bool = False
 
     @classmethod
     def of(cls, given: Any) -> Eyelet:
@@ -137,6 +139,7 @@ class Tendon(Effect):
     @classmethod
     def along(cls, beam: Any, point: Any, name: str | None = None, **given: Any) -> Tendon:
         """A tendon along the whole of a beam, from root to tip, through all ends of its elements.
+        On another mesh (`remesh`, `converge`) it goes through the ends of the new elements.
 
         Args:
             beam: the `Beam`
@@ -154,8 +157,14 @@ class Tendon(Effect):
         else:
             places = [point] * count
         nodes = range(0, beam.order * count, beam.order)
-        pairs = zip(nodes, places, strict=True)
-        return cls([(k if name is None else (name, k), p) for k, p in pairs], **given)
+        each = zip(nodes, places, strict=True)
+        pairs = [Eyelet.of((k if name is None else (name, k), p)) for k, p in each]
+        return cls([replace(eyelet, along=True) for eyelet in pairs], **given)
+
+    @property
+    def is_along(self) -> bool:
+        """Whether it goes through all ends of elements, of whatever mesh."""
+        return all(eyelet.along for eyelet in self.eyelets)
 
     @property
     def nodes(self) -> tuple[int, ...]:

@@ -4,6 +4,7 @@ of s, or a value for each element.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -82,13 +83,19 @@ class AtSites(ByPlace):
         return self.value
 
 
+SIZES = re.compile("must match the size|equal size")  # of torch's words
+
+
 @dataclass(frozen=True)
 class Along(ByPlace):
     """A line load's value as a function of place and time: `function(s, t)` -> (..., sites, 3) per
     metre.
 
-    s (..., sites) m is the arc length from the root, t (0-dim) s. The function returns a tensor or
-    a (nested) sequence.
+    s (..., sites) m is the arc length from the root, at four Gauss points of each element, t
+    (0-dim) s. The function returns a tensor or a (nested) sequence. The nodes of an element bear
+    its integral there. Force and moment are exact up to degree 5 in s, also where it jumps at a
+    node. A jump inside an element gives a warning: put a node there. The mixed forms ask at the
+    middles of elements.
 
     Examples:
         >>> load = tb.LineLoad(force=tb.Along(lambda s, t: torch.stack((0 * s, 0 * s, 2 * s), -1)))
@@ -101,9 +108,25 @@ class Along(ByPlace):
     def __call__(
         self, s: Tensor, t: Tensor, inputs: Inputs | None = None, elements: int | None = None
     ) -> Tensor:
-        return at_time(
-            lambda now: taken("an Along function's value", self.function(s, now), s, 3), t, axes=2
-        )
+        return at_time(lambda now: self._at(s, now), t, axes=2)
+
+    def _at(self, s: Tensor, t: Tensor) -> Tensor:
+        try:
+            value = taken("an Along function's value", self.function(s, t), s, 3)
+        except RuntimeError as error:
+            if not SIZES.search(str(error)):
+                raise
+            raise ValueError(
+                f"an Along function that does not take s of shape {tuple(s.shape)} was given "
+                f"({error}); an axis for s is wanted in what is of a batch, as in "
+                "(P[..., None] * s, 0.0, 0.0)"
+            ) from None
+        if value.ndim > 1 and value.shape[-2] not in (1, s.shape[-1]):
+            raise refusal(
+                f"an Along function's value of shape {tuple(value.shape)}",
+                f"(..., {s.shape[-1]}, 3), of each of s,",
+            )
+        return value
 
 
 def _rows(name: str, value: Any) -> Any:
@@ -123,8 +146,7 @@ class PerElement(ByPlace):
     """A line load's value for each element.
 
     It is (..., N, 3) per metre, a function t -> (..., N, 3), or an `Input` of size 3 N with the
-    elements' components one element after the other. A node takes the mean of its two elements,
-    weighted by their lengths. All nodes together bear the load of all elements.
+    elements' components one element after the other. The nodes of an element bear its load.
 
     Examples:
         >>> growing = tb.PerElement(
@@ -153,7 +175,7 @@ class PerElement(ByPlace):
         return value
 
     def __call__(self, s: Tensor, t: Tensor, inputs: Inputs, elements: int) -> Tensor:
-        """(..., sites, 3) at arclengths s (..., sites), of the elements or nodes of a beam."""
+        """(..., sites, 3) at arclengths s (..., sites), as many in each element of a beam."""
 
         def rows(now: Tensor) -> Tensor:
             value = taken("a PerElement function's value", self.value(now), s)
@@ -163,47 +185,8 @@ class PerElement(ByPlace):
         value = at_time(rows, t, axes=2) if function else self.checked(self.value, elements)
         if isinstance(value, Input):
             value = input_at(value, inputs).unflatten(-1, (elements, 3))
-        return value if s.shape[-1] == elements else _mean_of_elements(value, s)
-
-
-def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
-    """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the
-    elements; of two elements by the lengths that they give the node, see `Model.tributary_length`:
-    half of each, or with a midside node at the distances a and b from the ends a/2 - b/6 at the
-    first of these and b/2 - a/6 at the other.
-    """
-    first = last = s.diff(dim=-1)[..., None]
-    midside = first.shape[-2] > value.shape[-2]
-    if midside:
-        a, b = first[..., ::2, :], first[..., 1::2, :]
-        first, last = 3 * a - b, 3 * b - a
-    none = torch.zeros_like(first[..., :1, :])
-    before, after = torch.cat((none, last), -2), torch.cat((first, none), -2)
-    left = torch.cat((value[..., :1, :], value), -2)
-    right = torch.cat((value, value[..., -1:, :]), -2)
-    mean = (before * left + after * right) / (before + after)
-    if not midside:
-        return mean
-    inner = torch.stack(torch.broadcast_tensors(mean[..., :-1, :], value), -2).flatten(-3, -2)
-    return torch.cat((inner, mean[..., -1:, :]), -2)
-
-
-def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
-    """A parameter (..., sites) at the sites with the arclengths s (..., sites), elements or nodes
-    of a beam of so many elements: from one without axes or (..., 1) for all, from (..., N) of the
-    elements or (..., N+1) of the nodes. Raises ValueError for another size.
-    """
-    sites, given = s.shape[-1], value.shape[-1] if value.ndim else 1
-    if given in (1, sites):
-        return value.expand(*value.shape[:-1], sites)
-    if given == elements:
-        return _mean_of_elements(value[..., None], s)[..., 0]
-    if given == elements + 1 and sites == elements:
-        return (value[..., 1:] + value[..., :-1]) / 2
-    raise ValueError(
-        f"{name} of shape {tuple(value.shape)} was given; one number for all, for each of the "
-        f"{elements} elements or for each of the {max(sites, elements + 1)} nodes is wanted"
-    )
+        points = s.shape[-1] // elements
+        return value if points == 1 else value.repeat_interleave(points, -2)
 
 
 def inputs_of(effect: Tree) -> list[Input]:

@@ -160,3 +160,31 @@ def test_a_structure_is_refused():
     structure = tb.Scene({"arm": BEAMS["straight"](4, 1)}, supports=[tb.Support(("arm", 0))])
     with pytest.raises(ValueError, match="a structure was given to be meshed anew"):
         tb.remesh(structure, 8)
+
+
+def test_a_tendon_along_a_beam_goes_through_the_ends_of_the_new_elements():
+    """A helix through 9 and 25 ends: the tip is 5e-3 of the change by the mesh from that of a
+    tendon drawn on the new mesh, and five elements of order 2 are no hindrance. A tendon by numbers
+    keeps its eyelets.
+    """
+
+    def helix(s):
+        return torch.stack((0 * s, 0.012 * torch.cos(6 * s), 0.012 * torch.sin(6 * s)), -1)
+
+    def arm(elements):
+        section = tb.Section.circle(0.006, E=2e6, nu=0.45, rho=1100.0)
+        beam = tb.Beam.straight(0.25, elements, section)
+        return tb.Scene(beam, [tb.Tendon.along(beam, helix, tension=0.3)])
+
+    coarse = arm(8)
+    tips = [
+        tb.equilibrium(scene, engine="eager").tip.position
+        for scene in (coarse, tb.remesh(coarse, 24), arm(24))
+    ]
+    off, moved = ((tip - tips[2]).norm() for tip in (tips[1], tips[0]))
+    assert 0 < moved and off < 5e-3 * moved
+    assert tb.remesh(coarse, 5, order=2).tendons[0].nodes == (0, 2, 4, 6, 8, 10)
+    (rope,) = coarse.tendons
+    numbered = tb.Tendon([(x.node, x.point) for x in rope.eyelets], tension=0.3)
+    kept = tb.remesh(tb.Scene(coarse.beam, [numbered]), 16).tendons[0]
+    assert kept.nodes == tuple(range(0, 17, 2))

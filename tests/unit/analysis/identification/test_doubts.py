@@ -1,5 +1,6 @@
 """Doubts: residuals that are no noise are told, and those that are noise are not."""
 
+import dataclasses
 import math
 import warnings
 
@@ -146,6 +147,32 @@ def test_a_field_of_a_model_that_is_too_coarse():
     assert "times what sigma says" in repr(fits[1]).split("; ")[1]
     with pytest.warns(UserWarning, match="times what sigma says"):
         fits[1].interval("x")
+
+
+@pytest.mark.parametrize("sigma", [0.05, None])
+@pytest.mark.parametrize("n, which", [(200, 5), (200, 22), (12, 1)])
+def test_outliers(n, which, sigma):
+    """Five, 22 and one reading that are 1 off, 20 deviations of the noise. They are counted, and
+    the loss that is named moves the parameters by less than half as much.
+    """
+    times = torch.linspace(0, 2, n)
+    random = torch.Generator().manual_seed(0)
+    data, which = measured(random, times, sigma), torch.randperm(n, generator=random)[:which]
+
+    def fitted(loss=None):
+        named = dataclasses.replace(data, loss=loss)
+        return tb.identify(lambda theta: decay(theta, times), named, START)
+
+    clean = fitted()
+    data.values[which] += 1.0
+    fit, cured = fitted(), fitted("student")
+    (said,) = (doubt for doubt in fit.doubts if "loss='student'" in doubt)
+    assert not clean.doubts and f": {len(which)} of {n}, by up to" in said
+    with pytest.warns(UserWarning, match="of 'gauge' are further off than normal noise"):
+        fit.interval()
+    assert not any("loss='student'" in doubt for doubt in cured.doubts)
+    off = [torch.linalg.vector_norm(each.theta - clean.theta) for each in (cured, fit)]
+    assert off[0] < 0.5 * off[1]
 
 
 def false_alarms(repeats, seed):

@@ -1,5 +1,7 @@
 """Markers and channels that were exchanged are named by the fit, others are not."""
 
+import warnings
+
 import pytest
 import torch
 
@@ -107,3 +109,73 @@ def test_offsets_that_take_it_up_become_alike(pair):
         i, j = pair
         assert hint.startswith(f"'markers {i}' and 'markers {j}' seem to be exchanged: ")
         assert hint.endswith("of what it is, and their offsets alike")
+
+
+def swing(theta):
+    """Place m and acceleration m/s^2 of a swing that fades from a known speed, (n, times) each."""
+    times, c, w = torch.linspace(0, 2, 120), theta["c"][:, None], theta["w"][:, None]
+    place = 0.01 * torch.exp(-c * times) * torch.sin(w * times)
+    rest = 0.02 * c * w * torch.exp(-c * times) * torch.cos(w * times)
+    return place, (c * c - w * w) * place - rest
+
+
+def swings(factors, sigma=(1e-6, 2e-2), wrong=False):
+    """The fit of two instruments whose readings are so many times too small."""
+    true = swing({"c": torch.tensor([0.3]), "w": torch.tensor([9.0])})
+    random = torch.Generator().manual_seed(0)
+    data = [
+        (y[0] + s * torch.randn(y[0].shape, generator=random)) / f
+        for y, s, f in zip(true, (1e-6, 2e-2), factors, strict=True)
+    ]
+    if wrong:
+        data.reverse()
+    t = torch.linspace(0, 2, 120)
+    measured = [
+        tb.Measurement(d, s, t, name=name)
+        for d, s, name in zip(data, sigma, ("laser", "accelerometer"), strict=True)
+    ]
+    with warnings.catch_warnings():  # of units
+        warnings.simplefilter("ignore")
+        return tb.identify(swing, measured, {"c": 0.2, "w": 8.8})
+
+
+@pytest.mark.parametrize(
+    "factor, own, word",
+    [
+        (-1.0, False, "another sign"),
+        (9.80665, False, "g for m/s^2"),
+        (9.80665, True, "g for m/s^2"),
+        (1 / 9.80665, True, "m/s^2 for g"),
+        (1e3, False, "m for mm"),
+        (1e-3, True, "mm for m"),
+    ],
+)
+def test_another_sign_or_unit_is_named(factor, own, word):
+    """Of an accelerometer beside a laser that holds the parameters; `own`: its sigma is in the unit
+    of its data.
+    """
+    fit = swings((1.0, factor), (1e-6, 2e-2 / abs(factor) if own else 2e-2))
+    assert fit.doubts[0].startswith(f"'accelerometer' fits {factor:.4g} times its readings ({word}")
+    assert not any("fits" in doubt for doubt in swings((1.0, 1.0)).doubts)
+
+
+def test_what_goes_against_the_model_from_the_start_on():
+    """Of an amplitude that is positive nothing is determined: hint and refusal say what the start
+    said.
+    """
+    times = torch.linspace(0, 1, 50)
+
+    def model(theta):
+        return theta["a"][:, None] * torch.sin(6 * times)
+
+    data = tb.Measurement(-0.9 * torch.sin(6 * times), 0.01, times, name="laser")
+    fit = tb.identify(model, data, {"a": tb.Parameter(1.0, "log")})
+    assert fit.status != 0 and any("sign another" in hint for hint in fit.hints)
+    with pytest.raises(ValueError, match=r"determines nothing .*sign another"):
+        fit.refined(model)
+
+
+def test_instruments_of_two_kinds_that_are_exchanged():
+    hints = swings((1.0, 1.0), wrong=True).hints
+    assert any("'laser' and 'accelerometer' seem to be exchanged" in hint for hint in hints)
+    assert not any("exchanged" in hint for hint in swings((1.0, 1.0)).hints)

@@ -233,3 +233,47 @@ def test_intervals_hold_the_truth():
         held += low <= 1 <= high
         normal += abs(fit.theta - 1) <= 1.96 * fit.deviation
     assert 930 <= held <= 970 and normal < held
+
+
+def pendulum(theta):
+    """A small swing of a stiff link on a spring: place and acceleration of its tip."""
+    section = tb.Section.rectangle(0.03, 0.001, E=theta["E"], nu=0.3, rho=7850.0)
+    beam = tb.Beam.straight(0.3, 2, section, order=2)
+    pull = tb.TipLoad(force=lambda t: (0, 0, 0.5 * (t < 0.02)))
+    scene = tb.Scene(beam, [pull, tb.Damping(4e-4)], plane="xz")
+    return tb.simulate(scene, torch.linspace(0, 0.2, 101), step=2e-3, engine="compiled")
+
+
+def two_instruments(sigma=(None, None), count=90):
+    """A laser with noise of 0.05 mm and an accelerometer with 0.5 m/s^2."""
+    t, true = torch.linspace(0.01, 0.19, count), pendulum({"E": torch.tensor([2.05e11])})
+    z, v = tb.sensors.TipPosition()["z"], tb.sensors.NodeVelocity(2)["z"]
+    noise = [torch.randn(n, generator=torch.Generator().manual_seed(n)) for n in (count, 90)]
+    late = torch.linspace(0.01, 0.19, 90)
+    near = tb.observe(true, z, t)[:, 0, 0] + 5e-5 * noise[0]
+    fast = tb.observe(true, v, late, rate=True)[:, 0, 0] + 0.5 * noise[1]
+    return [
+        tb.Measurement(near, sigma[0], t, z, name="laser"),
+        tb.Measurement(fast, sigma[1], late, v, rate=True, name="accelerometer"),
+    ]
+
+
+def test_units_do_not_share_a_deviation():
+    """Metres and m/s^2 have noise of their own, found to a fifth, and the parameter is as well
+    known as with these sigma.
+    """
+    start = {"E": tb.Parameter(1.95e11, "log")}
+    known, free = (
+        tb.identify(pendulum, two_instruments(sigma), start, derivatives="difference")
+        for sigma in ((5e-5, 0.5), (None, None))
+    )
+    assert free.noise["m"] == pytest.approx(5e-5, rel=0.2)
+    assert free.noise["m/s^2"] == pytest.approx(0.5, rel=0.2)
+    assert free.deviation.item() == pytest.approx(known.deviation.item(), rel=0.2)
+    assert abs(free["E"].item() - known["E"].item()) < 0.5 * known.deviation.item()
+
+
+def test_units_with_too_few_readings_share_one_with_a_doubt():
+    start = {"E": tb.Parameter(1.95e11, "log")}
+    fit = tb.identify(pendulum, two_instruments(count=2), start, derivatives="difference")
+    assert any("in m and m/s^2 share one deviation" in doubt for doubt in fit.doubts)

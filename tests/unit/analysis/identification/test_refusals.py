@@ -19,6 +19,7 @@ def parameter(**changed):
 CASES = {
     "all NaN": (lambda: dict(data=T * math.nan), "data of 40 numbers, all NaN"),
     "infinite": (lambda: dict(data=T / 0), "data hold infinite"),
+    "complex": (lambda: dict(data=T + 0j), r"complex data were given; real ones, as shape\.real"),
     "too few": (lambda: dict(data=CLEAN[:1], model=lambda t: wave(t)[:, :1]),
                 "1 data were given for 2 parameters"),
     "another shape": (lambda: dict(model=lambda t: wave(t)[:, :3]),
