@@ -18,6 +18,7 @@ from ..core.validation import concrete
 from ..equations.step_problem import StepProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.conditions import conditions
+from ..nodal.deformed_elements import BROKEN, too_deformed
 from ..nodal.element_loads import all_loads
 from ..nodal.model import Model
 from ..scene.effects import Effect
@@ -157,6 +158,9 @@ class Failure(NamedTuple):
                     "the step leads through what is to be touched; a smaller one may help, or "
                     "contact with a larger force, which holds more energy"
                 )
+            at = problem.start.position, problem.start.rotation
+            if (deformed := too_deformed(problem.model, *at, self.failed, BROKEN)) is not None:
+                return f"{deformed}: no step is short enough for it"
             found = unresisted_motion(problem, self.failed)
             if found is None and problem.model.has_friction:
                 return (

@@ -19,11 +19,12 @@ from ..core.derivatives import no_derivatives
 from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.memory import check_memory
-from ..core.status import FAILED
+from ..core.status import DIVERGED, FAILED
 from ..core.validation import broadcast, concrete
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes, largest
 from ..nodal.blow import warn_of_blow
+from ..nodal.deformed_elements import warn_of_deformed
 from ..nodal.model import Model
 from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
@@ -49,8 +50,10 @@ from .tolerance import Tolerance
 from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 
 PLAN = 200  # bytes of one step in it
+NO_STEP = "Newton's method did not converge in steps of this tolerance; a smaller rtol may help"
 MAX_STEPS = 100_000  # of adaptive steps in a run
 STEPS = 200  # of the default step, over the whole of t
+LOOKED_AT = 1_000_000  # elements at instants; of more the last instant is looked at
 FINER = 64  # times the first step that is tried: most steps of an adaptive run are longer
 
 
@@ -131,6 +134,7 @@ def implicit_run(
     reason, engine = stepper.failures.reasons(), stepper.engine
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason, engine=engine)
     states = ReducedStates(begun, parts, stepper.model.space)
+    _look_at(stepper.model, t, states)
     return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
 
@@ -213,6 +217,7 @@ def adaptive_run(
         for v in (inputs[name],)
     }
     solution = adaptive(stepper, start, t, held, tolerance, events, most, first)
+    _look_at(stepper.model, t, solution.states)
     lengths, level = solution.steps.sequence.instants.diff(dim=0), solution.proof.level
     stats = Stats(
         steps=largest(solution.steps.sequence.counts * 2**level),
@@ -220,7 +225,7 @@ def adaptive_run(
         level=level,
         rejected=solution.steps.rejected,
         error=solution.proof.error * tolerance.position,
-        reason=stepper.failures.reasons(),
+        reason={DIVERGED: NO_STEP} | stepper.failures.reasons(),
         engine=stepper.engine,
     )
     return Solution(
@@ -285,10 +290,27 @@ def explicit_run(
         if number := int(concrete(lost).sum()):
             reason = {FAILED: f"{method} {SENTENCE}; {ADVICE}"}
             warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)")
+    _look_at(rates.model, t, trajectory)
     energy = partial(_energy, rates.model, trajectory, instants, inputs)
     return Solution(
         t, trajectory, energy, Stats(evaluations=evaluations, reason=reason, engine="eager")
     )
+
+
+def _look_at(model: Model, t: Any, states: State | ReducedStates) -> None:
+    """Warns of elements that are too deformed, in samples that have not failed."""
+    with no_derivatives():
+        good = states.status == 0
+        many = good.numel() * model.station_count > LOOKED_AT
+        if not isinstance(states, ReducedStates):
+            states = model.space.to_reduced(states)
+            position, rotation = states.position, states.rotation
+        elif many:
+            position, rotation = states.parts[-1].position, states.parts[-1].rotation
+        else:
+            position, rotation = (states.field(x, slice(None)) for x in ("position", "rotation"))
+        last = slice(-1 if many else 0, None)
+        warn_of_deformed(model, position[last], rotation[last], good[last], t[last])
 
 
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:

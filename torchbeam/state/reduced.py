@@ -69,8 +69,8 @@ class ReducedStates:
         nodes = self.one.position.shape[-2]
         at = slice(index % nodes, index % nodes + 1)
         return Point(
-            lambda: self.space.public_position(self._field("position", index)),
-            lambda: self.space.public_vector(self._field("velocity", index)),
+            lambda: self.space.public_position(self.field("position", index)),
+            lambda: self.space.public_vector(self.field("velocity", index)),
             lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
             lambda: self._of(dict.fromkeys(AT_NODES, at), at).row(0).spin,
         )
@@ -78,7 +78,7 @@ class ReducedStates:
     @property
     def nodes(self) -> Tensor:
         """(..., N+1, 3) m, frame a."""
-        return self.space.public_position(self._field("position", slice(None)))
+        return self.space.public_position(self.field("position", slice(None)))
 
     @property
     def root(self) -> Reaction:
@@ -89,7 +89,7 @@ class ReducedStates:
     def status(self) -> Tensor:
         return self._joined(lambda part: part.status)
 
-    def _field(self, name: str, nodes: slice | int) -> Tensor:
+    def field(self, name: str, nodes: slice | int) -> Tensor:
         """Of these nodes alone, (time, ..., *)."""
         return self._joined(lambda part: getattr(part, name)[..., nodes, :])
 

@@ -22,6 +22,7 @@ from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.balance import Linearisation
+from ..nodal.deformed_elements import warn_of_deformed
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -218,6 +219,7 @@ def _equilibrium(
         lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
+    warn_of_deformed(model, x.position, x.rotation, ~failed)
     return problem.state(x, reaction, status)
 
 
