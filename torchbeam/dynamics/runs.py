@@ -33,7 +33,7 @@ from ..scene.prescribed_motion import oriented
 from ..scene.scene import Scene
 from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
-from ..state.start import on_supports
+from ..state.start import on_supports, warn_of_kink
 from ..state.state import State, resting
 from ..state.state_check import check_state, with_optional_fields
 from .adaptive import adaptive
@@ -325,11 +325,14 @@ def _started(model: Model, initial: State | None, t: Tensor) -> State:
     if initial is not None or scene.has_prescribed_motion:
         model.space.start(start)  # says so where it does not fit
     if initial is None:
+        warn_of_kink(start, scene)
         return start
     start = with_optional_fields(start.broadcast(), scene)
     if start.frame is not None:  # it turns on from the state's own time
         start = replace(start, frame=oriented(scene, start.frame, start.t, t))
-    return on_supports(start, scene, t).broadcast().at(t)
+    start = on_supports(start, scene, t).broadcast().at(t)
+    warn_of_kink(start, scene)
+    return start
 
 
 def _energy(
