@@ -72,7 +72,7 @@ def warn_of_deformed(
 
 
 def _where(model: Model, x: Tensor, far: Tensor, t: Tensor | None) -> str:
-    """The element where x (..., N) is largest; which samples are `far`, and since when, in words."""
+    """The element where x (..., N) is largest, which samples are `far`, since when, in words."""
     station, beam = int(x.reshape(-1, x.shape[-1]).amax(0).argmax()), model.scene.beam
     part = next((p for p in beam.parts if p.stations.start <= station < p.stations.stop), None)
     first, of = (0, "") if part is None else (part.first_station, f" of {part.name!r}")

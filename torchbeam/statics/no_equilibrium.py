@@ -6,11 +6,9 @@ import itertools
 import math
 
 import torch
-from torch import Tensor
 
 from ..core.derivatives import no_derivatives
 from ..core.status import DIVERGED, STATUS
-from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
 from ..nodal.deformed_elements import BROKEN, too_deformed
 from ..state.state import rest
@@ -108,4 +106,3 @@ def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) ->
                 f"between them, which cannot stretch, is {float(reach):.6g} m long"
             )
     return ""
-

@@ -15,6 +15,7 @@ from ..nodal import loads as external
 
 NEUTRAL = 1e-4  # of the softest pivot at no load: a pivot that is less negative does not count
 HAIR = 1e-3  # of the most negative pivot: an asymmetry that is less takes no instability away
+SURE = 10.0  # times the forces out of balance: stresses that miss their strains are beside them
 ROUNDING = 0.5  # power of the dtype's rounding
 
 
@@ -29,13 +30,13 @@ def sign(pivots: Tensor) -> Tensor:
 
 
 def unresisted(problem: SteadyProblem, x: Configuration, pivots: Tensor) -> Tensor:
-    """(...) N/m, what pivots (..., n, w, w) by `Model.unit` may be of a motion that nothing resists:
+    """(...) N/m, which pivots (..., n, w, w) by `Model.unit` may have where nothing resists:
     by rounding, and by forces out of balance at x, which such a motion turns.
     """
     model, size = problem.model, torch.linalg.matrix_norm(pivots, 2).amax(-1)
     off = problem.residual(x)[0].nodes * model.constraints.moving * model.unit[..., None, :]
     rounding = pivots.shape[-3] * torch.finfo(pivots.dtype).eps * size
-    return rounding + off.abs().sum((-1, -2)) / model.extent
+    return rounding + SURE * off.abs().sum((-1, -2)) / model.extent
 
 
 def resisted(pivots: Tensor, none: Tensor) -> tuple[Tensor, Tensor]:
