@@ -18,7 +18,7 @@ from ..core.validation import concrete
 from ..equations.step_problem import StepProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.conditions import conditions
-from ..nodal.deformed_elements import BROKEN, too_deformed
+from ..nodal.deformed_elements import unsteppable
 from ..nodal.element_loads import all_loads
 from ..nodal.model import Model
 from ..scene.effects import Effect
@@ -159,8 +159,8 @@ class Failure(NamedTuple):
                     "contact with a larger force, which holds more energy"
                 )
             at = problem.start.position, problem.start.rotation
-            if (deformed := too_deformed(problem.model, *at, self.failed, BROKEN)) is not None:
-                return f"{deformed}: no step is short enough for it"
+            if (deformed := unsteppable(problem.model, *at, self.failed)) is not None:
+                return deformed
             found = unresisted_motion(problem, self.failed)
             if found is None and problem.model.has_friction:
                 return (

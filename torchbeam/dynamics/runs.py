@@ -19,12 +19,12 @@ from ..core.derivatives import no_derivatives
 from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.memory import check_memory
-from ..core.status import DIVERGED, FAILED
+from ..core.status import DIVERGED, FAILED, UNDERFLOW
 from ..core.validation import broadcast, concrete
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes, largest
 from ..nodal.blow import warn_of_blow
-from ..nodal.deformed_elements import warn_of_deformed
+from ..nodal.deformed_elements import unsteppable, warn_of_deformed
 from ..nodal.model import Model
 from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
@@ -218,6 +218,14 @@ def adaptive_run(
     }
     solution = adaptive(stepper, start, t, held, tolerance, events, most, first)
     _look_at(stepper.model, t, solution.states)
+    reason = {DIVERGED: NO_STEP} | stepper.failures.reasons()
+    last = solution.states.status[-1]
+    for code in set(concrete(last).flatten().tolist()) & {DIVERGED, UNDERFLOW}:
+        # what has failed at first may have been a trial
+        on = stepper.model.space.to_reduced(solution.states)
+        judged = (last == code).expand(on.status.shape)
+        deformed = unsteppable(stepper.model, on.position, on.rotation, judged)
+        reason |= {} if deformed is None else {code: deformed}
     lengths, level = solution.steps.sequence.instants.diff(dim=0), solution.proof.level
     stats = Stats(
         steps=largest(solution.steps.sequence.counts * 2**level),
@@ -225,7 +233,7 @@ def adaptive_run(
         level=level,
         rejected=solution.steps.rejected,
         error=solution.proof.error * tolerance.position,
-        reason={DIVERGED: NO_STEP} | stepper.failures.reasons(),
+        reason=reason,
         engine=stepper.engine,
     )
     return Solution(

@@ -63,6 +63,12 @@ def too_deformed(
     return None
 
 
+def unsteppable(model: Model, position: Tensor, rotation: Tensor, judged: Tensor) -> str | None:
+    """The same of what no step can pass, where steps have failed."""
+    sentence = too_deformed(model, position, rotation, judged, BROKEN)
+    return sentence and f"{sentence}: no step is short enough for it"
+
+
 def warn_of_deformed(
     model: Model, position: Tensor, rotation: Tensor, judged: Tensor, t: Tensor | None = None
 ) -> None:
