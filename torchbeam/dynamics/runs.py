@@ -224,7 +224,7 @@ def adaptive_run(
         # what has failed at first may have been a trial
         on = stepper.model.space.to_reduced(solution.states)
         judged = (last == code).expand(on.status.shape)
-        deformed = unsteppable(stepper.model, on.position, on.rotation, judged)
+        deformed = unsteppable(stepper.model, on.position, on.rotation, judged, t)
         reason |= {} if deformed is None else {code: deformed}
     lengths, level = solution.steps.sequence.instants.diff(dim=0), solution.proof.level
     stats = Stats(

@@ -63,9 +63,11 @@ def too_deformed(
     return None
 
 
-def unsteppable(model: Model, position: Tensor, rotation: Tensor, judged: Tensor) -> str | None:
+def unsteppable(
+    model: Model, position: Tensor, rotation: Tensor, judged: Tensor, t: Tensor | None = None
+) -> str | None:
     """The same of what no step can pass, where steps have failed."""
-    sentence = too_deformed(model, position, rotation, judged, BROKEN)
+    sentence = too_deformed(model, position, rotation, judged, BROKEN, t)
     return sentence and f"{sentence}: no step is short enough for it"
 
 

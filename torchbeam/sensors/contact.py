@@ -168,7 +168,9 @@ class OfContact(OfScene):
 class ContactForce(OfContact):
     """Force (..., 3) N of an obstacle on the beam, or of the second part on the first, frame a.
 
-    Friction is included.
+    Friction is included. It is the law's at the instant of the state: after an implicit step at its
+    end, where friction that sticks may alternate. At the mean of two states, `a.map(lambda x, y: (x
+    + y) / 2, b)`, it is that of the midpoint step between them.
 
     Raises:
         ValueError: for a SelfContact, whose forces sum up to zero.

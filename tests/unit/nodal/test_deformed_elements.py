@@ -3,6 +3,7 @@ by their known share, and what is warned of in runs and equilibria.
 """
 
 import math
+import re
 import warnings
 
 import pytest
@@ -127,4 +128,4 @@ def test_a_failed_step_names_the_element_that_folds(steps):
     scene = tb.Scene(tb.Beam.straight(1.0, 1, rod), [tb.TipLoad(moment=(0, -30.0, 0))], plane="xz")
     solution = tb.simulate(scene, torch.linspace(0, 0.2, 21), **steps)
     (reason,) = solution.stats.reason.values()
-    assert "element 0 bends by" in reason and "smaller" not in reason, reason
+    assert re.search("element 0.* bends by", reason) and "smaller" not in reason, reason
