@@ -24,7 +24,7 @@ from ..core.validation import broadcast, concrete
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes, largest
 from ..nodal.blow import warn_of_blow
-from ..nodal.deformed_elements import unsteppable, warn_of_deformed
+from ..nodal.deformed_elements import suspects, unsteppable, warn_of_deformed
 from ..nodal.model import Model
 from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
@@ -53,7 +53,7 @@ PLAN = 200  # bytes of one step in it
 NO_STEP = "Newton's method did not converge in steps of this tolerance; a smaller rtol may help"
 MAX_STEPS = 100_000  # of adaptive steps in a run
 STEPS = 200  # of the default step, over the whole of t
-LOOKED_AT = 1_000_000  # elements at instants; of more the last instant is looked at
+LOOKED_AT = 3_000_000  # numbers of positions; of more instants the first and the last are looked at
 FINER = 64  # times the first step that is tried: most steps of an adaptive run are longer
 
 
@@ -306,19 +306,27 @@ def explicit_run(
 
 
 def _look_at(model: Model, t: Any, states: State | ReducedStates) -> None:
-    """Warns of elements that are too deformed, in samples that have not failed."""
+    """Warns of elements that are too deformed after the start, in samples that have not failed."""
+    if isinstance(states, ReducedStates):
+        first, parts = states.followers
+    else:
+        first, parts = 0, (model.space.to_reduced(states),)
+    shown: list[tuple[int, Any]] = []
+    for part in parts:
+        rows = suspects(model, part.position, part.rotation).reshape(len(part.t), -1).any(1)
+        shown += [(first + int(k), (part, int(k))) for k in rows.nonzero()[0]]
+        first += len(rows)
+    if not shown:
+        return
+    if len(shown) * shown[0][1][0].position[0].numel() > LOOKED_AT:
+        shown = shown[:: max(1, len(shown) - 1)]
     with no_derivatives():
-        good = states.status == 0
-        many = good.numel() * model.station_count > LOOKED_AT
-        if not isinstance(states, ReducedStates):
-            states = model.space.to_reduced(states)
-            position, rotation = states.position, states.rotation
-        elif many:
-            position, rotation = states.parts[-1].position, states.parts[-1].rotation
-        else:
-            position, rotation = (states.field(x, slice(None)) for x in ("position", "rotation"))
-        last = slice(-1 if many else 0, None)
-        warn_of_deformed(model, position[last], rotation[last], good[last], t[last])
+        columns = [
+            torch.stack([getattr(part, name)[k] for _, (part, k) in shown])
+            for name in ("position", "rotation", "status")
+        ]
+        position, rotation, status = columns
+        warn_of_deformed(model, position, rotation, status == 0, t[[k for k, _ in shown]])
 
 
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch._C import _functorch as functorch
 
 from ..core.derivatives import no_derivatives
 from ..core.status import named
@@ -14,6 +16,7 @@ from .model import Model
 # rad, of an element: of an arc whose chord is 2.6 % shorter than it (1 - sin(a/2)/(a/2))
 BENT = 0.8
 BROKEN = 2.0  # rad: next to half a turn, which an element of two nodes cannot pass
+SURELY = 0.5  # times these, from node to node: no station within has more
 STRETCHED = 10.0  # times its length, which no solid bears
 
 
@@ -27,6 +30,36 @@ def deformations(model: Model, position: Tensor, rotation: Tensor) -> tuple[Tens
     rest = model.reference[..., :p]
     lengths = [torch.linalg.vector_norm(v, dim=-1) for v in (strain[..., :p] + rest, rest)]
     return torch.linalg.vector_norm(bend, dim=-1), lengths[0] / lengths[1]
+
+
+def suspects(model: Model, position: Tensor, rotation: Tensor) -> np.ndarray:
+    """(...) bool: which shapes may have such an element, by the turns and distances of neighbouring
+    nodes, without an operation of torch: all others are surely without.
+    """
+    beam = model.scene.beam
+    if not (model.space.turns and model.station_count):
+        return np.zeros(position.shape[:-2], dtype=bool)
+    if functorch.peek_interpreter_stack() is not None:  # where numbers are not to be had
+        return np.ones(position.shape[:-2], dtype=bool)
+    x, q, nodes, frames = map(_array, (position, rotation, beam.nodes, beam.frames))
+    # a turn from the one drawn is at most as large as both together
+    half = np.maximum(SURELY * BENT / 2 - np.arccos(_cosine(frames)), 0.0)
+    apart, drawn = (np.square(np.diff(v, axis=-2)).sum(-1) for v in (x, nodes))
+    far = (_cosine(q) < np.cos(half)) | (apart > (SURELY * STRETCHED) ** 2 * drawn)
+    if beam.parts:  # between parts there is no element
+        rows = [k for p in beam.parts for k in range(p.nodes.start, p.nodes.stop - 1)]
+        far = far[..., rows]
+    return far.any(-1)
+
+
+def _array(x: Tensor) -> np.ndarray:
+    x = x.detach() if x.requires_grad else x
+    return (x if x.device.type == "cpu" else x.cpu()).numpy()
+
+
+def _cosine(q: np.ndarray) -> np.ndarray:
+    """(..., N) of half the angle between neighbours of rotations (..., N+1, 4), or in a plane."""
+    return np.minimum(np.abs((q[..., 1:, :] * q[..., :-1, :]).sum(-1)), 1.0)
 
 
 def too_deformed(
@@ -75,6 +108,8 @@ def warn_of_deformed(
     model: Model, position: Tensor, rotation: Tensor, judged: Tensor, t: Tensor | None = None
 ) -> None:
     """Warns of it: see `too_deformed`."""
+    if not suspects(model, position, rotation).any():
+        return
     if (sentence := too_deformed(model, position, rotation, judged, t=t)) is not None:
         warn(f"{sentence} (the answer may be far off)")
 

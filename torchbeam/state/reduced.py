@@ -43,6 +43,11 @@ class ReducedStates:
         return self._parts
 
     @property
+    def followers(self) -> tuple[int, tuple[Any, ...]]:
+        """Parts without the first instant, where it stands by itself; how many are left out."""
+        return (0 if self._begun is None else 1), self._parts
+
+    @property
     def one(self) -> Any:
         """A state, or some, by which all of them are known."""
         return self._parts[0] if self._begun is None else self._begun
@@ -69,8 +74,8 @@ class ReducedStates:
         nodes = self.one.position.shape[-2]
         at = slice(index % nodes, index % nodes + 1)
         return Point(
-            lambda: self.space.public_position(self.field("position", index)),
-            lambda: self.space.public_vector(self.field("velocity", index)),
+            lambda: self.space.public_position(self._field("position", index)),
+            lambda: self.space.public_vector(self._field("velocity", index)),
             lambda: self._of({"rotation": at}, at).axes[..., 0, :, :],
             lambda: self._of(dict.fromkeys(AT_NODES, at), at).row(0).spin,
         )
@@ -78,7 +83,7 @@ class ReducedStates:
     @property
     def nodes(self) -> Tensor:
         """(..., N+1, 3) m, frame a."""
-        return self.space.public_position(self.field("position", slice(None)))
+        return self.space.public_position(self._field("position", slice(None)))
 
     @property
     def root(self) -> Reaction:
@@ -89,7 +94,7 @@ class ReducedStates:
     def status(self) -> Tensor:
         return self._joined(lambda part: part.status)
 
-    def field(self, name: str, nodes: slice | int) -> Tensor:
+    def _field(self, name: str, nodes: slice | int) -> Tensor:
         """Of these nodes alone, (time, ..., *)."""
         return self._joined(lambda part: getattr(part, name)[..., nodes, :])
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ...core.leaves import leaf
-from ...core.validation import Value, refusal
+from ...core.validation import Value, refusal, shown
 from ...math.quaternions import skew
 from .load_point import ROTATION, LoadEffect, LoadPoint
 from .values import Inputs, load_value, value_at
@@ -17,7 +17,7 @@ from .values import Inputs, load_value, value_at
 
 def _acceleration(name: str, value: Any) -> Any:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        raise refusal(f"{name} = {value:g}", "three numbers, as (0, 0, -9.81),", are=True)
+        raise refusal(f"{name} = {shown(value)}", "three numbers, as (0, 0, -9.81),", are=True)
     return load_value(name, value)
 
 
