@@ -19,6 +19,7 @@ from ..core.warning import warn
 from ..equations.step_problem import StepProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.conditions import conditions
+from ..nodal.deformed_elements import unsteppable
 from ..nodal.element_loads import all_loads
 from ..nodal.model import Model
 from ..scene.effects import Effect
@@ -158,6 +159,9 @@ class Failure(NamedTuple):
                     "the step leads through what is to be touched; a smaller one may help, or "
                     "contact with a larger force, which holds more energy"
                 )
+            at = problem.start.position, problem.start.rotation
+            if (deformed := unsteppable(problem.model, *at, self.failed)) is not None:
+                return deformed
             found = unresisted_motion(problem, self.failed)
             if found is None and problem.model.has_friction:
                 return (

@@ -22,6 +22,7 @@ from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.balance import Linearisation
+from ..nodal.deformed_elements import warn_of_deformed
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -39,7 +40,7 @@ from .lower_equilibrium import lower_equilibrium
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
-from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign
+from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, resisted, sign, unresisted
 
 # of the resistance of the softest motion at no load
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}
@@ -214,6 +215,7 @@ def _equilibrium(
         lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
+    warn_of_deformed(model, x.position, x.rotation, ~failed)
     return problem.state(x, reaction, status)
 
 
@@ -304,8 +306,9 @@ def _unstable(
     doubtful: Tensor | None,
     uneven: Tensor | None = None,
 ) -> Tensor:
-    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
-    load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
+    """(...) whether a pivot is negative by more than `unresisted`, and next to nothing beside the
+    softest one at no load; doubtful: samples whose tangent is not positive definite, None = not
+    known. What rounding leaves of a motion that nothing resists has no sign. Of a tangent K
     whose `asymmetry`, uneven (...), None = not known, is no hair beside that pivot: whether its
     determinant is negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero
     s > 0, whatever mass and damping are, as it is positive for large s: a motion grows without
@@ -328,10 +331,12 @@ def _unstable(
         uneven = asymmetry(problem, x) if uneven is None else uneven
         unloaded, size = _tangent(problem, start), problem.model.unit
         (here, sound), (usual, _) = (k.system.pivots(size) for k in (tangent, unloaded))
-        soft, least = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
+        none = unresisted(problem, x, here)
+        here, soft = resisted(here, none)
+        least = torch.linalg.svdvals(usual).amin((-1, -2))
         diverges = sound & (sign(here) < 0) & (soft > NEUTRAL * least)
         soft, least = (eigenvalues(p).amin((-1, -2)) for p in (here, usual))
-        negative = (soft < -NEUTRAL * least.clamp(min=0)) | ~sound
+        negative = (soft < -torch.maximum(NEUTRAL * least, none)) | ~sound
         return doubtful & torch.where(uneven <= HAIR * -soft.clamp(max=0), negative, diverges)
 
 
