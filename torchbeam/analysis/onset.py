@@ -75,15 +75,12 @@ def _zeros(
     motion (k,) known at the unstable ones: by the secant, whose sides close in in turn, or halves.
     """
     least = tolerance * torch.maximum(stable, unstable)
-    zero = before = stable
     for k in range(ROUNDS):
         gap, g = unstable - stable, motion.value.real
         # what grows by less than rounding, at the stable speed, has its zero beyond
         most = torch.maximum(BEYOND * least, gap.abs())
-        now = stable + (f * gap / (f - g)).clamp(min=-most, max=most)
-        zero, before, last = now, zero, before
-        settled = (f < 0) & (torch.maximum((zero - before).abs(), (zero - last).abs()) < least)
-        if bool(((gap.abs() <= least) | settled).all()):
+        zero = stable + (f * gap / (f - g)).clamp(min=-most, max=most)
+        if bool((gap.abs() <= least).all()):
             break
         x = zero + (-ASIDE, ASIDE, torch.nan)[k % 3] * gap
         inside = (f < 0) & (((x - stable) / gap - 0.5).abs() < 0.5)
