@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from typing import Any, ClassVar
 
@@ -16,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 import torchbeam as tb
-from torchbeam.extend import count, shown, warn
+from torchbeam.extend import count, one_thread, shown, warn
 
 from .accuracy import resolved
 from .config import BeamEnvConfig
@@ -191,7 +192,7 @@ class BeamVectorEnv(VectorEnv):
         mask = self._mask(options)
         options = self.simulation.options(options)
         self.streams.seed(seed, mask)
-        with self._gradient():
+        with self._computing():
             self.episodes = self._renew(self.episodes, mask, **options)
             info, masks = self._info(
                 self.episodes, self.episodes.failed, torch.zeros_like(mask), mask, mask
@@ -222,7 +223,7 @@ class BeamVectorEnv(VectorEnv):
         self._open()
         before = self._running()
         action, invalid = self._action(actions)
-        with self._gradient():
+        with self._computing():
             done = before.terminated if before is self._going else before.done
             over, fresh = before is not self._going and bool(done.any()), done
             if over and self.autoreset_mode is AutoresetMode.NEXT_STEP:
@@ -388,6 +389,12 @@ class BeamVectorEnv(VectorEnv):
 
     def _action(self, actions: Any) -> tuple[Tensor, Tensor | None]:
         """Actions within [-1, 1], and which were no numbers, None = all were."""
+        wanted = getattr(actions, "requires_grad", False) and torch.is_grad_enabled()
+        if wanted and self.output == "numpy":
+            raise ValueError(
+                "actions that carry gradient were given to an env with output='numpy', whose "
+                "rewards have none; output='torch', or actions.detach(), is wanted"
+            )
         try:
             action = torch.as_tensor(actions, dtype=self.dtype, device=self.device)
         except (TypeError, ValueError, RuntimeError, OverflowError):
@@ -447,8 +454,13 @@ class BeamVectorEnv(VectorEnv):
         if self.render_mode == "human":
             self.render()
 
-    def _gradient(self) -> torch.autograd.grad_mode.set_grad_enabled:
-        return torch.set_grad_enabled(self.output == "torch" and torch.is_grad_enabled())
+    @contextmanager
+    def _computing(self) -> Iterator[None]:
+        """With gradients where they are wanted; few sub-envs on one thread."""
+        wanted = self.output == "torch" and torch.is_grad_enabled()
+        with one_thread(6 * self.num_envs * self.scene.beam.node_count):
+            with torch.set_grad_enabled(wanted):
+                yield
 
     def _told(self, info: dict[str, Any]) -> dict[str, Any]:
         """The information as an output: float64, but for an observation in it."""

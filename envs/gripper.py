@@ -59,6 +59,7 @@ class GripperConfig(BeamEnvConfig):
     sensors: Any = ("tip",)
     randomize: bool | Mapping[str, Sequence[float]] | None = None
     max_episode_steps: int | None = 100
+    params_in_info: bool | None = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -353,8 +354,8 @@ class GripperVectorEnv(BeamVectorEnv):
 
     ## Information
     `distance` (m) of the ball from its target, `lifted` (within 5 mm of it), `solver_failed`,
-    `action_invalid`; masks as in TipReach. `info["params"]` has the ball's mass (`ball`) and the
-    friction.
+    `action_invalid`; masks as in TipReach. With `params_in_info=True` `info["params"]` has the
+    ball's mass (`ball`) and the friction.
 
     ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction,
     up, beam, supports, actuators and force. Its defaults hold, but length = 0.11, elements = 4 (of

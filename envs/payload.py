@@ -27,6 +27,7 @@ class PayloadConfig(TipReachConfig):
     reach: float = 0.5
     max_episode_steps: int | None = 100
     randomize: bool | Mapping[str, Sequence[float]] | None = None
+    params_in_info: bool | None = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,7 +69,8 @@ class PayloadVectorEnv(BeamVectorEnv):
     target depend on it. Only the motion reveals it, because every episode begins in the same shape.
 
     ## Action space, observation space, reward, episode end, information
-    As in TipReach, but for 100 steps (2 s). `info["params"]["payload"]` (kg) is the mass.
+    As in TipReach, but for 100 steps (2 s). With `params_in_info=True`
+    `info["params"]["payload"]` (kg) is the mass.
 
     ## Starting state Still, in the shape in which the usual strip hangs with the usual mass.
     Another mass then sinks or rises. Displacements count from there. The target is the static tip

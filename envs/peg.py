@@ -53,6 +53,7 @@ class PegConfig(BeamEnvConfig):
     substeps: int = 4
     randomize: bool | Mapping[str, Sequence[float]] | None = None
     max_episode_steps: int | None = 100
+    params_in_info: bool | None = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -288,7 +289,8 @@ class PegVectorEnv(BeamVectorEnv):
 
     ## Information
     `distance` (m) of the tip from its target, `inserted` (within 5 mm of it), `solver_failed`,
-    `action_invalid`; masks as in TipReach. `info["params"]["friction"]` is the plate's.
+    `action_invalid`; masks as in TipReach; with `params_in_info=True`
+    `info["params"]["friction"]` is the plate's.
 
     ## Arguments The fields of `BeamEnvConfig` (see `envs/config.py`), without section, direction,
     up, beam, supports, actuators and force. Its defaults hold, but length = 0.3, damping = 2e-3,

@@ -51,7 +51,7 @@ class Plant(Tree):
         if isinstance(self.stepper, Stepper) and isinstance(inputs, dict):
             return self.stepper.repeat(beam, steps, inputs, active)
         for given in [inputs] * steps if isinstance(inputs, dict) else inputs:
-            beam = self.stepper(beam, active=active, **given)
+            beam = self.stepper.advance(beam, given, active=active)
         return beam
 
 

@@ -37,8 +37,8 @@ class Sb3VecEnv(VecEnv):
             or getattr(env, "output", "numpy") != "numpy"
         ):
             raise ValueError(
-                "an env with another autoreset mode or output was given; 'SameStep' and numpy "
-                "are wanted"
+                "an env with another autoreset mode or output was given; "
+                'make_vec(..., autoreset_mode="SameStep"), with output="numpy", is wanted'
             )
         self.env = env
         # of the last step: parameters, and a dictionary of each sub-env

@@ -12,7 +12,9 @@ from gymnasium.vector import AutoresetMode
 
 from torchbeam.extend import shown
 
+from .config import BeamEnvConfig
 from .core import BeamVectorEnv
+from .episodes import Episodes
 from .output import converted
 
 MANY = ("num_envs", "autoreset_mode", "output")  # arguments of a vector env alone
@@ -20,7 +22,7 @@ MANY = ("num_envs", "autoreset_mode", "output")  # arguments of a vector env alo
 
 class SingleEnv(gymnasium.Env):
     """One member of the class attribute `vector`; takes its arguments, but num_envs, autoreset_mode
-    and output.
+    and output. `config` and `state` are as there; env.one, of one sub-env, has the rest.
 
     Examples:
         >>> env = envs.TipReachEnv(elements=2, planar=True)
@@ -94,6 +96,15 @@ class SingleEnv(gymnasium.Env):
 
     def close(self) -> None:
         self.one.close()
+
+    @property
+    def config(self) -> BeamEnvConfig:
+        return self.one.config
+
+    @property
+    def state(self) -> Episodes:
+        """The present state, a batch of one."""
+        return self.one.state
 
     @property
     def np_random(self) -> np.random.Generator:

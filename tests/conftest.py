@@ -13,6 +13,7 @@ from zlib import crc32
 import pytest
 import torch
 
+from torchbeam.core import remembered
 from torchbeam.engine import engine_use
 from torchbeam.engine.compiler import library
 
@@ -108,10 +109,11 @@ QUICKLY = patch.multiple(library, _machine=quickly, _host=lambda: (*HOST(), "qui
 
 @pytest.fixture(autouse=True)
 def double_precision_on_given_threads():
-    """A test that changes the default dtype or the number of threads, or steps eagerly, does not
-    reach the next.
+    """A test that changes the default dtype or the number of threads, steps eagerly, or asks what
+    is remembered, does not reach the next.
     """
     engine_use._of_short_runs.clear()
+    remembered._VALUES.clear()
     torch.set_default_dtype(torch.float64)
     torch.set_num_threads(THREADS)
     yield

@@ -38,6 +38,8 @@ SAID = {
         (lambda names: names["flutter"], 136.99),
         (lambda names: names["pull"][0], 43826.0),
         (lambda names: names["pull"][2], 64456.5),
+        (lambda names: names["speed"], -0.0130),
+        (lambda names: names["theory"], -0.01367),
     ),
     "asked_elsewhere": (
         (lambda names: names["force"].grad / names["difference"], 1.0),

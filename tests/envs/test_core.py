@@ -42,6 +42,9 @@ def test_single_env_follows_the_contract():
         *_, terminated, truncated, info = env.step(env.action_space.sample())
         assert not terminated and truncated == (k == 49)
     assert info["distance"] >= 0 and info["solver_failed"] is False
+    bare = env.unwrapped
+    assert bare.config is bare.one.config and bare.state is bare.one.state
+    assert bare.state.beam.tip.position.shape == (1, 3) and bare.config.elements == 2
 
 
 def test_registration():
@@ -308,6 +311,11 @@ def test_bad_calls_are_refused():
     for actions in (None, "push", [[1, 2], [3]]):
         with pytest.raises(ValueError, match="actions = "):
             env.step(actions)
+    push = torch.zeros(2, 2, requires_grad=True)
+    with pytest.raises(ValueError, match="output='torch', or actions"):
+        env.step(push)
+    with torch.no_grad():
+        env.step(push)
     with pytest.raises(ValueError, match="seed = "):
         env.reset(seed=np.array(3))
     with pytest.raises(ValueError, match="seeds"):

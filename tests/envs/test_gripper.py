@@ -14,7 +14,7 @@ def test_balls_are_lifted_and_kept():
     after 1 s, and to the end all but a heavy smooth one, which slips out in the last 60 ms (by 16
     and 32 steps an interval, too); without action none leaves the table. No solve fails.
     """
-    env = GripperVectorEnv(16, planar=True, autoreset_mode="Disabled")
+    env = GripperVectorEnv(16, planar=True, autoreset_mode="Disabled", params_in_info=True)
     for kind, wanted in ((Grasp, (15, 16)), (Zero, (0,))):
         controller = kind(env)
         observation, info = env.reset(seed=0)

@@ -200,7 +200,7 @@ def test_bad_input():
 def test_uncertain_level(task):
     """Every episode of the level draws, runs, and lets a few random actions do without failing."""
     level = envs.UNCERTAIN[task]
-    made = dict(elements=2, substeps=1, planar=True)
+    made = dict(elements=2, substeps=1, planar=True, params_in_info=True)
     env = getattr(envs, f"{task}VectorEnv")(4, **made, **level)
     _, info = env.reset(seed=0)
     assert set(info["params"]) == set(level["randomize"])
@@ -220,7 +220,7 @@ def test_a_reset_does_not_depend_on_who_else_is_reset(task, planar):
     some, rest = np.array([False, True, False, True, False]), 4
     few, alone, all_at_once = (
         getattr(envs, f"{task}VectorEnv")(
-            5, autoreset_mode="Disabled", **made, **envs.UNCERTAIN[task]
+            5, autoreset_mode="Disabled", params_in_info=True, **made, **envs.UNCERTAIN[task]
         )
         for _ in range(3)
     )

@@ -9,7 +9,14 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from torchbeam_envs import TipReachEnv, TipReachVectorEnv, aluminium_strip
+from torchbeam_envs import (
+    GripperVectorEnv,
+    PayloadVectorEnv,
+    PegVectorEnv,
+    TipReachEnv,
+    TipReachVectorEnv,
+    aluminium_strip,
+)
 from torchbeam_envs.noise import normal
 
 import torchbeam as tb
@@ -391,6 +398,8 @@ def test_parameters_are_told_to_those_who_ask():
         warnings.simplefilter("error")
         given, none = asked.reset(seed=0)[1], silent.reset(seed=0)[1]
         again = usual.reset(seed=0)[1]
+        for kind in (PayloadVectorEnv, GripperVectorEnv, PegVectorEnv):  # which vary by themselves
+            assert "params" not in kind(2, planar=True).reset(seed=0)[1]
     np.testing.assert_array_equal(given["params"]["stiffness"], again["params"]["stiffness"])
     assert "params" not in none and "_params" not in none
     with pytest.raises(ValueError, match="params_in_info = 1 was given; True, False or None"):

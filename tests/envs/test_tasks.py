@@ -91,7 +91,7 @@ def test_vector_is_single_and_everything_may_vary(id):
     """Two members with parameters drawn at random, noise and every sensor, against two single envs;
     to rounding.
     """
-    made = dict(randomize=True, noise=0.01, sensors=("tip", "gauges", "full"))
+    made = dict(randomize=True, noise=0.01, sensors=("tip", "gauges", "full"), params_in_info=True)
     many = vector(id, 2, **made)
     each = [gymnasium.make(id, **small(id), **made) for _ in range(2)]
     observation, info = many.reset(seed=4)
@@ -316,7 +316,8 @@ def test_payload_hangs_and_swings():
     """All start where a dead weight of the usual mass has the tip; a heavier mass sinks, and falls
     behind under the same force; targets do not depend on it.
     """
-    env = torchbeam_envs.PayloadVectorEnv(3, autoreset_mode="Disabled", **SMALL)
+    options = dict(autoreset_mode="Disabled", params_in_info=True)
+    env = torchbeam_envs.PayloadVectorEnv(3, **options, **SMALL)
     _, info = env.reset(seed=0, options={"params": {"payload": [0.0, 0.05, 0.2]}})
     np.testing.assert_allclose(info["params"]["payload"], [0, 0.05, 0.2])
     weight = torch.tensor([0, 0, -9.81 * 0.1])
@@ -341,7 +342,7 @@ def test_the_first_observation_does_not_tell_the_payload(id):
     the others' masses than their mean does (as it told them to 2 g of 29 g); those after half a
     period of free motion tell to a tenth of the deviation.
     """
-    env = vector(id, 400, autoreset_mode="Disabled")
+    env = vector(id, 400, autoreset_mode="Disabled", params_in_info=True)
     seen, info = env.reset(seed=0)
     kg = info["params"]["payload"]
 

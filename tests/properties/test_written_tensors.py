@@ -7,8 +7,6 @@ import torch
 
 import torchbeam as tb
 from cases.rows import ENDS, JOINTS, NEW, OLD, ROWS, joined
-from torchbeam.core import remembered as memories
-from torchbeam.core.leaves import leaves_in_order
 
 FORCE = torch.tensor([0.1, 0.3, 0.2])
 COMPLIANCE, MASS = (
@@ -189,34 +187,6 @@ def test_a_scene_takes_all_values_or_none(engine, what):
     wanted = {OLD: first, NEW: second}[rule]
     for given in (stepper, stepper_of(scene, engine)):
         assert (after(given) - wanted).abs().max() < 1e-8 * size
-
-
-def fields(scene):
-    """Floating tensors of a scene's effects, joints and supports, which can be written to."""
-    parts = scene.effects, scene.joints, scene.supports, scene.frame, scene.root
-    tensors = [x for x, _ in leaves_in_order(parts) if isinstance(x, torch.Tensor)]
-    return [x for x in tensors if x.is_floating_point() and x.is_contiguous()]
-
-
-@pytest.mark.parametrize("what", SCENES)
-def test_fields_that_are_written_to_are_read_anew(what, monkeypatch):
-    """All tensors that effects, joints and supports hold: a stepper that is made after the write
-    has the numbers of a scene that nobody had asked before, to rounding (1e-10; what is stale is
-    off by a part of 0.1). Memories of functions are emptied for the latter, which would have the
-    same arguments.
-    """
-    make, value, _ = SCENES[what]
-
-    def written(asked):
-        monkeypatch.setattr(memories, "_VALUES", {})
-        scene = make(torch.as_tensor(value).clone())
-        if asked:
-            after(stepper_of(scene, "eager"))
-        for x in fields(scene):
-            x.mul_(1.1)
-        return after(stepper_of(scene, "eager"))
-
-    torch.testing.assert_close(written(True), written(False), rtol=1e-10, atol=1e-12)
 
 
 # fmt: off

@@ -92,7 +92,9 @@ def test_adapter_refuses_options():
 
 def test_adapter_refuses_other_envs():
     for arguments in ({"autoreset_mode": "NextStep"}, {"output": "torch"}):
-        with pytest.raises(ValueError, match="'SameStep' and numpy are wanted"):
+        with pytest.raises(
+            ValueError, match=r'autoreset_mode="SameStep".*, with output="numpy", is wanted'
+        ):
             torchbeam_envs.Sb3VecEnv(TINY.make(2, **arguments))
 
 

@@ -91,6 +91,9 @@ def test_overdamped_motions_come_behind_those_that_oscillate():
     n = int(swings.sum())
     assert n == 4
     assert_close(damped.eigenvalue[:n], roots[swings], rtol=1e-7, atol=0)
+    assert_close(damped.natural[:n], w[swings], rtol=1e-7, atol=0)
+    zeta = damped.damping_ratio[:n]
+    assert_close(damped.frequency[:n], (1 - zeta**2).sqrt() * w[swings], rtol=1e-7, atol=0)
     assert (damped.frequency[n:] == 0).all()
     slow = relaxed.sort(descending=True).values[: 12 - n]
     assert_close(damped.eigenvalue[n:].real, slow, rtol=1e-7, atol=0)

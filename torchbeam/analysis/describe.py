@@ -39,6 +39,7 @@ from ..scene.effects import (
     WindField,
 )
 from ..scene.effects.contact_terms import ContactTerms
+from ..scene.effects.tendon import Eyelet
 from ..scene.parts import part_of
 from ..scene.scene import Scene
 from ..scene.section import notes
@@ -241,6 +242,9 @@ def _value(value: Any) -> str:
         named = "a function" if callable(held) else "values"
         named = _value(held) if isinstance(held, Input) else named
         return f"{type(value).__name__}({named})"
+    if isinstance(value, tuple) and value and isinstance(value[0], Eyelet):
+        ends = ("the ground" if x.node is None else f"node {x.node}" for x in (value[0], value[-1]))
+        return f"{len(value)} from {' to '.join(ends)}"
     if isinstance(value, Table):
         return f"a Table of {value.s.shape[-1]} places"
     if isinstance(value, Obstacle):

@@ -45,6 +45,14 @@ def kept(status: Tensor) -> bool:
     return listening is not None
 
 
+def stopped(failed: Tensor, t: Tensor, reason: str) -> str:
+    """Sentence on samples (...) that stopped after t (...) s, by the first of them."""
+    first = failed.nonzero()[0].tolist()
+    which = f"sample {first[0] if len(first) == 1 else tuple(first)}" if first else "the sample"
+    count, when = f"{int(failed.sum())} of {failed.numel()}", t.expand(failed.shape)[failed][0]
+    return f"{which} ({count}) stopped after t = {when.item():.6g} s: {reason}"
+
+
 def named(mask: Tensor, most: int = 8) -> str:
     """Samples of a mask (...) in a sentence, "sample 1, 4 (2 of 6)": at `most` so many by their
     places, and how many of how many.

@@ -13,10 +13,11 @@ from torch import Tensor
 from ..core.arguments import choice, duration, instance, mask
 from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
-from ..core.status import FAILED
-from ..core.validation import shown
-from ..core.warning import goes
+from ..core.status import FAILED, STATUS, SUCCESS, stopped
+from ..core.validation import concrete, shown
+from ..core.warning import goes, warn
 from ..nodal.rates import refuse_forces_between_nodes
+from ..scene.effects import Inputs
 from ..scene.scene import Scene
 from ..state.instant import Instant
 from ..state.state import State, rest
@@ -89,6 +90,7 @@ class ExplicitStepper:
         )
         self.dt = duration("dt", dt, scene.dtype, scene.device)
         self.latest: Tensor | None = None  # (...) s, of the state that was made last
+        self.warned = False
 
     def merge(self, few: BatchSubset, part: ExplicitStepper) -> ExplicitStepper:
         """As `Stepper.merge`: deprecated."""
@@ -106,6 +108,15 @@ class ExplicitStepper:
 
     def __call__(self, state: Instant, *, active: Tensor | None = None, **inputs: Any) -> Instant:
         """The state one interval later; `active`, a failing sample and status as in `Stepper`."""
+        after = self.advance(state, inputs, active)
+        lost = concrete((after.status != SUCCESS) & (state.status == SUCCESS))
+        if not self.warned and lost.any():
+            self.warned = True
+            warn(stopped(lost, concrete(after.t), STATUS[int(concrete(after.status)[lost][0])]))
+        return after
+
+    def advance(self, state: Instant, inputs: Inputs, active: Tensor | None = None) -> Instant:
+        """The same, without a warning."""
         values = self.scene.tensors(inputs)
         moving = state.status == 0
         if active is not None:

@@ -13,11 +13,13 @@ import torch
 from torch import Tensor
 
 from ..core.derivatives import no_derivatives
-from ..core.status import SUCCESS
+from ..core.status import STATUS, SUCCESS, stopped
 from ..core.validation import concrete
+from ..core.warning import warn
 from ..equations.step_problem import StepProblem
 from ..math.shapes import broadcast_shapes
 from ..nodal.conditions import conditions
+from ..nodal.deformed_elements import unsteppable
 from ..nodal.element_loads import all_loads
 from ..nodal.model import Model
 from ..scene.effects import Effect
@@ -157,6 +159,9 @@ class Failure(NamedTuple):
                     "the step leads through what is to be touched; a smaller one may help, or "
                     "contact with a larger force, which holds more energy"
                 )
+            at = problem.start.position, problem.start.rotation
+            if (deformed := unsteppable(problem.model, *at, self.failed)) is not None:
+                return deformed
             found = unresisted_motion(problem, self.failed)
             if found is None and problem.model.has_friction:
                 return (
@@ -253,7 +258,18 @@ class Failure(NamedTuple):
 
 
 class Failures(dict[int, Failure]):
-    """The first failure of a stepper by its status."""
+    """The first failure of a stepper by its status; `warned`: those that the user knows of."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.warned: set[int] = set()
+
+    def warn(self) -> None:
+        """Warns of each once."""
+        for code in self.keys() - self.warned:
+            self.warned.add(code)
+            failure = self[code]
+            warn(stopped(failure.failed, failure.problem.start.t, failure.reason() or STATUS[code]))
 
     def remember(self, method: Method, model: Model, span: Span, status: Tensor) -> None:
         """What a step has failed at for good, where its status (...) is a new one, to be asked for

@@ -12,6 +12,7 @@ from ..core.arguments import count, instance
 from ..core.functions_of_time import shared
 from ..core.leaves import own_leaves, wants_gradient
 from ..core.memory import SMALL, check_memory
+from ..core.one_thread import few_on_one_thread, numbers_of
 from ..math.shapes import broadcast_shapes
 from ..scene.effects import Inputs, changing, inputs_at
 from ..scene.inputs import merge_inputs
@@ -23,6 +24,9 @@ from .step_inputs import StepInputs, inputs_of_steps
 from .stepper import Stepper
 
 
+@few_on_one_thread(
+    lambda stepper, state, *_, **__: numbers_of(getattr(stepper, "scene", None), state)
+)
 def rollout(
     stepper: Stepper, state: State, steps: int, inputs: dict[str, Any] | None = None, **more: Any
 ) -> State:
@@ -37,7 +41,7 @@ def rollout(
             each held over a step
 
     It is differentiable as the steps are. A sample that fails keeps its last good state, with a
-    status.
+    status and a RuntimeWarning.
 
     Raises:
         ValueError: as `Stepper`, and for values for another number of steps.
@@ -52,7 +56,11 @@ def rollout(
         tensor(0.2000)
     """
     state = of_mesh(state, instance("a stepper", stepper, Stepper).scene, "a state")
-    return states_after(stepper, state, plan_of(stepper, state, steps, merge_inputs(inputs, more)))
+    plan = plan_of(stepper, state, steps, merge_inputs(inputs, more))
+    states = states_after(stepper, state, plan)
+    if stepper.failures:
+        stepper.failures.warn()
+    return states
 
 
 def plan_of(stepper: Stepper, state: State, steps: int, inputs: dict[str, Any]) -> StepPlan:

@@ -19,11 +19,12 @@ from ..core.derivatives import no_derivatives
 from ..core.functions_of_time import within_dual_numbers
 from ..core.leaves import constant
 from ..core.memory import check_memory
-from ..core.status import FAILED
+from ..core.status import DIVERGED, FAILED, UNDERFLOW
 from ..core.validation import broadcast, concrete
 from ..core.warning import warn
 from ..math.shapes import broadcast_shapes, largest
 from ..nodal.blow import warn_of_blow
+from ..nodal.deformed_elements import suspects, unsteppable, warn_of_deformed
 from ..nodal.model import Model
 from ..nodal.penetration import refuse_penetration
 from ..nodal.rates import Rates
@@ -32,7 +33,7 @@ from ..scene.prescribed_motion import oriented
 from ..scene.scene import Scene
 from ..state.reduced import ReducedStates, joined, whole_of
 from ..state.solution import Energy, Solution, Stats
-from ..state.start import on_supports
+from ..state.start import on_supports, warn_of_kink
 from ..state.state import State, resting
 from ..state.state_check import check_state, with_optional_fields
 from .adaptive import adaptive
@@ -49,8 +50,10 @@ from .tolerance import Tolerance
 from .torchdiffeq_bridge import ADAPTIVE, ADVICE, integrate, leaves
 
 PLAN = 200  # bytes of one step in it
+NO_STEP = "Newton's method did not converge in steps of this tolerance; a smaller rtol may help"
 MAX_STEPS = 100_000  # of adaptive steps in a run
 STEPS = 200  # of the default step, over the whole of t
+LOOKED_AT = 3_000_000  # numbers of positions; of more instants the first and the last are looked at
 FINER = 64  # times the first step that is tried: most steps of an adaptive run are longer
 
 
@@ -131,6 +134,7 @@ def implicit_run(
     reason, engine = stepper.failures.reasons(), stepper.engine
     stats = Stats(steps=len(plan), iterations=joined(*iterations), reason=reason, engine=engine)
     states = ReducedStates(begun, parts, stepper.model.space)
+    _look_at(stepper.model, t, states)
     return Solution(t, states, partial(_energy, stepper.model, states, t, inputs), stats)
 
 
@@ -213,6 +217,15 @@ def adaptive_run(
         for v in (inputs[name],)
     }
     solution = adaptive(stepper, start, t, held, tolerance, events, most, first)
+    _look_at(stepper.model, t, solution.states)
+    reason = {DIVERGED: NO_STEP} | stepper.failures.reasons()
+    last = solution.states.status[-1]
+    for code in set(concrete(last).flatten().tolist()) & {DIVERGED, UNDERFLOW}:
+        # what has failed at first may have been a trial
+        on = stepper.model.space.to_reduced(solution.states)
+        judged = (last == code).expand(on.status.shape)
+        deformed = unsteppable(stepper.model, on.position, on.rotation, judged, t)
+        reason |= {} if deformed is None else {code: deformed}
     lengths, level = solution.steps.sequence.instants.diff(dim=0), solution.proof.level
     stats = Stats(
         steps=largest(solution.steps.sequence.counts * 2**level),
@@ -220,7 +233,7 @@ def adaptive_run(
         level=level,
         rejected=solution.steps.rejected,
         error=solution.proof.error * tolerance.position,
-        reason=stepper.failures.reasons(),
+        reason=reason,
         engine=stepper.engine,
     )
     return Solution(
@@ -285,10 +298,35 @@ def explicit_run(
         if number := int(concrete(lost).sum()):
             reason = {FAILED: f"{method} {SENTENCE}; {ADVICE}"}
             warn(f"{reason[FAILED]} ({number} of {lost.numel()} samples)")
+    _look_at(rates.model, t, trajectory)
     energy = partial(_energy, rates.model, trajectory, instants, inputs)
     return Solution(
         t, trajectory, energy, Stats(evaluations=evaluations, reason=reason, engine="eager")
     )
+
+
+def _look_at(model: Model, t: Any, states: State | ReducedStates) -> None:
+    """Warns of elements that are too deformed after the start, in samples that have not failed."""
+    if isinstance(states, ReducedStates):
+        first, parts = states.followers
+    else:
+        first, parts = 0, (model.space.to_reduced(states),)
+    shown: list[tuple[int, Any]] = []
+    for part in parts:
+        rows = suspects(model, part.position, part.rotation).reshape(len(part.t), -1).any(1)
+        shown += [(first + int(k), (part, int(k))) for k in rows.nonzero()[0]]
+        first += len(rows)
+    if not shown:
+        return
+    if len(shown) * shown[0][1][0].position[0].numel() > LOOKED_AT:
+        shown = shown[:: max(1, len(shown) - 1)]
+    with no_derivatives():
+        columns = [
+            torch.stack([getattr(part, name)[k] for _, (part, k) in shown])
+            for name in ("position", "rotation", "status")
+        ]
+        position, rotation, status = columns
+        warn_of_deformed(model, position, rotation, status == 0, t[[k for k, _ in shown]])
 
 
 def _begin(model: Model, initial: State | None, t: Tensor) -> State:
@@ -303,11 +341,14 @@ def _started(model: Model, initial: State | None, t: Tensor) -> State:
     if initial is not None or scene.has_prescribed_motion:
         model.space.start(start)  # says so where it does not fit
     if initial is None:
+        warn_of_kink(start, scene)
         return start
     start = with_optional_fields(start.broadcast(), scene)
     if start.frame is not None:  # it turns on from the state's own time
         start = replace(start, frame=oriented(scene, start.frame, start.t, t))
-    return on_supports(start, scene, t).broadcast().at(t)
+    start = on_supports(start, scene, t).broadcast().at(t)
+    warn_of_kink(start, scene)
+    return start
 
 
 def _energy(

@@ -12,7 +12,8 @@ from ..core.arguments import boolean, choice, instance, keywords, non_default, n
 from ..core.arguments import instants as check_instants
 from ..core.arguments import options as check_options
 from ..core.docstrings import with_arguments_of
-from ..core.status import STATUS, kept
+from ..core.one_thread import numbers_of, one_thread
+from ..core.status import STATUS, kept, stopped
 from ..core.validation import as_tensor, concrete, dtype_of, increasing, shown
 from ..core.warning import warn
 from ..scene.effects import PerInterval
@@ -159,6 +160,11 @@ def simulate(
 
 def _simulated(asked: dict[str, Any]) -> Solution:
     """`simulate` of its arguments by name."""
+    with one_thread(numbers_of(asked["scene"], asked["initial"], asked["inputs"])):
+        return _solved(asked)
+
+
+def _solved(asked: dict[str, Any]) -> Solution:
     scene, initial, form, method, throw = (
         asked[name] for name in ("scene", "initial", "form", "method", "throw")
     )
@@ -226,19 +232,9 @@ def _judged(solution: Solution, throw: bool, warned: bool = False) -> Solution:
     status, steps = statuses[-1], (statuses == 0).sum(0)
     warned = not kept(status) and warned
     for code in sorted(set(status.flatten().tolist()) - {0}):
-        failed = (status == code).nonzero().tolist()
-        which = (
-            f"sample {failed[0][0] if len(failed[0]) == 1 else tuple(failed[0])}"
-            if failed[0]
-            else "the sample"
-        )
-        moved = steps.flatten()[(status == code).flatten().nonzero()[0, 0]]
-        when = solution.t[max(int(moved) - 1, 0)].item()
-        shown = solution.stats.reason.get(code)
-        sentence = (
-            f"{which} ({len(failed)} of {status.numel()}) stopped after t = {when:.6g} s: "
-            f"{shown or STATUS[code]}"
-        )
+        failed = status == code
+        reason = solution.stats.reason.get(code) or STATUS[code]
+        sentence = stopped(failed, solution.t[(steps - 1).clamp(min=0)], reason)
         solution.stats.reason[code] = sentence
         if throw:
             raise RuntimeError(sentence)

@@ -14,6 +14,7 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset
 from ..core.functions_of_time import shared
 from ..core.leaves import with_values
+from ..core.one_thread import few_on_one_thread, numbers_of
 from ..core.status import DIVERGED, SUCCESS
 from ..core.validation import broadcast, concrete, positive, real
 from ..core.warning import goes
@@ -154,6 +155,7 @@ class Stepper:
         """The beam undeformed and at rest."""
         return rest(self.scene, batch_shape)
 
+    @few_on_one_thread(lambda self, state, **_: numbers_of(self.scene, state))
     def __call__(
         self,
         state: State,
@@ -164,21 +166,19 @@ class Stepper:
     ) -> State:
         """The state one step later.
 
-        state   of the scene's mesh. It may be written to by torch's in-place operations; what is
-                written through NumPy or `.data` does not tell, and may not be seen
+        state   of the scene's mesh; what NumPy or `.data` writes to it may not be seen
         active  (...) bool: samples that are to move; the others, and those with a status other than
                 0, stay as they are
         dt      another length for this step, as above; or (...) of each sample
-        inputs  by name, (..., size): held over the step; by keyword, or all in a dictionary
-                inputs={...}
+        inputs  by name, (..., size), held over the step: by keyword, or all in inputs={...}
 
         Raises ValueError for a state of another form, mesh or dtype, an `active` that is no mask of
         the samples, a dt that is not positive, and inputs that are not the scene's.
 
         What is a function of time is taken at each sample's own time, at mid step. Where Newton's
         method fails, or a node turns by more than 1.2 rad, the step of that sample is made again in
-        2, 4, ... smaller ones. If that fails too it keeps its state and gets a status (see
-        `torchbeam.core.status.STATUS`); its derivatives are those of standing still.
+        2, 4, ... smaller ones. If that fails too it keeps its state and gets a status, which a
+        RuntimeWarning explains, once a stepper; its derivatives are those of standing still.
         """
         t = getattr(state, "t", None)
         known = next((end for end in self._checked if end.t is t), None)
@@ -188,6 +188,8 @@ class Stepper:
             return self.advance(state, inputs, active=active, dt=dt)
         start, longest = StepEnd.of(known, state.t, self._length(dt), dt is None)
         after = self.advance(state, inputs, active=active, dt=dt)
+        if self.failures:
+            self.failures.warn()
         self._checked = start, start.later(after.t, longest)
         return after
 
@@ -217,8 +219,7 @@ class Stepper:
             and self.compiled is not None
             and (t is not None or not self._changes or state.t.ndim == 0)
         ):
-            result = self._quickly(state, well, dt, t, given)
-            if result is not None:
+            if (result := self._quickly(state, well, dt, t, given)) is not None:
                 return result
         moving = state.status == SUCCESS
         if active is not None:
@@ -380,7 +381,7 @@ class Stepper:
             other = copy(self)
             other.solver = self.solver.by_midpoint()
             other.method = other.solver.method
-            return other(state, dt=dt, **inputs)
+            return other.advance(state, inputs, dt=dt)
 
         return self.method.begin(state, self.model, dt, trial)
 

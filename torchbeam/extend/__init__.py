@@ -18,6 +18,7 @@ Arguments         `choice` and `count` refuse what is none; `shown` writes a val
                   `METHODS`, `ODE_METHODS`, `FORMS`, `ENGINES`: what `torchbeam.simulate` takes
 Rotations         `quaternions`, functions of unit quaternions (..., 4), real part first
 Warnings          `warn` points to the user's line
+Threads           `one_thread`: operations of few numbers are not divided among torch's threads
 Public names      `entry_points`: what users call, left alone by torch.autocast and torch.compile
 
 A sensor is derived from `torchbeam.sensors.Sensor`; commands are in `torchbeam.extend.commands`.
@@ -36,6 +37,7 @@ from ..core.batch_subset import BatchSubset
 from ..core.declared import parameter
 from ..core.entry_point import entry_point, entry_points
 from ..core.leaves import Tree, detached, leaf, leaves, map_leaves, own_leaves, with_values
+from ..core.one_thread import one_thread
 from ..core.validation import Value, shown
 from ..core.warning import warn
 from ..dynamics.forms import FORMS
@@ -68,7 +70,7 @@ __all__ = [
     "NotTraceable", "Obstacle", "Tree",
     "Value", "WindField", "broadcast_shapes", "choice", "count", "detached", "entry_point",
     "entry_points",
-    "inputs_of", "leaf", "leaves", "map_leaves", "own_leaves", "parameter",
+    "inputs_of", "leaf", "leaves", "map_leaves", "one_thread", "own_leaves", "parameter",
     "quaternions", "shown", "trace", "warn", "with_values",
 ]
 # fmt: on

@@ -16,7 +16,7 @@ from ..core.arguments import count as check_count
 from ..core.missing_name import ENVS, Named, by_word
 from ..core.summary import counted, kind, lines
 from ..core.validation import as_tensor, axis_last, concrete, finite, refusal
-from ..math.block_matrices import balance
+from ..math.block_matrices import balance, eigenvalues
 from ..math.dense import solve_unchecked
 from ..nodal.coordinates.spatial import Spatial
 from ..state.state import State
@@ -109,12 +109,13 @@ class Linear(Named):
 
     @property
     def poles(self) -> Tensor:
-        """(..., n) eigenvalues of A, complex: 1/s, of a model in discrete time a factor a step.
+        """(..., n) eigenvalues of A, complex, the smallest first: 1/s, of a model in discrete time
+        a factor a step.
 
-        Rounding splits the double zero of a rigid motion into two small ones, about the root of
-        eps |A|, and one may have a positive real part. `reduced` has zeros, as `modes` has.
+        Rounding splits the double zero of a rigid motion into two small ones, and one may have a
+        positive real part. `reduced` has zeros, as `modes` has.
         """
-        return torch.linalg.eigvals(self.A)
+        return eigenvalues(self.A)
 
     @property
     def charted(self) -> Chart:

@@ -17,9 +17,11 @@ from ..core.arguments import choice, instant, not_here
 from ..core.arguments import count as check_count
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
+from ..core.one_thread import dense_numbers_of, few_on_one_thread
 from ..core.summary import counted, kind, lines, span
 from ..core.validation import concrete, shown
 from ..core.warning import warn
+from ..equations.steady import Configuration, Past, SteadyProblem
 from ..math.eigen_derivatives import attach, upright
 from ..math.quadratic_eigen import DOUBT, Pairs, slowest, slowest_of_chain
 from ..nodal.discretise import discretise
@@ -29,6 +31,7 @@ from ..scene.scene import Scene
 from ..state.state import State
 from ..statics.equilibrium import equilibrium
 from ..statics.mechanism import unheld
+from ..topology.protocols import Matrix
 from .system_matrices import at_rest, augmented, dense, free_moves, moves, of_chain, of_nodes
 
 # real part over |eigenvalue| from which on a motion grows: where eigenvalues meet, rounding counts
@@ -85,8 +88,13 @@ class Modes:
 
     @property
     def frequency(self) -> Tensor:
-        """(..., count) rad/s, |imaginary part|; 0 for a motion that does not oscillate."""
+        """(..., count) rad/s, damped: |imaginary part|; 0 for a motion that does not oscillate."""
         return self.eigenvalue.imag.abs()
+
+    @property
+    def natural(self) -> Tensor:
+        """(..., count) rad/s, undamped: |eigenvalue|. `frequency` is sqrt(1 - zeta^2) times it."""
+        return self.eigenvalue.abs()
 
     @property
     def damping_ratio(self) -> Tensor:
@@ -110,6 +118,7 @@ class Modes:
         return self.unstable & ~self.divergence
 
 
+@few_on_one_thread(dense_numbers_of)
 def modes(
     scene: Scene,
     state: State | None = None,
@@ -121,7 +130,7 @@ def modes(
     inputs: dict[str, Any] | None = None,
     accuracy: Any = None,
 ) -> Modes:
-    """Natural frequencies, damping ratios and mode shapes (nodal form).
+    """Frequencies with their damping ratios, and mode shapes (nodal form).
 
     Args:
         state: an equilibrium of the scene; None = the equilibrium under its loads at time t (s)
@@ -191,6 +200,7 @@ def _modes(
             f"{free} modes"
         )
     M, D, K, lags = of_nodes(model, state, time, inputs)
+    mass = M
     derivatives = wants_gradient(
         *(x for matrix in (M, D, K) if matrix is not None for x in matrix.tensors), *(lags or ())
     )
@@ -222,6 +232,8 @@ def _modes(
             f"at most {known} are wanted"
         )
     _warn_of_rounding(model, pairs, time, inputs)
+    if symmetric and bool(concrete(pairs.eigenvalue.real > 0).any()):
+        pairs = _without_imbalance(model, pairs, state, mass, basis, time, inputs)
     value, shape = (
         attach(M, D, K, pairs) if derivatives else (pairs.eigenvalue, upright(pairs.right)[0])
     )
@@ -234,6 +246,36 @@ def _modes(
         )
     shape = moves(model, shape, None if basis is None else basis[..., None, :, :])
     return Modes(value, shape, state)
+
+
+def _without_imbalance(
+    model: Model,
+    pairs: Pairs,
+    state: State,
+    M: Matrix,
+    basis: Tensor | None,
+    time: Tensor,
+    inputs: dict[str, Tensor],
+) -> Pairs:
+    """Without the growth that a state that is not quite in balance may have made of a motion that
+    nothing resists. What a motion x with turns theta of the nodes makes of the forces r that are
+    out of balance, K x, is theta x r there: x^T K x is sum |theta| |x| |r| at most.
+    """
+    with no_derivatives():
+        space, reduced = model.space, model.space.to_reduced(state)
+        x = Configuration(reduced.position, reduced.rotation, reduced.stress)
+        problem = SteadyProblem(
+            model, time, inputs, torch.ones_like(time), past=Past.of(model.scene, reduced)
+        )
+        shape = pairs.right.real
+        wide = moves(model, shape, None if basis is None else basis[..., None, :, :])
+        r = space.embed(problem.residual(x)[0].nodes * model.constraints.moving)[..., None, :, :]
+        turn = torch.linalg.vector_norm(wide[..., 3:], dim=-1)
+        work = (turn * (wide * r).abs().sum(-1)).sum(-1)
+        mass = (shape * (shape @ dense(model, M, basis))).sum(-1).abs()
+        none = pairs.eigenvalue.real.square() * mass <= work
+        value = torch.where(none & (pairs.eigenvalue.imag == 0), 0.0, pairs.eigenvalue)
+        return pairs._replace(eigenvalue=value)
 
 
 def _warn_of_rounding(model: Model, pairs: Pairs, time: Tensor, inputs: dict[str, Tensor]) -> None:

@@ -116,7 +116,7 @@ class Shooting:
         for k in range(self.steps + 1):
             up, down = (space.to_reduced(x) for x in (now[:m], now[m : 2 * m]))
             on_the_way.append(move_between(space, down, up).movedim(0, -1) / twice)
-            now = now if k == self.steps else self.stepper(now, inputs=self.inputs)
+            now = now if k == self.steps else self.stepper.advance(now, self.inputs)
         end = space.to_reduced(now[-1])
         change = self.chart.coordinates(end) - self.chart.coordinates(start)
         by_moves, _ = slopes(self.chart, end)

@@ -26,6 +26,7 @@ from torch.nn.functional import pad
 from ..core.arguments import function as check_function
 from ..core.arguments import instant, listed
 from ..core.leaves import wants_gradient
+from ..core.one_thread import dense_numbers_of, few_on_one_thread
 from ..core.validation import unmapped
 from ..core.warning import warn
 from ..math.block_matrices import with_identity
@@ -48,6 +49,7 @@ from .perturbation import Perturbation, Sensor
 from .system_matrices import at_rest, augmented, dense, of_nodes, rigid_constraints
 
 
+@few_on_one_thread(dense_numbers_of)
 def linearize(
     scene: Scene,
     state: State | None = None,

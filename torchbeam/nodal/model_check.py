@@ -15,8 +15,10 @@ from ..core.derivatives import no_derivatives
 from ..core.leaves import constant, with_values
 from ..core.remembered import remembered
 from ..core.validation import concrete
+from ..scene.ball import Ball
 from ..scene.effects import RootSpring
 from ..scene.effects.loads import LineLoad, PointLoad
+from ..scene.joints import SQUARE, DrivenJoint
 from . import interactions
 from .conditions import conditions
 from .coordinates.planar import Planar
@@ -33,7 +35,8 @@ ROUNDING = 1e-9  # of a vector, that may lie out of a plane
 def check_plane(model: Model) -> None:
     """Refuse numbers that act out of the plane of a model: loads on the beam at rest, the points
     that springs are tied to, what the beam bends by itself, masses that are not alike on both
-    sides, motions of the frame and of supports. Raises ValueError.
+    sides, motions of the frame and of supports; and joints that do not move in it. Raises
+    ValueError.
     """
     scene, space, beam = model.scene, model.space, model.scene.beam
     for called, load in _of_loads(model):
@@ -74,9 +77,35 @@ def check_plane(model: Model) -> None:
     for what, x in moves:
         if isinstance(x, Tensor):
             _refuse_vector(space, what, x)
+    for k, joint in enumerate(scene.joints):
+        if isinstance(joint, Ball):
+            turns.append(("a Ball with a torque", joint.torque))
+        if isinstance(joint, DrivenJoint):
+            _check_joint(space, f"joint {k}, a {joint}", joint, joint.axes(beam).detach())
     for what, x in turns:
         if isinstance(x, Tensor):
             _refuse(space, what, x, space.project_spin(x) @ space.basis[:, 2:].mT)
+
+
+def _check_joint(space: Planar, called: str, joint: DrivenJoint, axes: Tensor) -> None:
+    """Refuse a joint without a coordinate in the plane, and what acts along one that is not there:
+    a turn wants an axis along the plane's normal, a travel an axis in it. axes (..., 3, 3).
+    """
+    idle = []
+    for names in joint.GIVEN:
+        turns = names[1].endswith("angle")
+        axis = axes[..., int(names[1].startswith("second"))]
+        off = (axis @ (space.basis[:, :2] if turns else space.basis[:, 2:])).abs()
+        if concrete(off > SQUARE[off.dtype]).any():
+            idle.append((turns, [name for name in names if name in joint.acts]))
+    for turns, acting in idle:
+        if acting or len(idle) == len(joint.GIVEN):
+            normal = "z" if space.name == "xy" else "y"
+            raise ValueError(
+                f"{called},{' with ' * bool(acting)}{' and '.join(acting)} was given, which cannot "
+                f"{'turn' if turns else 'slide'} in the plane {space.name!r}; its axis must "
+                f"{f'be {normal}' if turns else 'lie in it'}, or plane=None"
+            )
 
 
 def _of_loads(model: Model) -> Iterator[tuple[str, Tensor]]:

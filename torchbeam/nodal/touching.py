@@ -174,8 +174,10 @@ class PartContact(Tree):
         return remembered(_allowed, *self.along, count, s, radii, self.contact.apart)
 
     def nearby(self, motion: PairMotion, skin: Tensor | float = 0.0) -> Nearby:
-        """Those with no more than a skin m of `slack`; all where samples are seen one at a time."""
-        if is_vmapped(motion.position):
+        """Those with no more than a skin m of `slack`; all that may touch where it is infinite, or
+        samples are seen one at a time.
+        """
+        if is_vmapped(motion.position) or (isinstance(skin, float) and skin == torch.inf):
             pairs = self._every
             return self.chosen(pairs.flatten(0, -3).any(0) if pairs.ndim > 2 else pairs)
         return self.chosen(self.slack(motion, skin) <= skin)

@@ -20,10 +20,9 @@ from .symbols import Symbols
 # Of a resultant: the section axis along which it is drawn, y or z, and to which side. Bending
 # moments stand on the side that they stretch (strain = gamma + z kappa_2 - y kappa_3).
 SIDES = {"F1": (2, 1), "F2": (1, 1), "F3": (2, 1), "M1": (2, 1), "M2": (2, 1), "M3": (1, -1)}
-# As textbooks name and sign them: where y lies in the plane, and where z does. With z up a sagging
-# moment and the shear at the left support are positive; so dM/dx = V.
+# As textbooks name them: where y lies in the plane, and where z does
 NAMES = {"N": ("F1", "F1"), "V": ("F2", "F3"), "M": ("M3", "M2"), "T": ("M1", "M1")}
-TURNED = ("F2", "F3", "M2")  # which have the other sign there
+UPRIGHT = 0.1  # mean height of a normal: below it a beam has no lower side
 FEW = 0.02  # of the largest value: what is less, or as near to another, is not written
 LITTLE = 1e-3  # of it: a beam with less has no curve, and is written 0
 OUTWARD, FONT = 5.0, 8.0  # points: from a curve to a value; of its letters
@@ -50,8 +49,9 @@ def diagram(
     """Diagram of a stress resultant along all beams of one state, drawn from their axes.
 
     F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
-    moments (N m). All are in section axes. N, V, M and T are those of textbooks, in a plane: V and
-    M of bending in it, with V = dM/ds and a sagging M positive. Bending moments stand on the side
+    moments (N m). All are in section axes. N, V, M and T are those of textbooks, in a plane: V is
+    positive where it turns a piece of the beam clockwise, M where it stretches the lower side (of
+    an upright beam the side on the right of its way). Bending moments stand on the side
     that they stretch; the others stand on the side of z, F2 on that of y. A resultant that is
     rounding beside the others is zero. A beam with less than a thousandth of the largest value has
     no curve, and a 0. A structure along one axis leaves the other to the values, without metres.
@@ -84,12 +84,7 @@ def diagram(
     if forces.numel() == 0:
         raise ValueError("bodies alone were given to a diagram; a scene with a beam is wanted")
     ax, seen = prepared(ax, plane, position)
-    if name in NAMES:
-        y, z = torch.linalg.vector_norm(axes[0, :, seen, 1:], dim=1).amax(0).tolist()
-        if len(seen) == 3 and name in "VM":
-            raise refusal(f"{name} of a structure in space", "F2, F3, M2 or M3")
-        resultant = NAMES[name][z > y]
-    sign = -1.0 if name in NAMES and resultant in TURNED else 1.0
+    resultant = _resultant(name, axes[0], seen)
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
         column = 3 - column  # the other one
@@ -110,13 +105,39 @@ def diagram(
         if values and zero:
             _value(ax, foot[len(foot) // 2, 0 if len(foot) % 2 == 0 else POINTS // 2], 0.0)
         elif values:
-            _write(ax, foot, top, sign * value, FEW * most, written, size)
+            value = value * _sign(name, side, R[:, seen, 0], R[:, seen, column])
+            _write(ax, foot, top, value, FEW * most, written, size)
     if symbols:
         Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
     ax.set_title(f"{name} / {'N' if resultant[0] == 'F' else 'N m'}")
     even(ax, seen)
     _values_alone(ax, seen, position, size)
     return ax
+
+
+def _resultant(name: str, axes: Tensor, seen: list[int]) -> str:
+    """Which one a name means in a picture of section axes (N+1, 3, 3). Raises ValueError for one of
+    bending in space.
+    """
+    if name not in NAMES:
+        return name
+    if len(seen) == 3 and name in "VM":
+        raise refusal(f"{name} of a structure in space", "F2, F3, M2 or M3")
+    y, z = torch.linalg.vector_norm(axes[:, seen, 1:], dim=1).amax(0).tolist()
+    return NAMES[name][z > y]
+
+
+def _sign(name: str, side: int, way: Tensor, normal: Tensor) -> Tensor | float:
+    """Of the values that are written at a beam which goes and has its normals (N+1, 2) so, and
+    values drawn on a side of these.
+    """
+    if name not in ("V", "M"):
+        return 1.0
+    left = (way[:, 0] * normal[:, 1] - way[:, 1] * normal[:, 0]).mean()
+    if name == "V":
+        return -left.sign()
+    up = normal[:, 1].mean()
+    return -side * (up if up.abs() > UPRIGHT else left).sign()
 
 
 def _by_interval(curve: Tensor) -> Tensor:

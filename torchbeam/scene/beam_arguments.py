@@ -52,6 +52,13 @@ def placed(
     """Arguments common to beams that start at a root: sizes by name, positive (those whose name
     begins with _ only take part in the dtype); axes (..., 3, 3) of the root; its position (..., 3).
     """
+    for name, x in sizes.items():
+        if not name.startswith("_") and (callable(x) or type(x).__name__ == "Input"):
+            raise refusal(
+                f"{name} as a function or an Input",
+                "numbers (a Tendon has a length that changes in time)",
+                are=True,
+            )
     numbers = (direction, up, root, *sizes.values())
     dtype, device = dtype_with(section, *(x for x in numbers if not callable(x) and x is not None))
     known = [(name, x) for name, x in sizes.items() if not name.startswith("_")]

@@ -93,8 +93,8 @@ class Scene(Tree):
     Raises:
         ValueError: for an object without a kind, two dampings, a missing node, or numbers of other
             than single and double precision. For two inputs of one name with different sizes, two
-            supports of one node, or numbers out of the plane. For joints that do not fit (see
-            `joints_of`).
+            supports of one node. For joints that do not fit (see `joints_of`). Numbers out of the
+            plane are refused where the scene is first solved.
 
     Examples:
         >>> scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, 2.0)), tb.Gravity((0, 0, -9.81))])

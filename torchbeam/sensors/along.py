@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..core.arguments import is_integer
 from ..core.validation import Value, as_tensor, concrete, finite, refusal, shown
+from ..core.warning import warn
 from ..math.shapes import broadcast_shapes
 from ..nodal.assembly import Assembly
 from ..nodal.coordinates.selection import coordinates
@@ -22,6 +23,8 @@ from ..state.rest_shape import RestShape
 from ..state.state import State
 from ..topology.framework import Framework
 from .sensor import Sensor
+
+FAR = 100.0  # radii of gyration, at which no gauge sits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -256,7 +259,7 @@ class Gauge(_Strains):
     """Reading (..., 1) of a strain gauge along the beam, on the fibre at (y, z) m of the section.
 
     It is gamma1 + z kappa2 - y kappa3 and follows from the kinematics, see `_Strains`. station,
-    beam, element: where, see `_Along`.
+    beam, element: where, see `_Along`. A RuntimeWarning tells of millimetres given as metres.
 
     Examples:
         >>> gauge = tb.sensors.Gauge(0.05, beam, z=0.001)  # 5 cm from the root, on the upper side
@@ -275,6 +278,16 @@ class Gauge(_Strains):
         for name in ("y", "z"):
             value = as_tensor(getattr(self, name), self.beam.length.dtype, self.beam.length.device)
             object.__setattr__(self, name, finite(name, value))
+        S = concrete(self.beam.compliance.detach()).diagonal(dim1=-2, dim2=-1)
+        for name, k in (("y", 5), ("z", 4)):
+            gyration = (S[..., 0] / S[..., k]).sqrt()  # m, of stiffness
+            gyration = gyration[(gyration > 0) & gyration.isfinite()]
+            off = concrete(getattr(self, name).detach()).abs().flatten()
+            if gyration.numel() and (off > FAR * gyration.amax()).any():
+                warn(
+                    f"{name} = {off.amax().item():g} m was given for a gauge, on a section with a "
+                    f"radius of gyration of {gyration.amax().item():.2g} m; metres are wanted"
+                )
 
     def of(self, strains: Tensor) -> Tensor:
         y, z = self.y[..., None], self.z[..., None]

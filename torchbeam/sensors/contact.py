@@ -95,18 +95,14 @@ class OfContact(OfScene):
             part_contact for part_contact in self.model.touching.each if part_contact.pair == number
         ]
 
-    def _touches(self, state: State) -> list[tuple[Tensor, Touch]]:
-        """What it does at its points, and the length (..., points, 1) m that each stands for, 1 of
-        a body: on each part of a structure along which it acts. Raises ValueError for a state of
-        another form.
+    def _places(self, state: State, skin: float = 0.0) -> list[TouchingPoints]:
+        """What it does at its points, and where, on each part of a structure along which it acts;
+        of two parts at those that are within a skin m of where forces begin. Raises ValueError for
+        a state of another form.
         """
-        return [(place.measure, place.touch) for place in self._places(state)]
-
-    def _places(self, state: State) -> list[TouchingPoints]:
-        """The same, and where."""
         nodes, model, law = self.nodes(state), self.model, self._law
         if law.kind == "pair":
-            return self._of_pair(nodes)
+            return self._of_pair(nodes, skin)
         now = conditions(model, shared(state.t), {}, loads=(law,))
         if law.between_nodes:
             at = [
@@ -127,8 +123,8 @@ class OfContact(OfScene):
             touched.append(TouchingPoints(measure, touch, meets, None, touch.gap.shape[-2]))
         return touched
 
-    def _of_pair(self, nodes: Nodes) -> list[TouchingPoints]:
-        """Of two parts: at all places of both, on the first."""
+    def _of_pair(self, nodes: Nodes, skin: float) -> list[TouchingPoints]:
+        """Of two parts: at places of both, on the first."""
         space, touches = self.model.space, []
         motion = PairMotion(
             space.public_position(nodes.position),
@@ -138,7 +134,7 @@ class OfContact(OfScene):
             axes=(space.axes(nodes.rotation),),
         )
         for part_contact in self._touching:
-            near = part_contact.nearby(motion, torch.inf)
+            near = part_contact.nearby(motion, skin)
             pairs = part_contact.pairs(near)
             found = pairs.closest_point(pairs.points(of_nodes(near.nodes, motion)))
             gap = torch.where(found.measure > 0, found.gap, torch.inf)
@@ -156,7 +152,7 @@ class OfContact(OfScene):
     ) -> list[Tensor]:
         """(...) N that presses in all, and means by it of what a function says of points."""
         sums = []
-        for measure, touch in self._touches(state):
+        for measure, touch, *_ in self._places(state):
             force = (measure * touch.pressure)[..., 0]
             sums.append(torch.stack([force, *(force * x for x in of(touch, force))], -1).sum(-2))
         total, *weighted = sum(sums[1:], sums[0]).unbind(-1)
@@ -172,7 +168,9 @@ class OfContact(OfScene):
 class ContactForce(OfContact):
     """Force (..., 3) N of an obstacle on the beam, or of the second part on the first, frame a.
 
-    Friction is included.
+    Friction is included. It is the law's at the instant of the state: after an implicit step at its
+    end, where friction that sticks may alternate. At the mean of two states, `a.map(lambda x, y: (x
+    + y) / 2, b)`, it is that of the midpoint step between them.
 
     Raises:
         ValueError: for a SelfContact, whose forces sum up to zero.
@@ -258,7 +256,8 @@ class ContactGap(OfContact):
     labels: ClassVar[tuple[str, ...]] = ("gap",)
 
     def read(self, state: Any) -> Tensor:
-        gaps = torch.cat([touch.gap[..., 0] for _, touch in self._touches(state)], -1)
+        places = self._places(state, torch.inf)
+        gaps = torch.cat([place.touch.gap[..., 0] for place in places], -1)
         return pad(gaps, (0, 1), value=torch.inf).amin(-1, keepdim=True)  # of what never touches
 
 
@@ -361,4 +360,4 @@ class ContactPoints(OfContact):
         return (1 if law.corners is None else law.corners.shape[-2], 7)
 
     def read(self, state: Any) -> Tensor:
-        return torch.cat([place.rows for place in self._places(state)], -2)
+        return torch.cat([place.rows for place in self._places(state, torch.inf)], -2)

@@ -43,6 +43,11 @@ class ReducedStates:
         return self._parts
 
     @property
+    def followers(self) -> tuple[int, tuple[Any, ...]]:
+        """Parts without the first instant, where it stands by itself; how many are left out."""
+        return (0 if self._begun is None else 1), self._parts
+
+    @property
     def one(self) -> Any:
         """A state, or some, by which all of them are known."""
         return self._parts[0] if self._begun is None else self._begun

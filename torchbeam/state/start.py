@@ -8,7 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..core.derivatives import no_derivatives
 from ..core.validation import concrete
+from ..core.warning import warn
 from ..math import quaternions as quat
 from ..scene.prescribed_motion import PrescribedMotion
 from ..scene.supports import AXES, Support
@@ -56,6 +58,42 @@ def on_supports(state: State, scene: Any, t: Tensor) -> State:
     if not scene.has_prescribed_motion:
         _judge_velocities(state, scene, judged)
     return state
+
+
+def warn_of_kink(state: State, scene: Any) -> None:
+    """Warns of an initial state whose nodes stand as drawn but for those of supports: the elements
+    beside a support that is elsewhere then start with all of its way.
+    """
+    beam, moved = scene.beam, [support for support in scene.supports if support.displaced]
+    if not moved or not state.stress_count:
+        return
+    with no_derivatives():
+        away = torch.linalg.vector_norm(state.position - beam.nodes, dim=-1)
+        swing = quat.multiply(state.rotation, quat.conjugate(beam.frames))
+        turn = 2 * torch.asin(torch.linalg.vector_norm(swing[..., 1:], dim=-1).clamp(max=1))
+        free = [k for k in range(beam.node_count) if k not in {s.node for s in scene.supports}]
+        limit = OFF[away.dtype] * beam.extent.detach()[..., None]
+        drawn = ((away <= limit) & (turn <= OFF[away.dtype]))[..., free].all(-1)
+        ways = (("displaced by", away > limit, away, "m"), ("turned by", turn > limit, turn, "rad"))
+        for support in moved if len(free) > 0 else ():
+            for words, far, way, unit in ways:
+                kinked = concrete(far[..., support.node] & drawn & (state.status == 0))
+                if not kinked.any() or _alone(beam, support.node):
+                    continue
+                most = concrete(way[..., support.node])[kinked].max().item()
+                warn(
+                    f"the support of node {support.node} is {words} {most:.3g} {unit}, and the "
+                    "beam starts undeformed beside it: a kink and a blow. A start from "
+                    "initial=torchbeam.equilibrium(scene) is wanted (relax=True of a slack rope), "
+                    "or a motion of the support that begins at zero",
+                    UserWarning,
+                )
+                return
+
+
+def _alone(beam: Any, node: int) -> bool:
+    """Whether a node is that of a body without joints."""
+    return bool(beam.parts) and beam.part_at(node).body and not any(node in x for x in beam.joined)
 
 
 def _judge_velocities(state: State, scene: Any, judged: Tensor) -> None:

@@ -286,7 +286,8 @@ def rest(scene: Any, batch_shape: tuple[int, ...] | None = None, t: float | Tens
     """The scene's beam undeformed and at rest in frame a.
 
     It has the scene's batch axes, or those given. At the time t s (0-dim, or one of each sample)
-    supported nodes are where their supports are, and move with them. A frame that turns has turned
+    supported nodes are where their supports are, and move with them. Free nodes are where the beam
+    has them; `equilibrium` gives a start beside a displaced support. A frame that turns has turned
     since t = 0, when it coincides with the inertial axes.
 
     Raises:

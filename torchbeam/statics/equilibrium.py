@@ -15,13 +15,14 @@ from ..core.arguments import tolerance as check_tolerance
 from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
-from ..core.one_thread import one_thread
+from ..core.one_thread import numbers_of, one_thread
 from ..core.status import DIVERGED, kept
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..equations.steady import Configuration, Past, SteadyProblem
 from ..nodal.balance import Linearisation
+from ..nodal.deformed_elements import warn_of_deformed
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
 from ..scene.effects import Inputs
@@ -39,7 +40,7 @@ from .lower_equilibrium import lower_equilibrium
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
-from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign
+from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, resisted, sign, unresisted
 
 # of the resistance of the softest motion at no load
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}
@@ -123,13 +124,10 @@ def equilibrium(
     tolerance = None if tolerance is None else check_tolerance("tolerance", tolerance)
     given, time = scene.tensors(inputs), instant("t", t, scene.beam.nodes)
     initial = None if initial is None else check_state(initial, scene)
-    batches = [scene.batch_shape, *(value.shape[:-1] for value in given.values())]
-    batches += [] if initial is None else [initial.position.shape[:-2]]
-    numbers = max(map(math.prod, batches)) * scene.beam.node_count * model.space.unknowns
 
     def found(double: Scene, *start: Any) -> State:
         here = model if double is scene else discretise(double)
-        with one_thread(numbers):
+        with one_thread(numbers_of(scene, initial, given)):
             return _equilibrium(here, *start, tolerance, throw, branch, relax, engine)
 
     return in_double(found, scene, initial, given, time)
@@ -217,6 +215,7 @@ def _equilibrium(
         lower = lower_equilibrium(whole, Configuration(*(v.detach() for v in x)), ~failed)
         if concrete(lower.below > 0).any():
             warn(f"{_which(lower.below > 0)} has a lower equilibrium nearby: {lower.sentence()}")
+    warn_of_deformed(model, x.position, x.rotation, ~failed)
     return problem.state(x, reaction, status)
 
 
@@ -307,8 +306,9 @@ def _unstable(
     doubtful: Tensor | None,
     uneven: Tensor | None = None,
 ) -> Tensor:
-    """(...) whether a pivot is negative by more than next to nothing beside the softest one at no
-    load; doubtful: samples whose tangent is not positive definite, None = not known. Of a tangent K
+    """(...) whether a pivot is negative by more than `unresisted`, and next to nothing beside the
+    softest one at no load; doubtful: samples whose tangent is not positive definite, None = not
+    known. What rounding leaves of a motion that nothing resists has no sign. Of a tangent K
     whose `asymmetry`, uneven (...), None = not known, is no hair beside that pivot: whether its
     determinant is negative, and no pivot next to nothing. Then det(M s^2 + D s + K) has a zero
     s > 0, whatever mass and damping are, as it is positive for large s: a motion grows without
@@ -331,10 +331,12 @@ def _unstable(
         uneven = asymmetry(problem, x) if uneven is None else uneven
         unloaded, size = _tangent(problem, start), problem.model.unit
         (here, sound), (usual, _) = (k.system.pivots(size) for k in (tangent, unloaded))
-        soft, least = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
+        none = unresisted(problem, x, here)
+        here, soft = resisted(here, none)
+        least = torch.linalg.svdvals(usual).amin((-1, -2))
         diverges = sound & (sign(here) < 0) & (soft > NEUTRAL * least)
         soft, least = (eigenvalues(p).amin((-1, -2)) for p in (here, usual))
-        negative = (soft < -NEUTRAL * least.clamp(min=0)) | ~sound
+        negative = (soft < -torch.maximum(NEUTRAL * least, none)) | ~sound
         return doubtful & torch.where(uneven <= HAIR * -soft.clamp(max=0), negative, diverges)
 
 

@@ -99,10 +99,10 @@ def unheld(
         nodes, bases, hold = holding(SteadyProblem(model, t, inputs, t.new_ones(())), start)
     _, s, V = torch.linalg.svd(sample_of(hold, 2, sample), full_matrices=True)
     motions = V[int((s > NONE).sum()) :].to(nodes)
+    nodes = sample_of(nodes, 2, sample)
     if model.scene.beam.parts:
-        return len(motions), parts_in_words(motions, bases)
-    at = bases[0].node
-    return len(motions), motions_in_words(motions, sample_of(nodes, 2, sample)[at], at)
+        return len(motions), parts_in_words(motions, nodes, bases)
+    return len(motions), motions_in_words(motions, nodes, bases[0].node)
 
 
 def clamped(model: Model) -> bool:

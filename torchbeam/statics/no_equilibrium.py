@@ -6,20 +6,17 @@ import itertools
 import math
 
 import torch
-from torch import Tensor
 
 from ..core.derivatives import no_derivatives
 from ..core.status import DIVERGED, STATUS
-from ..core.validation import concrete
 from ..equations.steady import Configuration, SteadyProblem
-from ..nodal.model import Model
+from ..nodal.deformed_elements import BROKEN, too_deformed
 from ..state.state import rest
 from .mechanism import unheld
 from .rigid_motions import sample_of
 
 FAR = 1e3  # lengths
 CLOSE = 1e-6  # of a length
-BENT = 2.0  # rad, of an element, which takes less than half a turn
 NOT_FOUND = (
     "Newton's method failed; the load may be past a limit point, which `path` goes through, or the "
     "shape far off: relax=True starts from a damped run, initial=State.from_nodes from your shape"
@@ -54,14 +51,12 @@ def reason(
                 f"nothing holds {loose}; a support or a spring would "
                 f"({DRIVEN if relaxed else SWING})"
             )
-        bent = _bent(model, x, sample)
-        most = float(bent.max()) if bent.numel() else 0.0  # of bodies alone
-        if relaxed and most > BENT:
-            return (
-                f"{NO_REST}; an element bends by {most:.2g} rad there, which a finer mesh "
-                "shares out"
-            )
-        return DRIVEN if relaxed else NOT_FOUND + _far(problem, sample)
+        if not relaxed:
+            return NOT_FOUND + _far(problem, sample)
+        here = torch.zeros_like(problem.load_factor, dtype=torch.bool)
+        here[sample] = True
+        deformed = too_deformed(model, x.position, x.rotation, here, BROKEN)
+        return DRIVEN if deformed is None else f"{NO_REST}; {deformed}"
 
 
 def _far(problem: SteadyProblem, sample: tuple[int, ...]) -> str:
@@ -111,11 +106,3 @@ def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) ->
                 f"between them, which cannot stretch, is {float(reach):.6g} m long"
             )
     return ""
-
-
-def _bent(model: Model, x: Configuration, sample: tuple[int, ...]) -> Tensor:
-    """(N,) rad by which elements are bent and twisted."""
-    total = (model.strain(model.kinematics(x.position, x.rotation)) + model.reference)[
-        ..., model.space.dims.position :
-    ]
-    return torch.linalg.vector_norm(sample_of(concrete(model.length * total), 2, sample), dim=-1)

@@ -15,6 +15,7 @@ from ..nodal import loads as external
 
 NEUTRAL = 1e-4  # of the softest pivot at no load: a pivot that is less negative does not count
 HAIR = 1e-3  # of the most negative pivot: an asymmetry that is less takes no instability away
+SURE = 10.0  # times the forces out of balance: stresses that miss their strains are beside them
 ROUNDING = 0.5  # power of the dtype's rounding
 
 
@@ -26,6 +27,26 @@ def eigenvalues(pivots: Tensor) -> Tensor:
 def sign(pivots: Tensor) -> Tensor:
     """(...) of the determinant."""
     return torch.linalg.slogdet(pivots).sign.prod(-1)
+
+
+def unresisted(problem: SteadyProblem, x: Configuration, pivots: Tensor) -> Tensor:
+    """(...) N/m, which pivots (..., n, w, w) by `Model.unit` may have where nothing resists:
+    by rounding, and by forces out of balance at x, which such a motion turns.
+    """
+    model, size = problem.model, torch.linalg.matrix_norm(pivots, 2).amax(-1)
+    off = problem.residual(x)[0].nodes * model.constraints.moving * model.unit[..., None, :]
+    rounding = pivots.shape[-3] * torch.finfo(pivots.dtype).eps * size
+    return rounding + SURE * off.abs().sum((-1, -2)) / model.extent
+
+
+def resisted(pivots: Tensor, none: Tensor) -> tuple[Tensor, Tensor]:
+    """Pivots (..., n, w, w) with a stiffness against motions that they resist by no more than
+    `none` (...), as the spin of a pinned rope about itself; (...) their least singular value.
+    """
+    _, s, V = torch.linalg.svd(pivots)
+    free = s <= none[..., None, None]
+    brace = V.mT @ (torch.where(free, s[..., :1], 0.0)[..., None] * V)
+    return pivots + brace, torch.where(free, torch.inf, s).amin((-1, -2))
 
 
 def conservative(problem: SteadyProblem, x: Configuration) -> Tensor:

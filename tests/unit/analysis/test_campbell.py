@@ -298,7 +298,7 @@ def test_files_and_pictures(tmp_path):
     (overhung, {"method": "hill"}, "method = 'hill'"),
     (overhung, {"speeds": [1.0, 0.5]}, "rising numbers"),
     (overhung, {"speeds": [1.0], "method": "floquet", "count": 2}, "steps = 20. or"),
-    (with_loose_body, {}, "motions of 'loose' that nothing resists"),
+    (with_loose_body, {}, "6 motions of 'loose' .* that nothing resists"),
     (with_axes_of_its_own, {}, r"axes \(2,\) of its own .* values="),
     (with_axes_of_its_own, {"speeds": [10.0, 20.0, 30.0]}, r"axes \(2,\) of its own .* values="),
     (lambda: overhung(plane="xz"), {}, "not normal to plane='xz'"),

@@ -271,3 +271,12 @@ def test_a_contact_without_a_radius_says_that_axes_touch():
     cap = tb.Contact(floor, radius=0.005, node=("a", -1))
     capped = tb.Scene(parts, [*contacts, cap], supports=scene.supports)
     assert not any("sinks in" in line for line in tb.describe(capped).lines["effects"])
+
+
+def test_eyelets_are_counted():
+    """Those of a tendon along a beam by their ends, of any number."""
+    beam = tb.Beam.straight(1.0, 24, SECTION)
+    pull = tb.Tendon.along(beam, (0, 0, 0.02), tension=2.0)
+    assert "eyelets = 25 from node 0 to node 24, tension = 2" in said(tb.Scene(beam, [pull]))
+    hung = tb.Tendon([(None, (0, 0, 1.0)), (-1, (0, 0, 0))], tension=2.0)
+    assert "eyelets = 2 from the ground to node 4" in said(tb.Scene(BEAM, [hung]))

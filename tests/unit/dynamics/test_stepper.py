@@ -1,6 +1,7 @@
 """The implicit step as its users see it: energy, sub-steps, checkpoints, masks, files."""
 
 import math
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -248,3 +249,50 @@ def test_a_merged_stepper_is_deprecated_and_steps_as_one_of_the_merged_scene(kin
     after = merged(merged.rest()).position
     assert torch.equal(after, wanted(wanted.rest()).position)
     assert (after[1] - after[0])[-1, 2] < 0
+
+
+def warnings_of(what) -> list[str]:
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        what()
+    return [str(w.message) for w in seen]
+
+
+def explicit(scene, dt):
+    return tb.ExplicitStepper(scene, dt, "rk4", form="nodal")
+
+
+@pytest.mark.parametrize("of", [tb.Stepper, explicit])
+def test_a_loop_of_steps_is_warned_once_of_a_failure(of):
+    """An input of one sample that is no number: the first step that fails says which sample, when
+    and why; the steps that follow, and good ones, say nothing.
+    """
+    beam = tb.Beam.straight(1.0, 2, tb.Section.from_stiffness(10.0, 4.0, 0.5, 1.0, 0.3, 0.01))
+    step = of(tb.Scene(beam, [tb.TipLoad(force=tb.Input("u", 3))]), 0.001)
+    state = step.rest((2,))
+    good, wrong = torch.zeros(2, 3), torch.tensor([[0.0, 0, 0], [0, 0, math.nan]])
+
+    def loop():
+        now = state
+        for u in (good, good, wrong, wrong, good):
+            now = step(now, u=u)
+        assert now.status[0] == 0 and now.status[1] != 0
+
+    (sentence,) = warnings_of(loop)
+    assert sentence.startswith("sample 1 (1 of 2) stopped after t = 0.002 s: ")
+    assert warnings_of(loop) == []
+
+
+def test_a_rollout_warns_as_simulate_does():
+    """Each once, with one sentence: for many steps in a call, and for the trial step that starts
+    generalized alpha.
+    """
+    force = torch.tensor((0, 0, 1.0))
+    late = tb.TipLoad(force=lambda t: torch.where(t < 0.025, 1.0, math.nan) * force)
+    scene = tb.Scene(slender(2), [late])
+    (said,) = warnings_of(lambda: tb.simulate(scene, torch.linspace(0, 0.05, 6), step=0.01))
+    step = tb.Stepper(scene, 0.01)
+    assert warnings_of(lambda: tb.rollout(step, step.rest(), 5)) == [said]
+    scene = tb.Scene(slender(2), [tb.TipLoad(force=lambda t: torch.full((3,), math.nan))])
+    run = dict(step=0.01, method="generalized_alpha")
+    assert len(warnings_of(lambda: tb.simulate(scene, torch.linspace(0, 0.05, 6), **run))) == 1

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from dataclasses import replace
 
 import pytest
 import torch
@@ -135,3 +136,24 @@ def test_a_body_that_nothing_resists_does_not_grow(joint, damping):
         modes = tb.modes(tb.Scene(parts, joints=[held]), count=1)
         assert not modes.unstable.any()
         assert (modes.eigenvalue == 0).all()
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_what_is_out_of_balance_makes_no_growth(side):
+    """A ring of a straight rod, clamped where it closes and twisted by 4 rad, below the 2 pi
+    sqrt(3) EI/GJ at which it leaves its plane (Michell 1889), turns freely about its axis. Stresses
+    off by 1e-7 give that turn a stiffness of either sign.
+    """
+    rod = tb.Section.from_stiffness(EA=1e5, GA=1e5, GJ=0.7, EI=1.0, mass=1.0, inertia=1e-3)
+    beam = tb.Beam.straight(1.0, 16, rod)
+    a = torch.linspace(0, 2 * math.pi, 17, dtype=torch.float64)
+    nodes = torch.stack((a.sin(), 0 * a, 1 - a.cos()), -1) / (2 * math.pi)
+
+    def ring(twist):
+        end = tb.Support(-1, displacement=(-1.0, 0, 0), turn=(twist, 0, 0))
+        return tb.Scene(beam, supports=[tb.Support(0), end])
+
+    state = tb.equilibrium(ring(4.0), initial=tb.State.from_nodes(ring(0.0), nodes))
+    noise = torch.rand(state.stress.shape, generator=torch.Generator().manual_seed(0))
+    off = replace(state, stress=state.stress * (1 + side * 1e-7 * noise.double()))
+    assert not tb.modes(ring(4.0), off, count=2).unstable.any()

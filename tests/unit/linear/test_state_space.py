@@ -512,3 +512,42 @@ def test_derivative_by_a_rotary_inertia_of_zero(damping):
     (slope,) = torch.autograd.grad(answer(zero), zero)
     at = [answer(torch.tensor(k * h)) for k in range(3)]
     assert_close(slope, (-3 * at[0] + 4 * at[1] - at[2]) / (2 * h), rtol=1e-6, atol=0)
+
+
+@pytest.mark.parametrize("tau", [1e-6, 1e-3, 0.05])
+def test_poles_keep_the_precision_of_each(tau):
+    """A stiff strip, damping in proportion to stiffness: s^2 + tau w^2 s + w^2 = 0 with the
+    frequencies w of the undamped strip, both roots of the six slowest. They are up to 1e12 apart:
+    rounding of A by its largest entries moved the slowest by 7e-4 (tau = 0.05). To 1e-8, of which
+    modes' own rounding is most.
+    """
+    strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
+    beam = tb.Beam.straight(torch.tensor([1.0, 0.7]), 4, strip)
+    w = tb.modes(tb.Scene(beam, plane="xz"), count=6).frequency
+    half = torch.complex(tau * w**2 / 2, torch.zeros_like(w))
+    fast = -half - (half**2 - w**2).sqrt()
+    model = tb.linearize(tb.Scene(beam, [tb.Damping(tau)], plane="xz"))
+    roots, poles = torch.cat((fast, w**2 / fast), -1), model.poles
+    off = (poles[..., :, None] - roots[..., None, :]).abs().amin(-2) / roots.abs()
+    assert poles.shape == model.A.shape[:-1] and off.max() < 1e-8
+    assert (poles.abs().diff() > -1e-9 * poles.abs()[..., 1:]).all()
+    torch.testing.assert_close(poles.sum(-1).imag / poles.abs().amax(), torch.zeros(2))
+    alone = tb.linearize(tb.Scene(tb.Beam.straight(1.0, 4, strip), [tb.Damping(tau)], plane="xz"))
+    torch.testing.assert_close(alone.poles.abs(), poles[0].abs(), rtol=1e-8, atol=0)
+
+
+def test_poles_of_rigid_motions_and_of_nothing():
+    """The double zero of a free turn splits by rounding to less than 1e-3 1/s (1 m; it was 0.01);
+    z' = 0 has zeros alone; a derivative of all poles is that of the trace of A.
+    """
+    strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
+    arm = {"arm": tb.Beam.straight(1.0, 4, strip)}
+    scene = tb.Scene(arm, [tb.Damping(1e-3)], joints=[tb.Hinge(None, ("arm", 0))], plane="xz")
+    model = tb.linearize(scene)
+    assert model.poles[:2].abs().max() < 1e-3 and model.poles[2].abs() > 1
+    still = replace(model, A=torch.zeros(3, 3))
+    assert (still.poles == 0).all()
+    A = torch.diag(torch.tensor([-1.0, -1e9, -1e3])) + 0.1
+    A.requires_grad_(True)
+    replace(model, A=A).poles.real.sum().backward()
+    torch.testing.assert_close(A.grad, torch.eye(3), rtol=0, atol=1e-6)

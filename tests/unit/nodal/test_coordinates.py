@@ -237,6 +237,61 @@ def test_what_acts_out_of_a_plane_is_refused_there(what):
     assert not isinstance(found, Planar) or found.name == "xz"
 
 
+AXES = {"x": (1.0, 0, 0), "y": (0, 1.0, 0), "z": (0, 0, 1.0)}
+DRIVEN = {  # by the axis of the coordinate that is driven
+    "Hinge": lambda e, _, m: tb.Hinge(None, ("arm", 0), axis=e, torque=m),
+    "Slider": lambda e, _, m: tb.Slider(None, ("arm", 0), axis=e, force=m),
+    "Cylindrical, turn": lambda e, _, m: tb.Cylindrical(None, ("arm", 0), axis=e, torque=m),
+    "Cylindrical, travel": lambda e, _, m: tb.Cylindrical(None, ("arm", 0), axis=e, force=m),
+    "Universal": lambda e, n, m: tb.Universal(None, ("arm", 0), axis=e, second=n, torque=m),
+    "Universal, second": lambda e, n, m: tb.Universal(
+        None, ("arm", 0), axis=n, second=e, second_torque=m
+    ),
+}
+
+
+@pytest.mark.parametrize("letter", AXES)
+@pytest.mark.parametrize("name", DRIVEN)
+def test_a_motor_in_a_plane_moves_as_in_3d_or_is_refused(name, letter):
+    """A step under an input along each coordinate: in "xz" as in 3D, or, where 3D leaves the plane,
+    a sentence that names the axis that is wanted.
+    """
+    axis, normal = AXES[letter], AXES["xyz"["xyz".index(letter) - 2]]
+    joint = DRIVEN[name](axis, normal, tb.Input("m", 1))
+    parts = {"arm": tb.Beam.straight(1.0, 2, section())}
+    space = tb.Stepper(tb.Scene(parts, joints=[joint]), 0.01)
+    after = space(space.rest(), m=(0.1,))
+    assert after.velocity.abs().max() + after.spin.abs().max() > 1e-3
+    leaves = after.velocity[..., 1].abs().max() + after.spin[..., ::2].abs().max() > 1e-9
+    flat = tb.Scene(parts, joints=[joint], plane="xz")
+    if leaves:
+        wanted = "lie in it" if name in ("Slider", "Cylindrical, travel") else "be y"
+        with pytest.raises(ValueError, match=f"in the plane 'xz'; its axis must {wanted}"):
+            tb.Stepper(flat, 0.01)
+    else:
+        plane = tb.Stepper(flat, 0.01)
+        torch.testing.assert_close(
+            plane(plane.rest(), m=(0.1,)).velocity, after.velocity, rtol=0, atol=1e-9
+        )
+
+
+def test_a_joint_that_holds_the_plane_is_refused_there():
+    """Without a motor too: a Hinge about z, and a Universal about x and z, are welds in "xz", and
+    turn in "xy"; a Ball is a hinge in a plane, if no torque acts out of it.
+    """
+    beam = tb.Beam.straight(1.0, 2, section())
+    for joint in (
+        tb.Hinge(None, ("arm", 0), axis=(0, 0, 1)),
+        tb.Universal(None, ("arm", 0), second=(0, 0, 1)),
+        tb.Ball(None, ("arm", 0), torque=(1.0, 0, 0)),
+    ):
+        with pytest.raises(ValueError, match="plane 'xz'"):
+            discretise(tb.Scene({"arm": beam}, joints=[joint], plane="xz"))
+        found = discretise(tb.Scene({"arm": beam}, joints=[joint], plane="auto")).space
+        assert getattr(found, "name", None) == (None if isinstance(joint, tb.Ball) else "xy")
+    discretise(tb.Scene({"arm": beam}, joints=[tb.Ball(None, ("arm", 0))], plane="xz"))
+
+
 def test_an_elastic_clamp_that_moves_by_a_function_means_3d():
     """Its motion is the scene's, not that of a support."""
     scene = tb.Scene(

@@ -196,25 +196,29 @@ def test_diagram_of_a_bending_moment(order, tmp_path):
     assert inside.y0 < text.get_window_extent().y0 and text.get_window_extent().y1 < inside.y1
 
 
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("plane", ["xz", "xy"])
-def test_diagrams_as_textbooks_sign_them(plane):
+def test_diagrams_as_textbooks_sign_them(plane, turned, back):
     """A beam on two supports under q: V = q L/2 at the left support, -q L/2 at the right one, the
-    sagging M = q L^2/8 in the middle, whichever section axis lies in the plane. Pulled by P: N = P.
+    sagging M = q L^2/8 in the middle, whichever section axis lies in the plane, whether it points
+    up or down, and whichever way the beam goes. Pulled by P: N = P.
     """
     L, q, P = 2.0, 4.0, 3.0
     section = tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=1e4, EI=1e6, mass=1.0)
-    beam = tb.Beam.straight(L, 4, section)
-    across, held = (0, 0, -q) if plane == "xz" else (0, -q, 0), "xz" if plane == "xz" else "xy"
-    free = "xz" if plane == "xz" else "yx"
-    supports = [tb.Support(0, rotation=held), tb.Support(-1, position="yz", rotation=free)]
-    loads = [tb.LineLoad(force=across), tb.PointLoad(-1, force=(P, 0, 0))]
+    way = -1.0 if back else 1.0
+    up = torch.tensor([0.0, 0, 1.0] if plane == "xz" else [0.0, 1.0, 0])
+    beam = tb.Beam.straight(L, 4, section, direction=(way, 0, 0), up=-up if turned else up)
+    held = "xz" if plane == "xz" else "xy"
+    supports = [tb.Support(0, rotation=held), tb.Support(-1, position="yz", rotation=held)]
+    loads = [tb.LineLoad(force=-q * up), tb.PointLoad(-1, force=(way * P, 0, 0))]
     scene = tb.Scene(beam, loads, supports=supports, plane=plane)
     state = tb.equilibrium(scene)
     values = {
         name: [text.get_text() for text in tb.plot.diagram(state, name, scene=scene).texts]
         for name in "NVM"
     }
-    assert values == {"N": ["3"], "V": ["4", "-4"], "M": ["2"]}
+    assert values == {"N": ["3"], "V": ["-4", "4"] if back else ["4", "-4"], "M": ["2"]}
 
 
 def test_diagrams_in_space_have_axes_of_the_section():

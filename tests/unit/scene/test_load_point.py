@@ -40,7 +40,7 @@ def effects():
             force=fx.Along(lambda s, t: torch.stack((s, s * t, 1 + 0 * s), -1)), follower=True
         ),
         "LineLoad of elements": tb.LineLoad(
-            force=fx.PerElement(torch.rand(B, SITES - 1, 3)), follower=True
+            force=fx.PerElement(torch.rand(B, SITES, 3)), follower=True
         ),
         "Gravity": tb.Gravity(torch.rand(B, 3)),
         "MassDamping": fx.MassDamping(torch.rand(B)),
@@ -88,9 +88,11 @@ def a_site(effect, seed=0):
         R = support.R @ quat.matrix(quat.exponential(torch.randn(*lead, 3)))
     s = torch.tensor([0.0, 0.2, 0.7, 1.0]) if effect.node is None else None
     motion = (torch.randn(*lead, 3) for _ in range(3))
+    by_element = isinstance(getattr(effect, "force", None), fx.PerElement)  # a site in each
     return fx.LoadPoint(
         R, spd(*lead), *motion, s, rotations(), support,
-        torch.randn(*lead, getattr(effect, "internal", 0)), torch.tensor(0.4), elements=SITES - 1,
+        torch.randn(*lead, getattr(effect, "internal", 0)), torch.tensor(0.4),
+        elements=SITES - (not by_element),
         frame=(torch.randn(3), torch.randn(3)),
     )  # fmt: skip
 
@@ -293,21 +295,18 @@ def test_linear_lag_is_the_midpoint_rule():
         assert_close(middle, (z + dt / 2 / T * u) / (1 + dt / 2 / T))
 
 
-def test_line_load_of_elements_keeps_its_resultant():
-    """Node values times the length that belongs to each node sum to the load of each element times
-    its length.
-    """
-    s = torch.tensor([0.0, 0.2, 0.7, 1.0])
-    h = s.diff()
+def test_line_load_of_elements_at_its_sites():
+    """Each site has the load of its element; sites that lie otherwise are refused."""
     values = torch.randn(B, 3, 3)
-    share = torch.cat((h / 2, torch.zeros(1))) + torch.cat((torch.zeros(1), h / 2))
-    site = fx.LoadPoint(torch.eye(3).expand(4, 3, 3), s=s, elements=3)
-    force, _ = tb.LineLoad(force=fx.PerElement(values)).wrench(site, ZERO, {})
-    assert_close((share[:, None] * force).sum(-2), (h[:, None] * values).sum(-2))
-    middle, _ = tb.LineLoad(force=fx.PerElement(values)).wrench(
-        fx.LoadPoint(site.R[:3], s=s[:3], elements=3), ZERO, {}
-    )
-    assert_close(middle, values)
+    load = tb.LineLoad(force=fx.PerElement(values))
+    for points in (1, 2):
+        s = torch.linspace(0.1, 0.9, 3 * points)
+        site = fx.LoadPoint(torch.eye(3).expand(3 * points, 3, 3), s=s, elements=3)
+        force, _ = load.wrench(site, ZERO, {})
+        assert_close(force, values.repeat_interleave(points, -2))
+    nodes = fx.LoadPoint(torch.eye(3).expand(4, 3, 3), s=torch.linspace(0, 1, 4), elements=3)
+    with pytest.raises(ValueError, match=r"4 sites .* 3 elements"):
+        load.wrench(nodes, ZERO, {})
 
 
 def test_actuation_by_elements():
@@ -440,8 +439,8 @@ PARAMETERS = {
     "Spring": (lambda p: fx.Spring(-1, p[0], to=p[1:4], length=p[4], damping=p[5]), 6),
     "RootSpring": (lambda p: fx.RootSpring(p[:6], damping=(p[6], p[7:])), 10),
     "LineLoad of elements": (
-        lambda p: tb.LineLoad(force=fx.PerElement(p.reshape(SITES - 1, 3)), follower=True),
-        3 * SITES - 3,
+        lambda p: tb.LineLoad(force=fx.PerElement(p.reshape(SITES, 3)), follower=True),
+        3 * SITES,
     ),
     "Load with a lag": (
         lambda p: fx.Load(lagged, node=-1, internal=2, rate=lambda z, *m: lag(z, *m) * p),

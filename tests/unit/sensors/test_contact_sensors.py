@@ -1,5 +1,7 @@
 """Sensors of contact against what must hold them: weight on a floor."""
 
+import math
+
 import pytest
 import torch
 from torch.testing import assert_close
@@ -128,3 +130,40 @@ def test_what_has_no_such_contact_is_refused():
         tb.sensors.ContactGap(scene, 1)
     with pytest.raises(ValueError, match="without friction"):
         tb.sensors.ContactSlip(scene)(state)
+
+
+def test_the_force_of_a_step_is_that_of_its_middle():
+    """A body that sticks on a slope: m g sin(a). The midpoint rule lets velocities alternate from
+    step to step where friction g dt is far above the slip speed, and forces read at the ends with
+    them, by more than 1 %. At the mean of two states it is the force of the step, to 1e-3: its
+    normal part still settles.
+    """
+    a, R, m = math.radians(20), 0.02, 0.2
+    out, down = (-math.sin(a), 0.0, math.cos(a)), (math.cos(a), 0.0, math.sin(a))
+    law = dict(thickness=1e-3, force=20.0, damping=0.5, friction=0.8, slip_speed=1e-4)
+    scene = tb.Scene(
+        {"box": tb.Body(m, 1e-5, position=tuple(R * x for x in out))},
+        [tb.Contact("box", tb.Plane((0, 0, 0), out), radius=R, **law), tb.Gravity((0, 0, -9.81))],
+        supports=[tb.Support("box", position="", rotation="xyz")],
+    )
+    solution = tb.simulate(scene, torch.linspace(0, 0.2, 101), step=2e-3, engine="compiled")
+    states, along = solution.state[-5:], torch.tensor(down, dtype=torch.float64)
+    middle = states[:-1].map(lambda x, y: (x + y) / 2, states[1:])
+    ends, steps = (tb.sensors.ContactForce(scene)(x) @ along for x in (states, middle))
+    exact = m * 9.81 * math.sin(a)
+    assert_close(steps, torch.full_like(steps, exact), rtol=1e-3, atol=0.0)
+    assert ((ends - exact).abs() > 1e-2 * exact).all()
+
+
+def test_a_reading_far_away_costs_no_pairs():
+    """The force of beams that are far apart is 0; the gap is that of all places."""
+    parts = {
+        name: tb.Beam.straight(1.0, 4, SECTION, root=(0, y, 0))
+        for name, y in (("a", 0.0), ("b", 1.0))
+    }
+    law = dict(radius=0.01, thickness=1e-3, force=10.0)
+    scene = tb.Scene(parts, [tb.Contact("a", "b", **law)], supports=[])
+    state, sensors = tb.rest(scene), tb.sensors
+    assert sensors.ContactForce(scene)(state).tolist() == [0, 0, 0]
+    assert sensors.ContactPressure(scene)(state).tolist() == [0, 0]
+    assert_close(sensors.ContactGap(scene)(state), torch.tensor([0.98], dtype=torch.float64))

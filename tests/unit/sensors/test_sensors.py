@@ -571,3 +571,21 @@ def test_a_state_of_another_dtype_is_read_and_one_of_another_mesh_refused():
         assert_close(sensor(single).to(own.t), sensor(own), rtol=1e-5, atol=1e-5)
         with pytest.raises(ValueError, match=f"with {N + 2} nodes was given"):
             sensor(other)
+
+
+@pytest.mark.parametrize("name", ["y", "z"])
+def test_a_gauge_off_its_section_by_millimetres_is_warned_of(name, recwarn):
+    """On a strip of 30 x 2 mm; 1 mm, and 5 mm in what the strip is a part of, say nothing."""
+    strip = tb.Section.rectangle(width=0.03, height=0.002, E=69e9, nu=0.33, rho=2700.0)
+    beam, fibre = tb.Beam.straight(1.0, 4, strip), {"y": 15.0, "z": 1.0}[name]
+    for section in (
+        beam,
+        tb.Beam.straight(
+            1.0, 4, tb.Section.from_stiffness(EA=math.inf, GA=1.0, GJ=1.0, EI=1.0, mass=1.0)
+        ),
+    ):
+        s.Gauge(0.1, section, **{name: 1e-3 * fibre})
+        s.Gauge(0.1, section, **{name: torch.tensor([-5e-3 * fibre, 0.0])})
+    assert not recwarn.list
+    with pytest.warns(RuntimeWarning, match=f"{name} = {fibre:g} m was given for a gauge.*metres"):
+        s.Gauge(0.1, beam, **{name: fibre})

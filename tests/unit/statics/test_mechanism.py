@@ -3,6 +3,7 @@ mesh.
 """
 
 import math
+import re
 
 import pytest
 import torch
@@ -179,5 +180,46 @@ def test_the_path_of_a_body_that_hangs():
     found = tb.path(scene, load="F", initial=hangs, step=0.3, inputs={"F": (2.0, 0, 0)})
     wanted = torch.tensor([0.5**0.5, 0, -(0.5**0.5)])
     torch.testing.assert_close(found.state.position[-1, 0], wanted, rtol=0, atol=1e-8)
-    with pytest.warns(RuntimeWarning, match="nothing holds one motion of 'bob' there"):
+    with pytest.warns(RuntimeWarning, match=r"nothing holds one motion of 'bob' \(.*\) there"):
         tb.path(hung(tb.PointLoad("bob", force=(0.3, 0, -2.0))))
+
+
+HALVES = {
+    "a": tb.Beam.straight(2.0, 2, STRIP),
+    "b": tb.Beam.straight(2.0, 2, STRIP, root=(2.0, 0, 0)),
+}
+TURNS, SLIDES = dict(rotation="xz"), dict(position="yz", rotation="xz")
+MECHANISMS = {
+    "hinge at the middle": (
+        [tb.Support(("a", 0), **TURNS), tb.Support(("b", -1), **SLIDES)], tb.Hinge,
+        "one motion of 'a' and 'b' ('a': the rotation about y at (0, 0, 0) m; "
+        "'b': the rotation about y at (4, 0, 0) m)",
+    ),
+    "two slides at a right angle": (  # about where their normals meet
+        [tb.Support(("a", 0), position="xy", rotation="xz"), tb.Support(("b", -1), **SLIDES)],
+        tb.Weld,
+        "one motion of 'a' and 'b' ('a': a rotation about y at (4, 0, 0) m; "
+        "'b': the rotation about y at (4, 0, 0) m)",
+    ),
+    "an arm": (
+        [tb.Support(("a", 0))], tb.Hinge,
+        "one motion of 'b' (the rotation about y at (2, 0, 0) m)",
+    ),
+    "a slide": (
+        [tb.Support(("a", 0), **SLIDES), tb.Support(("b", -1), **SLIDES)], tb.Weld,
+        "one motion of 'a' and 'b' ('a': the displacement along x; 'b': the displacement along x)",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("plane", [None, "xz"])
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_a_mechanism_of_several_parts_is_named(name, plane):
+    """Each part's motion, a rotation about where it stands still."""
+    supports, joint, sentence = MECHANISMS[name]
+    joints, pull = [joint(("a", -1), ("b", 0))], tb.Gravity((0.01, 0, -9.81))
+    scene = tb.Scene(HALVES, [pull], joints=joints, supports=supports, plane=plane)
+    if plane == "xz":
+        assert "nothing holds " + sentence in str(tb.describe(scene))
+    with pytest.raises(RuntimeError, match=re.escape(f"nothing holds {sentence}; a support")):
+        tb.equilibrium(scene)

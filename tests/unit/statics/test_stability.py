@@ -305,3 +305,19 @@ def test_a_round_column_that_buckles_alike_to_all_sides():
         assert_close(alone[:2].norm(), flat[0].abs(), rtol=0, atol=1e-5)
     assert_close(leans.abs(), flat.abs(), rtol=0, atol=1e-5)
     assert flat[2] < 0.7
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
+def test_a_spin_that_nothing_resists_has_no_sign(speed):
+    """A rope between two pins in a cross-current may turn about itself: the determinant of its
+    tangent is zero, and its sign that of rounding, by speed and mesh. It is stable, as `modes` has
+    it.
+    """
+    rope = tb.Section.from_stiffness(EA=1e4, GA=4e3, GJ=1e-3, EI=1e-3, mass=0.1)
+    ends = [tb.Support(0, rotation=""), tb.Support(-1, rotation="", displacement=(-0.2, 0, 0))]
+    loads = [tb.Gravity((0, 0, -9.81)), tb.Drag(1000.0, 0.01, flow=(0, speed, 0))]
+    scene = tb.Scene(tb.Beam.straight(1.0, 16, rope), loads, supports=ends)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        tb.equilibrium(scene, relax=True)
+    assert not [warning for warning in seen if "unstable" in str(warning.message)]

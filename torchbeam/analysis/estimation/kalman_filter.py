@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from ...core.arguments import batch as sizes_of
 from ...core.arguments import boolean, count, function, instance, number, step_size
+from ...core.one_thread import few_on_one_thread
 from ...core.validation import as_tensor, axis_last, positive, refusal
 from ...dynamics.method import Method
 from ...dynamics.stepper import Stepper
@@ -33,6 +34,11 @@ from .unknowns import Unknowns, mean_scene, rows_of, with_priors
 from .weighting import Weighting
 
 STANDS = 0.25  # deviation of a parameter, up to which the structure stays that of before
+
+
+def _numbers(known: Any) -> int:
+    """Of the square root of what is known, before an interval or at its end."""
+    return getattr(getattr(known, "before", known), "factor", torch.empty(0)).numel()
 
 
 class KalmanFilter:
@@ -223,6 +229,7 @@ class KalmanFilter:
         """
         return self.update(self.predict(before, u), y)
 
+    @few_on_one_thread(lambda self, before, *_, **__: _numbers(before))
     def predict(self, before: Filtered, u: Any = None) -> Predicted:
         """What is expected an interval later: `update` takes it, with the readings.
 
@@ -240,6 +247,7 @@ class KalmanFilter:
             more = more + mean[..., self.read : self.read + self.moves]
         return Predicted(before, inputs, about, after, expected, x, columns, more, rows)
 
+    @few_on_one_thread(lambda self, predicted, *_, **__: _numbers(predicted))
     def update(self, predicted: Predicted, y: Any = None) -> Filtered:
         """What is known once it is read: y (..., m), NaN where one is missing; None = none."""
         before, _, about, after, expected, x, columns, more, rows = instance(

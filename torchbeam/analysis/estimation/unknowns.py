@@ -210,7 +210,11 @@ def mean_scene(scene: Any, parameters: Mapping[str, Any]) -> Scene:
                 "parameters were given beside a Scene; a function parameters -> Scene is wanted"
             )
         return scene
-    if not callable(scene) or not parameters:
+    if callable(scene) and not parameters:
+        raise refusal(
+            "a function of parameters without parameters=", "parameters=, or the Scene itself,"
+        )
+    if not callable(scene):
         raise refusal(f"scene = {shown(scene)}", "a Scene, or a function of `parameters`,")
     means = {name: one.start for name, one in parameters.items()}
     made = function("scene", scene, "parameters")(means)

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from ...core.leaves import with_values
+from ...core.one_thread import threads
 from ...nodal.model import Model
 from ..compiler.team import in_threads
 from .cells import Cells
@@ -338,15 +339,14 @@ class Call:
         if "limit" in place:
             numbers[place["limit"]] = limit
         run = self.instance.program.run(self.lanes, self.instance.lanes_each)
-        work = self.B * max(self.instance.N, 1) * self.K
-        threads = min(torch.get_num_threads(), self.groups, work // WORK)
-        if threads < 2:
+        parts = min(threads(), self.groups, self.B * max(self.instance.N, 1) * self.K // WORK)
+        if parts < 2:
             block = self.instance.taken(self.lanes)
             numbers[place["memory"]] = block.data_ptr()
             run(numbers)
             self.instance.given_back(self.lanes, block)
         else:
-            self._parts(run, numbers, threads, held)
+            self._parts(run, numbers, parts, held)
         self._arguments.append(arguments)
         return outputs
 

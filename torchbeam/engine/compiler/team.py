@@ -15,8 +15,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-import torch
-
+from ...core.one_thread import threads
 from ...core.openmp import openmp
 from .library import Library
 from .object_cache import ObjectCache
@@ -88,7 +87,7 @@ def in_threads(function: Callable[[Any], None], arguments: Sequence[Any], held: 
         *numbers, *map(ctypes.addressof, arguments)
     )
     # of another number of threads than torch's operations, these would begin and end each time
-    team.parallel(team.share, ctypes.addressof(data), torch.get_num_threads(), 0)
+    team.parallel(team.share, ctypes.addressof(data), threads(), 0)
 
 
 @cache

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...core.leaves import leaf
-from ...core.validation import Value
+from ...core.validation import Value, refusal, shown
 from ...math.quaternions import skew
 from .load_point import ROTATION, LoadEffect, LoadPoint
 from .values import Inputs, load_value, value_at
+
+
+def _acceleration(name: str, value: Any) -> Any:
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        raise refusal(f"{name} = {shown(value)}", "three numbers, as (0, 0, -9.81),", are=True)
+    return load_value(name, value)
 
 
 @dataclass(frozen=True)
@@ -28,7 +35,7 @@ class Gravity(LoadEffect):
         tensor(1.5892)
     """
 
-    g: Value = leaf(1, check=load_value)
+    g: Value = leaf(1, check=_acceleration)
     on: str | None = field(default=None, kw_only=True)
 
     conservative = True

@@ -185,7 +185,12 @@ class PerElement(ByPlace):
         value = at_time(rows, t, axes=2) if function else self.checked(self.value, elements)
         if isinstance(value, Input):
             value = input_at(value, inputs).unflatten(-1, (elements, 3))
-        points = s.shape[-1] // elements
+        points, more = divmod(s.shape[-1], elements)
+        if more:
+            raise refusal(
+                f"PerElement at {s.shape[-1]} sites along {elements} elements",
+                "as many in each of them",
+            )
         return value if points == 1 else value.repeat_interleave(points, -2)
 
 
