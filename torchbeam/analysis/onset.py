@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -78,9 +79,10 @@ def _zeros(
     zero = before = stable
     for k in range(ROUNDS):
         gap, g = unstable - stable, motion.value.real
+        share, most = f / (f - g), (BEYOND * least / gap.abs()).clamp(min=1.0)
         # what grows by less than rounding, at the stable speed, has its zero beyond
-        most = torch.maximum(BEYOND * least, gap.abs())
-        now = stable + (f * gap / (f - g)).clamp(min=-most, max=most)
+        share = share.clamp(0.0, 1.0) if math.isinf(tolerance) else share.clamp(-most, most)
+        now = stable + share * gap
         zero, before, last = now, zero, before
         settled = (f < 0) & (torch.maximum((zero - before).abs(), (zero - last).abs()) < least)
         if bool(((gap.abs() <= least) | settled).all()):
