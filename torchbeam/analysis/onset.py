@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -77,9 +78,10 @@ def _zeros(
     least = tolerance * torch.maximum(stable, unstable)
     for k in range(ROUNDS):
         gap, g = unstable - stable, motion.value.real
+        share, most = f / (f - g), (BEYOND * least / gap.abs()).clamp(min=1.0)
         # what grows by less than rounding, at the stable speed, has its zero beyond
-        most = torch.maximum(BEYOND * least, gap.abs())
-        zero = stable + (f * gap / (f - g)).clamp(min=-most, max=most)
+        share = share.clamp(0.0, 1.0) if math.isinf(tolerance) else share.clamp(-most, most)
+        zero = stable + share * gap
         if bool((gap.abs() <= least).all()):
             break
         x = zero + (-ASIDE, ASIDE, torch.nan)[k % 3] * gap

@@ -79,7 +79,7 @@ def slowest_of_chain(M: BlockChain, K: BlockChain, count: int) -> Pairs | None:
     """The same of long matrices, undamped; None where the slowest do not converge, or a sample is
     unstable beyond what a shift covers.
     """
-    return _symmetric(M, K, count, BlockChain.positivedefinite, subspace)
+    return _symmetric(M, K, count, BlockChain.positive_definite, subspace)
 
 
 def definite(K: Tensor) -> Tensor:
@@ -222,9 +222,12 @@ def lowest(M: Tensor, K: Tensor, shift: Tensor, count: int) -> tuple[Tensor, Ten
     )
     value, vectors = torch.linalg.eigh((flexible + flexible.mT) / 2)
     vectors = torch.linalg.solve_triangular(root.mT, vectors.flip(-1)[..., :count], upper=True)
-    value, most = value.flip(-1)[..., :count], value[..., -1:]
-    none = value < SURE * M.shape[-1] * torch.finfo(value.dtype).eps * most  # it has no inertia
-    square = torch.where(none, torch.inf, 1 / value - shift[..., None])
+    # Rayleigh's quotient, of which rounding counts by its square: of little inertia beside much
+    inertia, most = _form(M, vectors), value[..., -1:]
+    unknown = SURE * M.shape[-1] * torch.finfo(value.dtype).eps
+    square = torch.where(inertia < unknown**2 * most, torch.inf, 1 / inertia - shift[..., None])
+    square, at = square.sort(dim=-1, stable=True)
+    vectors = vectors.gather(-1, at[..., None, :].expand(vectors.shape))
     return square, vectors, rounding(M, K, vectors)
 
 

@@ -127,6 +127,7 @@ def warn_of_jumps(model: Any) -> None:
             largest = torch.linalg.vector_norm(more, dim=-1).amax(-1)
             if concrete(off > UNSEEN * largest).any():
                 warn(
-                    f"a {name} Along the beam that jumps inside an element was given, where its "
-                    "integral by Gauss points is off: a node at the jump is wanted"
+                    f"a {name} Along the beam that jumps inside an element, or changes fast for "
+                    "its length, was given, where its integral by Gauss points is off; a node at "
+                    "the jump, or more elements, are wanted"
                 )

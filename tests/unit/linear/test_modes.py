@@ -139,6 +139,22 @@ def test_motions_without_inertia_are_no_modes(damping):
             tb.modes(without, count=known + 1)
 
 
+def test_a_thin_strip_has_all_its_modes():
+    """Sections 1 mm and 0.3 mm thick of 1 m: turns of sections, f ~ 1/t, beside bending, f ~ t, of
+    whose inertia over stiffness they have a share of 1e-15. Shares of (t/h)^2 apart, 1.6e-5, and
+    what rounding mixes of turns alone.
+    """
+    fastest, slowest = [], []
+    for t in (1e-3, 3e-4):
+        section = tb.Section.rectangle(0.02, t, E=7e10, nu=0.3, rho=2700.0)
+        scene = tb.Scene(tb.Beam.straight(1.0, 4, section), plane="xz")
+        frequency = tb.modes(scene, count=12).frequency
+        fastest.append(frequency[-1] * t)
+        slowest.append(frequency[0] / t)
+    assert_close(*fastest, rtol=1e-4, atol=0)
+    assert_close(*slowest, rtol=3e-5, atol=0)
+
+
 def test_modes_that_single_precision_does_not_hold_are_refused():
     """The fastest, of a spring that double precision has a mode of, beside a function that takes
     float32 alone: in its place stood the slowest one's conjugate.

@@ -101,10 +101,15 @@ def warned(function, elements=4):
 
 
 def test_a_jump_inside_an_element_gives_a_warning():
-    """A jump at a node, a kink anywhere and a wave of one length in two elements give none."""
+    """A jump at a node, a kink anywhere and a wave of one length in two elements give none; a wave
+    in less than one does.
+    """
     for elements in (4, 64):
         told = warned(lambda s: (s > 0.603).to(s), elements)
-        assert "a node at the jump is wanted" in told[0]
+        assert "a node at the jump, or more elements, are wanted" in told[0]
+    assert warned(lambda s: torch.sin(10 * math.pi * s)) and not warned(
+        lambda s: torch.sin(10 * math.pi * s), 16
+    )
     smooth = (
         lambda s: (s > 0.5).to(s),
         lambda s: (s - 0.6).abs(),

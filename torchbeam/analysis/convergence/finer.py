@@ -71,7 +71,7 @@ class Finer:
                 scene = replace(scene, effects=effects)
         if self.elements == 1:
             return scene
-        if any(_many_eyelets(effect, scene.beam.order) for effect in scene.effects):
+        if any(_many_eyelets(effect, scene.beam) for effect in scene.effects):
             raise NotRefined(
                 "the mesh was not refined: a Tendon goes through neighbouring nodes by their "
                 "numbers, and a finer mesh without more eyelets is another structure; "
@@ -141,12 +141,12 @@ class Finer:
         return options | dict(step=_step(t, options.get("step")) / self.steps)
 
 
-def _many_eyelets(effect: Any, order: int) -> bool:
+def _many_eyelets(effect: Any, beam: Beam) -> bool:
     """Whether a tendon goes through three ends of elements in a row that numbers of nodes name."""
-    if not isinstance(effect, Tendon) or effect.is_along:
+    if not isinstance(effect, Tendon) or effect.is_along(beam):
         return False
     steps = [abs(b - a) for a, b in itertools.pairwise(effect.nodes)]
-    return any(a == b == order for a, b in itertools.pairwise(steps))
+    return any(a == b == beam.order for a, b in itertools.pairwise(steps))
 
 
 def _firmer(effect: Any, factor: float) -> Any:

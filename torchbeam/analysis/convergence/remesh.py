@@ -127,7 +127,7 @@ def _nodes(scene: Scene) -> Iterator[int]:
     yield from (support.node for support in scene.supports)
     for effect in scene.effects:
         if isinstance(effect, Tendon | Interaction):
-            along = isinstance(effect, Tendon) and effect.is_along
+            along = isinstance(effect, Tendon) and effect.is_along(scene.beam)
             yield from () if along else effect.nodes
         elif effect.node is not None:
             yield effect.node
@@ -149,7 +149,7 @@ def _count(value: Any) -> int:
 
 def _moved(effect: Effect, rows: _Rows) -> Effect:
     """An effect at the places of the new mesh."""
-    if isinstance(effect, Tendon) and effect.is_along:
+    if isinstance(effect, Tendon) and effect.is_along(rows.beam):
         points = torch.stack(torch.broadcast_tensors(*(x.point for x in effect.eyelets)), -2)
         places = _cubic(points, rows.elements).unbind(-2)
         each = (Eyelet(rows.order * k, point, along=True) for k, point in enumerate(places))

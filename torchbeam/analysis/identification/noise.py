@@ -5,6 +5,7 @@ correlation from reading to reading; the weights of a loss.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -86,7 +87,8 @@ class Noise:
         cls, experiments: Sequence[Any], name_of: Callable[[Any, Any, str], Any]
     ) -> tuple[tuple[Any, ...], Noise, list[int]]:
         """By names of channels: experiments with a first sigma, channels, readings of each."""
-        numbers, squares, fitted, readings = [], {}, {}, {}
+        numbers, order = [], {}
+        squares, fitted, readings = (Counter[Any]() for _ in range(3))
         for e in experiments:
             for m in e.measurements:
                 columns = m.values.reshape(-1, len(m.labels))
@@ -96,15 +98,15 @@ class Noise:
                     if m.sigma is not None or not len(seen):
                         continue
                     name = name_of(e, m, label)
-                    here[:, k] = list(fitted).index(name) if name in fitted else len(fitted)
-                    fitted[name] = fitted.get(name, 0.0) + m.fitted / len(m.labels)
-                    readings[name] = readings.get(name, 0) + len(seen)
+                    here[:, k] = order.setdefault(name, len(order))
+                    fitted[name] += m.fitted / len(m.labels)
+                    readings[name] += len(seen)
                     scatter = (seen - seen.mean()).square().sum().item()
                     scatter = scatter or len(seen) * (seen.abs().max().item() or 1.0) ** 2
-                    squares[name] = squares.get(name, 0.0) + scatter
+                    squares[name] += scatter
                 numbers.append(here.flatten())
-        noise = cls(torch.cat(numbers), tuple(fitted), tuple(fitted.values()))
-        first = [math.sqrt(squares[name] / readings[name]) for name in fitted]
+        noise = cls(torch.cat(numbers), tuple(order), tuple(fitted.values()))
+        first = [math.sqrt(squares[name] / readings[name]) for name in order]
         like = dict(dtype=torch.float64, device=numbers[0].device)
         sigma = noise.each(torch.tensor(first, **like))
         rest, sized = iter(sigma.split([len(n) for n in numbers])), []

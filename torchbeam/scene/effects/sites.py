@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 
 def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
@@ -15,7 +16,7 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
     if given in (1, sites):
         return value.expand(*value.shape[:-1], sites)
     if given == elements:
-        return _mean_of_elements(value[..., None], s)[..., 0]
+        return _mean_of_elements(value, s)
     if given == elements + 1 and sites == elements:
         return (value[..., 1:] + value[..., :-1]) / 2
     raise ValueError(
@@ -25,22 +26,21 @@ def to_sites(name: str, value: Tensor, s: Tensor, elements: int) -> Tensor:
 
 
 def _mean_of_elements(value: Tensor, s: Tensor) -> Tensor:
-    """At the nodes with the arclengths s (..., N+1), (..., N+1, c), from values (..., N, c) of the
+    """At the nodes with the arclengths s (..., N+1), (..., N+1), from values (..., N) of the
     elements; of two elements by the lengths that they give the node, see `Model.tributary_length`:
     half of each, or with a midside node at the distances a and b from the ends a/2 - b/6 at the
     first of these and b/2 - a/6 at the other.
     """
-    first = last = s.diff(dim=-1)[..., None]
-    midside = first.shape[-2] > value.shape[-2]
+    first = last = s.diff(dim=-1)
+    midside = first.shape[-1] > value.shape[-1]
     if midside:
-        a, b = first[..., ::2, :], first[..., 1::2, :]
+        a, b = first[..., ::2], first[..., 1::2]
         first, last = 3 * a - b, 3 * b - a
-    none = torch.zeros_like(first[..., :1, :])
-    before, after = torch.cat((none, last), -2), torch.cat((first, none), -2)
-    left = torch.cat((value[..., :1, :], value), -2)
-    right = torch.cat((value, value[..., -1:, :]), -2)
+    before, after = pad(last, (1, 0)), pad(first, (0, 1))
+    left = torch.cat((value[..., :1], value), -1)
+    right = torch.cat((value, value[..., -1:]), -1)
     mean = (before * left + after * right) / (before + after)
     if not midside:
         return mean
-    inner = torch.stack(torch.broadcast_tensors(mean[..., :-1, :], value), -2).flatten(-3, -2)
-    return torch.cat((inner, mean[..., -1:, :]), -2)
+    inner = torch.stack(torch.broadcast_tensors(mean[..., :-1], value), -1).flatten(-2)
+    return torch.cat((inner, mean[..., -1:]), -1)

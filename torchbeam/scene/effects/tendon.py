@@ -161,10 +161,12 @@ class Tendon(Effect):
         pairs = [Eyelet.of((k if name is None else (name, k), p)) for k, p in each]
         return cls([replace(eyelet, along=True) for eyelet in pairs], **given)
 
-    @property
-    def is_along(self) -> bool:
-        """Whether it goes through all ends of elements, of whatever mesh."""
-        return all(eyelet.along for eyelet in self.eyelets)
+    def is_along(self, beam: Any) -> bool:
+        """Whether it goes through all ends of elements of a beam, of whatever mesh; in a structure,
+        where its eyelets are those of `along`.
+        """
+        ends = tuple(range(0, beam.order * beam.element_count + 1, beam.order))
+        return all(x.along for x in self.eyelets) and (bool(beam.parts) or self.nodes == ends)
 
     @property
     def nodes(self) -> tuple[int, ...]:

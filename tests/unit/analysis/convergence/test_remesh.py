@@ -165,7 +165,7 @@ def test_a_structure_is_refused():
 def test_a_tendon_along_a_beam_goes_through_the_ends_of_the_new_elements():
     """A helix through 9 and 25 ends: the tip is 5e-3 of the change by the mesh from that of a
     tendon drawn on the new mesh, and five elements of order 2 are no hindrance. A tendon by numbers
-    keeps its eyelets.
+    keeps its eyelets, and so does one through the first five of them.
     """
 
     def helix(s):
@@ -188,3 +188,5 @@ def test_a_tendon_along_a_beam_goes_through_the_ends_of_the_new_elements():
     numbered = tb.Tendon([(x.node, x.point) for x in rope.eyelets], tension=0.3)
     kept = tb.remesh(tb.Scene(coarse.beam, [numbered]), 16).tendons[0]
     assert kept.nodes == tuple(range(0, 17, 2))
+    half = tb.Tendon(rope.eyelets[:5], tension=0.3)
+    assert tb.remesh(tb.Scene(coarse.beam, [half]), 16).tendons[0].nodes == (0, 2, 4, 6, 8)
