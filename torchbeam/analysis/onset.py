@@ -76,16 +76,13 @@ def _zeros(
     motion (k,) known at the unstable ones: by the secant, whose sides close in in turn, or halves.
     """
     least = tolerance * torch.maximum(stable, unstable)
-    zero = before = stable
     for k in range(ROUNDS):
         gap, g = unstable - stable, motion.value.real
         share, most = f / (f - g), (BEYOND * least / gap.abs()).clamp(min=1.0)
         # what grows by less than rounding, at the stable speed, has its zero beyond
         share = share.clamp(0.0, 1.0) if math.isinf(tolerance) else share.clamp(-most, most)
-        now = stable + share * gap
-        zero, before, last = now, zero, before
-        settled = (f < 0) & (torch.maximum((zero - before).abs(), (zero - last).abs()) < least)
-        if bool(((gap.abs() <= least) | settled).all()):
+        zero = stable + share * gap
+        if bool((gap.abs() <= least).all()):
             break
         x = zero + (-ASIDE, ASIDE, torch.nan)[k % 3] * gap
         inside = (f < 0) & (((x - stable) / gap - 0.5).abs() < 0.5)

@@ -14,9 +14,9 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.derivatives import no_derivatives
 from ..core.status import statuses
-from ..core.validation import unmapped
+from ..core.validation import concrete, unmapped
 from ..math.null_vectors import bilinear, null_vectors
-from ..math.quadratic_eigen import error, plus, rounding, slow_first, slow_values
+from ..math.quadratic_eigen import definite, error, plus, rounding, slow_first, slow_values
 from ..math.shapes import broadcast_shapes
 from ..nodal.discretise import discretise
 from ..nodal.model import Model
@@ -193,6 +193,8 @@ class LoadPath:
         if self.damped:  # and the slowest of all: those that decay are the next to diverge
             slow = torch.cat((slow, slow_first(value, self.count, False)), -1)
         value = value.gather(-1, slow)
+        heavy = torch.isfinite(value)  # others have no inertia, and are as fast as may be
+        value = torch.where(heavy, value, -torch.inf)
         vectors = vectors.gather(-1, slow[..., None, :].expand(*vectors.shape[:-1], -1))
         real, size, unknown = value.real, value.abs(), rounding(M, K, vectors)
         turning = value.imag > COMPLEX * size
@@ -212,8 +214,12 @@ class LoadPath:
             DIVERGENCE,
             torch.where((grows & turning).any(-1), FLUTTER, STABLE),
         )
+        if model.conservative and not self.damped and not concrete(heavy.all()):
+            # whether one of those buckles, stiffness tells alone
+            kind = torch.where(definite((K + K.mT) / 2), STABLE, DIVERGENCE)
         kind = torch.where(state.status == 0, kind, LOST).expand(factor.shape)
-        neutral = ((size.square() if self.damped else size) <= unknown).any(-1).expand(factor.shape)
+        slack = (size.square() if self.damped else size) <= unknown
+        neutral = (heavy & slack).any(-1).expand(factor.shape)
         leading = value.gather(-1, which[..., None])[..., 0]
         return Spectrum(value[..., : self.count], kind, neutral, divergence, flutter, leading)
 

@@ -71,7 +71,7 @@ def slowest(
     if D is None and symmetric:
         M, K = torch.broadcast_tensors(M, K)
         half = (M + M.mT) / 2, (K + K.mT) / 2
-        pairs = _symmetric(*half, count, _definite, lambda *of: lowest(*of[:-1], M.shape[-1]))
+        pairs = _symmetric(*half, count, definite, lambda *of: lowest(*of[:-1], M.shape[-1]))
     return _dense(M, D, K, count, derivatives, lags) if pairs is None else pairs
 
 
@@ -82,7 +82,7 @@ def slowest_of_chain(M: BlockChain, K: BlockChain, count: int) -> Pairs | None:
     return _symmetric(M, K, count, BlockChain.positive_definite, subspace)
 
 
-def _definite(K: Tensor) -> Tensor:
+def definite(K: Tensor) -> Tensor:
     """(...) bool"""
     return torch.linalg.cholesky_ex(K).info == 0
 
@@ -160,7 +160,7 @@ def plus(K: Any, factor: Tensor, M: Any) -> Any:
     return K + factor[..., None, None] * M if isinstance(K, Tensor) else K.plus(factor, M)
 
 
-def covering(M: Any, K: Any, definite: Callable[[Any], Tensor] = _definite) -> Tensor | None:
+def covering(M: Any, K: Any, definite: Callable[[Any], Tensor] = definite) -> Tensor | None:
     """(...) a shift that makes K + shift M positive definite, K symmetric: nothing may hold a rigid
     motion, and what rounding leaves of K there would be a pivot. None where no shift does.
     """
@@ -241,7 +241,8 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
     if D is None:
         K = plus(K, square, M)
         eigenvalues, vectors = torch.linalg.eig(-_inverted(K, M))
-        return 1 / eigenvalues + square[..., None], vectors, K
+        size, least = _inertia(eigenvalues)
+        return torch.where(size < least, torch.inf, 1 / eigenvalues) + square[..., None], vectors, K
     M, D = (
         torch.where(A.abs() > TINY * A.abs().amax((-1, -2), keepdim=True), A, 0) for A in (M, D)
     )
@@ -253,11 +254,19 @@ def spectrum(M: Tensor, D: Tensor | None, K: Tensor) -> tuple[Tensor, Tensor, Te
         torch.cat((-flexible, torch.cat((eye, torch.zeros_like(M)), -1)), -2)
     )
     # what has no inertia has none, and what decays does not oscillate, but for rounding
-    size, turning = eigenvalues.abs(), eigenvalues.imag
-    least = SURE * size.shape[-1] * torch.finfo(size.dtype).eps * size.amax(-1, keepdim=True)
+    (size, least), turning = _inertia(eigenvalues), eigenvalues.imag
     turning = torch.where(turning.abs() < least, 0.0, turning)
     eigenvalues = torch.where(size < least, torch.inf, 1 / torch.complex(eigenvalues.real, turning))
     return eigenvalues + shift[..., None], vectors, K
+
+
+def _inertia(value: Tensor) -> tuple[Tensor, Tensor]:
+    """Sizes (..., n) of the eigenvalues of an inverse, and (..., 1) below which one is rounding:
+    that motion has no inertia.
+    """
+    size = value.abs()
+    rounded = SURE * size.shape[-1] * torch.finfo(size.dtype).eps
+    return size, rounded * size.amax(-1, keepdim=True)
 
 
 def slow_values(M: Any, D: Tensor | None, K: Any, count: int) -> tuple[Tensor, Tensor]:

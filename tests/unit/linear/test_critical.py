@@ -454,3 +454,50 @@ def test_motions_that_relax_take_no_place_of_those_that_flutter():
     beside = factor(column | carriages, [tb.Slider(None, name, **law) for name in names])
     assert alone.flutter and beside.flutter
     assert torch.allclose(beside.factor, alone.factor, rtol=1e-5)
+
+
+def two_bars(inertia, elements=1, order=1, high=0.2):
+    """Von Mises' truss of half-span 1 m, pinned at its feet and its top, where it is loaded."""
+    section = tb.Section.from_stiffness(
+        EA=1e6,
+        GA=1e6,
+        GJ=1e3,
+        EI=1e3,
+        mass=1.0,
+        **({} if inertia is None else {"inertia": inertia}),
+    )
+    bars = dict(length=math.hypot(1, high), elements=elements, section=section, order=order)
+    parts = {
+        "left": tb.Beam.straight(direction=(1, 0, high), up=(-high, 0, 1), **bars),
+        "right": tb.Beam.straight(
+            root=(2, 0, 0), direction=(-1, 0, high), up=(-high, 0, -1), **bars
+        ),
+    }
+    return tb.Scene(
+        parts,
+        [tb.PointLoad(("left", -1), tb.Input("P", 3))],
+        joints=[tb.Hinge(("left", -1), ("right", -1), axis=(0, 1, 0))],
+        supports=[tb.Support((name, 0), rotation="xz") for name in parts],
+        plane="xz",
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_ends_that_turn_without_inertia(order):
+    """Bars of one element whose ends nothing but bending resists: the load at which they buckle
+    does not ask for the inertia, 1e-6 of it by the bracket; pulled, they are stable.
+    """
+    push, pull = ({"P": torch.tensor([0, 0, P])} for P in (-4000.0, 4000.0))
+    found = [
+        tb.critical_load(two_bars(inertia, order=order), 2.0, inputs=push).factor
+        for inertia in (None, 1e-3)
+    ]
+    assert_close(*found, rtol=2e-6, atol=0)
+    assert tb.critical_load(two_bars(None, order=order), 2.0, inputs=pull).kind == load_path.STABLE
+
+
+def test_small_rotations_do_not_buckle():
+    beam = tb.Beam.straight(1.0, 4, tb.Section.rectangle(0.03, 0.002, 69e9, 0.33, 2700.0))
+    scene = tb.Scene(beam, [tb.TipLoad(tb.Input("P", 3))], small=True)
+    with pytest.raises(ValueError, match="small=True"):
+        tb.critical_load(scene, 10.0, inputs={"P": (-1.0, 0, 0)})
