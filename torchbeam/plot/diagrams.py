@@ -52,20 +52,20 @@ def diagram(
     """Diagram of a stress resultant along all beams of one state, drawn from their axes.
 
     F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
-    moments (N m). All are in section axes. N, V, M and T are those of textbooks, in a plane: V is
-    positive where it turns a piece of the beam clockwise, M where it stretches the lower side (of
-    an upright beam the side on the right of its way). Bending moments stand on the side that they
-    stretch. Positive N, V and T stand above the beam (of an upright one on the left of its way),
-    the other forces and M1 on the side of z, F2 on that of y. A scene with `small=True` is drawn
-    undeformed. A resultant that is rounding beside the others is zero. A beam with less than a
-    thousandth of the largest value has no curve, and a 0. A structure along one axis leaves the
-    other to the values, without metres, and fits the width.
+    moments (N m). All are in section axes. N, V, M and T are those of textbooks, in a plane. V is
+    positive where it turns a piece of the beam clockwise. M is positive where it stretches the
+    lower side, of an upright beam the one on the right of its way. Bending moments stand on the
+    side that they stretch. Positive N, V and T stand above, of an upright beam on the left of its
+    way. Other forces and M1 stand on the side of z, F2 on that of y. A scene with `small=True` is
+    drawn undeformed. A resultant that is rounding beside the others is zero. A beam with less than
+    a thousandth of the largest value has no curve, and a 0. A structure along one axis fits the
+    width, and leaves the other axis to the values, without metres.
 
     Args:
         state: one sample, of the nodal form
         resultant: "N", "V", "M", "T", or "F1" to "M3"
-        scene: whose state it is; the loads along its beams count between nodes (`SectionForces`),
-            with a parabola for each element: more of them follow a load that is not even
+        scene: whose state it is; the loads along its beams count between nodes, by a parabola in
+            each element (`SectionForces`). More elements follow loads that are not even.
         inputs: values of its inputs, by their names
         plane: "xy", "xz" or "yz", as in `shape`
         height: of the largest value, as a share of the structure's size
