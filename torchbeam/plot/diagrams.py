@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from ..core.arguments import boolean, choice, instance, tolerance
 from ..core.validation import refusal
@@ -14,6 +15,7 @@ from ..sensors.section_forces import SectionForces
 from .axis import POINTS, axis_curve, nodes_of, rows_of
 from .canvas import GREY, Axes, is_3d, numbers, written_number
 from .limits import even, extent, prepared
+from .magnified import undeformed_state
 from .shapes import EDGE_ON
 from .symbols import Symbols
 
@@ -29,6 +31,7 @@ OUTWARD, FONT = 5.0, 8.0  # points: from a curve to a value; of its letters
 ROOM = 0.13, 0.05  # of the structure's size, beside a value and above it
 NEAR = 0.06  # of the structure's size: values that are closer would cover each other
 STRAIGHT = 0.05  # of its size: what is as flat stands along one axis
+BESIDE = 0.06  # of its size: room at either end of that
 # of the largest force, or of its moment across what is drawn, times the root of eps: what is less
 # is what rounding leaves of zero
 NOTHING = 10.0
@@ -49,21 +52,24 @@ def diagram(
     """Diagram of a stress resultant along all beams of one state, drawn from their axes.
 
     F1 is the normal force, F2 and F3 are shear forces (N). M1 is the torque, M2 and M3 are bending
-    moments (N m). All are in section axes. N, V, M and T are those of textbooks, in a plane: V is
-    positive where it turns a piece of the beam clockwise, M where it stretches the lower side (of
-    an upright beam the side on the right of its way). Bending moments stand on the side
-    that they stretch; the others stand on the side of z, F2 on that of y. A resultant that is
-    rounding beside the others is zero. A beam with less than a thousandth of the largest value has
-    no curve, and a 0. A structure along one axis leaves the other to the values, without metres.
+    moments (N m). All are in section axes. N, V, M and T are those of textbooks, in a plane. V is
+    positive where it turns a piece of the beam clockwise. M is positive where it stretches the
+    lower side, of an upright beam the one on the right of its way. Bending moments stand on the
+    side that they stretch. Positive N, V and T stand above, of an upright beam on the left of its
+    way. Other forces and M1 stand on the side of z, F2 on that of y. A scene with `small=True` is
+    drawn undeformed. A resultant that is rounding beside the others is zero. A beam with less than
+    a thousandth of the largest value has no curve, and a 0. A structure along one axis fits the
+    width, and leaves the other axis to the values, without metres.
 
     Args:
         state: one sample, of the nodal form
         resultant: "N", "V", "M", "T", or "F1" to "M3"
-        scene: whose state it is; the loads along its beams count between nodes (`SectionForces`)
+        scene: whose state it is; the loads along its beams count between nodes, by a parabola in
+            each element (`SectionForces`). More elements follow loads that are not even.
         inputs: values of its inputs, by their names
         plane: "xy", "xz" or "yz", as in `shape`
         height: of the largest value, as a share of the structure's size
-        values: write the values at ends of beams and at extremes
+        values: write the values at ends of beams, at extremes, and on both sides of a jump
         symbols: of supports, joints and loads, see `symbols`
 
     Raises:
@@ -77,21 +83,18 @@ def diagram(
     height, values = tolerance("height", height), boolean("values", values)
     boolean("symbols", symbols)
     position, axes = nodes_of(state)
-    forces = SectionForces(scene, inputs=inputs)(state).detach()
-    samples = max(len(position), forces.shape[:-3].numel())
-    if samples != 1:
-        raise ValueError(f"{samples} samples were given to a diagram; one sample is wanted")
-    if forces.numel() == 0:
-        raise ValueError("bodies alone were given to a diagram; a scene with a beam is wanted")
+    forces = _forces(state, scene, inputs, len(position))
     ax, seen = prepared(ax, plane, position)
+    if scene.small:
+        position, axes = nodes_of(undeformed_state(state, scene))
     resultant = _resultant(name, axes[0], seen)
     column, side = SIDES[resultant]
     if torch.linalg.vector_norm(axes[0, :, seen, column], dim=-1).max() < EDGE_ON:
         column = 3 - column  # the other one
     size = extent(position)
-    told = _along(_clear(forces.reshape(-1, 3, 6), resultant, size), scene.beam.order)
+    told = _along(_clear(forces, resultant, size), scene.beam.order)
     most = told.abs().max().clamp(min=torch.finfo(told.dtype).tiny)
-    scale, first = side * height * size / most, 0
+    scale, first = height * size / most, 0
     written: list[tuple[float, Tensor]] = []
     for row in rows_of(state):
         x, R = position[0, row], axes[0, row]
@@ -99,20 +102,31 @@ def diagram(
         first += len(x) - 1
         foot = _by_interval(axis_curve(x[None], R[None, :, :, 0])[0])
         way = _by_interval(axis_curve(R[None, ..., column], torch.zeros_like(x)[None])[0])
-        top = foot + scale * value[..., None] * way
+        drawn, sign = _signs(name, side, R[:, seen, 0], R[:, seen, column])
+        top = foot + drawn * scale * value[..., None] * way
         foot, top, zero = foot[..., seen], top[..., seen], value.abs().max() <= LITTLE * most
         _draw(ax, foot, foot if zero else top)
         if values and zero:
             _value(ax, foot[len(foot) // 2, 0 if len(foot) % 2 == 0 else POINTS // 2], 0.0)
         elif values:
-            value = value * _sign(name, side, R[:, seen, 0], R[:, seen, column])
-            _write(ax, foot, top, value, FEW * most, written, size)
+            _write(ax, foot, top, sign * value, FEW * most, written, size)
     if symbols:
         Symbols.of(ax, seen, scene, position, axes).draw(state, inputs)
     ax.set_title(f"{name} / {'N' if resultant[0] == 'F' else 'N m'}")
     even(ax, seen)
     _values_alone(ax, seen, position, size)
     return ax
+
+
+def _forces(state: Any, scene: Scene, inputs: dict[str, Any] | None, samples: int) -> Tensor:
+    """Section forces (N, 3, 6) of a state of so many samples; raises as `diagram`."""
+    forces = SectionForces(scene, inputs=inputs)(state).detach()
+    samples = max(samples, forces.shape[:-3].numel())
+    if samples != 1:
+        raise ValueError(f"{samples} samples were given to a diagram; one sample is wanted")
+    if forces.numel() == 0:
+        raise ValueError("bodies alone were given to a diagram; a scene with a beam is wanted")
+    return forces.reshape(-1, 3, 6)
 
 
 def _resultant(name: str, axes: Tensor, seen: list[int]) -> str:
@@ -127,17 +141,21 @@ def _resultant(name: str, axes: Tensor, seen: list[int]) -> str:
     return NAMES[name][z > y]
 
 
-def _sign(name: str, side: int, way: Tensor, normal: Tensor) -> Tensor | float:
-    """Of the values that are written at a beam which goes and has its normals (N+1, 2) so, and
-    values drawn on a side of these.
+def _signs(
+    name: str, side: int, way: Tensor, normal: Tensor
+) -> tuple[Tensor | float, Tensor | float]:
+    """Of a beam that goes and has its normals (N+1, 2 or 3) so: on which side of these values are
+    drawn, and the sign that they are written with.
     """
-    if name not in ("V", "M"):
-        return 1.0
+    if name not in NAMES or way.shape[-1] == 3:
+        return side, 1.0
     left = (way[:, 0] * normal[:, 1] - way[:, 1] * normal[:, 0]).mean()
-    if name == "V":
-        return -left.sign()
     up = normal[:, 1].mean()
-    return -side * (up if up.abs() > UPRIGHT else left).sign()
+    up = (up if up.abs() > UPRIGHT else left).sign()
+    if name == "M":
+        return side, -side * up
+    sign = -left.sign() if name == "V" else 1.0
+    return sign * up, sign
 
 
 def _by_interval(curve: Tensor) -> Tensor:
@@ -185,21 +203,45 @@ def _write(
     written: list[tuple[float, Tensor]],
     size: float,
 ) -> None:
-    """Values at the ends of a beam and at its extremes, each once, that are not next to nothing nor
-    `written` at the same place by another beam; they are added to those.
+    """Values on both sides of a jump, each once where they stay, then at the ends of a beam and at
+    its extremes, each once. They are not next to nothing, nor `written` at the same place by
+    another beam; they are added to those.
     """
+    beside = _jumps(base, value, least, size)
     base, top, value = base.flatten(0, 1), top.flatten(0, 1), value.flatten()
-    own = [0.0]
-    for k in (0, len(value) - 1, int(value.argmax()), int(value.argmin())):
-        number, there = value[k].item(), top[k]
-        again = any(
+    own: list[int] = []
+    others = tuple(written)
+    extremes = int(value.argmax()), int(value.argmin())
+    for k in dict.fromkeys((*beside, 0, len(value) - 1, *extremes)):
+        number, there, outward = value[k].item(), top[k], top[k] - base[k]
+        again = abs(number) <= least or any(
             abs(abs(number) - abs(other)) < least and (there - at).norm() < NEAR * size
-            for other, at in written
+            for other, at in others
         )
-        if not again and all(abs(number - other) > least for other in own):
-            own.append(number)
+        for j in own:
+            same = value[min(j, k) : max(j, k) + 1] if k in beside else value[j]
+            again = again or bool((same - number).abs().max() <= least)
+        if not again:
+            own.append(k)
             written.append((number, there))
-            _value(ax, there, number, there - base[k], size)
+            if k in beside:  # away from the jump, too
+                outward = normalize(outward, dim=0) + normalize(
+                    base[k + beside[k]] - base[k], dim=0
+                )
+            _value(ax, there, number, outward, size)
+
+
+def _jumps(base: Tensor, value: Tensor, least: Tensor, size: float) -> dict[int, int]:
+    """The points before (-1) and behind (1) nodes where values (intervals, points) jump by more
+    than `least`, the largest first, without those too near to one.
+    """
+    step, feet = (value[1:, 0] - value[:-1, -1]).abs(), base[1:, 0]
+    nodes: list[int] = []
+    for k in step.argsort(descending=True).tolist():
+        if step[k] > least and all((feet[k] - feet[j]).norm() > NEAR * size for j in nodes):
+            nodes.append(k)
+    points = value.shape[1]
+    return {(k + 1) * points + at: at or 1 for k in nodes for at in (-1, 0)}
 
 
 def _value(
@@ -234,10 +276,24 @@ def _side(way: float, ahead: str, behind: str) -> str:
 
 
 def _values_alone(ax: Axes, seen: list[int], position: Tensor, size: float) -> None:
-    """Without metres along the axis across what stands along the other."""
-    if not is_3d(ax):
-        wide, high = (position[..., i].max() - position[..., i].min() for i in seen)
-        if high < STRAIGHT * size:
-            ax.set(ylabel="", yticks=[])
-        elif wide < STRAIGHT * size:
-            ax.set(xlabel="", xticks=[])
+    """Without metres along the axis across what stands along the other: this goes from end to end
+    with room, at even scales where the values need no more.
+    """
+    least, most = (
+        numbers(end(position.flatten(0, -2), 0)[seen]) for end in (torch.amin, torch.amax)
+    )
+    flat = most - least < STRAIGHT * size
+    if is_3d(ax) or not flat.any():
+        return
+    across = 1 if flat[1] else 0
+    along, name = 1 - across, "xy"[across]
+    limits, shape = ax.dataLim.get_points(), ax.bbox.size
+    limits[0, along] = min(limits[0, along], least[along] - BESIDE * size)
+    limits[1, along] = max(limits[1, along], most[along] + BESIDE * size)
+    wide, high = limits[1, along] - limits[0, along], limits[1, across] - limits[0, across]
+    more = max(0.0, wide * shape[across] / shape[along] - high) / 2
+    limits[:, across] += -more, more
+    ax.update_datalim(limits)
+    ax.set_aspect("auto")
+    ax.autoscale_view()
+    ax.set(**{f"{name}label": "", f"{name}ticks": []})

@@ -135,3 +135,12 @@ def test_a_batch_without_an_axis_for_s_is_refused():
     assert held < 1e-2 * tb.modes(column(torch.tensor(0.0)), count=1).frequency
     with pytest.raises(ValueError, match=r"shape \(5, 3\) was given; \(..., 16, 3\), of each of s"):
         tb.equilibrium(tb.Scene(beam(), [along(lambda s: torch.ones(5))]))
+
+
+def test_numbers_of_a_function_along_the_beam_are_of_places():
+    """Python's own functions and decisions want a number: the sentence says what s is."""
+    for function in (lambda s: -math.sin(s), lambda s: -1.0 if s > 0.5 else 0.0):
+        with pytest.raises(
+            ValueError, match=r"s is a tensor of places .* torch\.sin, torch\.where"
+        ):
+            tb.equilibrium(tb.Scene(beam(), [along(function)]))

@@ -202,7 +202,8 @@ def test_diagram_of_a_bending_moment(order, tmp_path):
 def test_diagrams_as_textbooks_sign_them(plane, turned, back):
     """A beam on two supports under q: V = q L/2 at the left support, -q L/2 at the right one, the
     sagging M = q L^2/8 in the middle, whichever section axis lies in the plane, whether it points
-    up or down, and whichever way the beam goes. Pulled by P: N = P.
+    up or down, and whichever way the beam goes. Pulled by P: N = P. Positive N and V stand above,
+    and M below.
     """
     L, q, P = 2.0, 4.0, 3.0
     section = tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=1e4, EI=1e6, mass=1.0)
@@ -214,11 +215,100 @@ def test_diagrams_as_textbooks_sign_them(plane, turned, back):
     loads = [tb.LineLoad(force=-q * up), tb.PointLoad(-1, force=(way * P, 0, 0))]
     scene = tb.Scene(beam, loads, supports=supports, plane=plane)
     state = tb.equilibrium(scene)
-    values = {
-        name: [text.get_text() for text in tb.plot.diagram(state, name, scene=scene).texts]
-        for name in "NVM"
-    }
+    pictures = {name: tb.plot.diagram(state, name, scene=scene) for name in "NVM"}
+    values = {name: [text.get_text() for text in ax.texts] for name, ax in pictures.items()}
     assert values == {"N": ["3"], "V": ["-4", "4"] if back else ["4", "-4"], "M": ["2"]}
+    for name, ax in pictures.items():
+        curve = data(ax)[1]
+        for text in ax.texts:
+            place = torch.tensor(text.xy, dtype=curve.dtype)
+            assert (curve - place).norm(dim=-1).min() < 1e-6
+            assert (place[1] > 0) == (float(text.get_text()) > 0) ^ (name == "M")
+
+
+STIFF = tb.Section.from_stiffness(EA=1e9, GA=1e9, GJ=1e6, EI=1e6, mass=1.0)
+
+
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+def test_diagrams_of_a_post_stand_beside_it(turned):
+    """Pulled up by P and pushed to the right by H at its top, N = P and V = H stand on the left of
+    its way up, and M = -H L, on the stretched side, too.
+    """
+    post = tb.Beam.straight(2.0, 4, STIFF, direction=(0, 0, 1.0), up=(turned, 0, 0))
+    scene = tb.Scene(post, [tb.TipLoad(force=(3.0, 0, 5.0))], plane="xz", small=True)
+    state = tb.equilibrium(scene)
+    for name, value in {"N": "5", "V": "3", "M": "-6"}.items():
+        ax = tb.plot.diagram(state, name, scene=scene)
+        assert [text.get_text() for text in ax.texts] == [value]
+        assert data(ax)[1][:, 0].min() < -0.1 and data(ax)[1][:, 0].max() < 1e-9
+        assert ax.get_xlabel() == "" and ax.get_ylabel() == "z / m"
+
+
+def test_first_order_diagrams_stand_on_the_undeformed_axis():
+    """Of a beam so soft that it sags by a third of its length: its axis is straight."""
+    beam = tb.Beam.straight(2.0, 4, SECTION)
+    scene = tb.Scene(beam, [tb.TipLoad(force=(0, 0, -0.3))], plane="xz", small=True)
+    state = tb.equilibrium(scene)
+    assert state.tip.position[2] < -0.3
+    axis = data(tb.plot.diagram(state, "M", scene=scene, symbols=True))[0]
+    assert_close(axis[[0, -1]], axis.new_tensor([[0, 0], [2.0, 0]]))
+    assert axis[:, 1].abs().max() < 1e-12
+
+
+def on_supports(*loads, inner=()):
+    """A beam of 8 m on supports at its ends, and at nodes in it."""
+    held = [tb.Support(node, position="yz", rotation="xz") for node in (*inner, -1)]
+    supports = [tb.Support(0, rotation="xz"), *held]
+    beam = tb.Beam.straight(8.0, 8, STIFF, order=2)
+    return tb.Scene(beam, [*loads], supports=supports, plane="xz", small=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "values"),
+    [
+        # a couple M at 3/8 L: M a/L before it and -M (1 - a/L) behind
+        ("M", on_supports(tb.PointLoad(6, moment=(0, 800.0, 0))), {"-300", "500"}),
+        # the same upon a force: P a b/L = 3750 before and behind
+        (
+            "M",
+            on_supports(
+                tb.PointLoad(6, moment=(0, 800.0, 0)), tb.PointLoad(6, force=(0, 0, -2000.0))
+            ),
+            {"3450", "4250"},
+        ),
+        # a force P at 1/4 L: each once, though they last as far as the ends
+        ("V", on_supports(tb.PointLoad(4, force=(0, 0, -800.0))), {"600", "-200"}),
+        # two spans of l under q: 3/8 and 5/8 q l, to what shear leaves
+        (
+            "V",
+            on_supports(tb.LineLoad(force=(0, 0, -1000.0)), inner=(8,)),
+            {"1500", "-2500", "2500", "-1500"},
+        ),
+    ],
+)
+def test_values_stand_on_both_sides_of_a_jump(name, scene, values):
+    """Each once, and none upon another."""
+    ax = tb.plot.diagram(tb.equilibrium(scene), name, scene=scene)
+    texts = [text.get_text() for text in ax.texts]
+    assert set(texts) == values and len(texts) == len(values)
+    ax.figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    frame = ax.get_window_extent()
+    assert all(frame.y0 < box.y0 and box.y1 < frame.y1 for box in boxes)
+
+
+@pytest.mark.parametrize("size", [(10, 5.6), (4, 8)])
+def test_diagrams_of_one_beam_line_up(size):
+    """They share x, from end to end with little room, in wide pictures and in high ones."""
+    scene = on_supports(tb.PointLoad(6, moment=(0, 800.0, 0)), tb.PointLoad(10, (0, 0, -400.0)))
+    state, pictures = tb.equilibrium(scene), tb.plot.grid(2, 1, size=size)
+    for name, ax in zip("VM", pictures, strict=True):
+        tb.plot.diagram(state, name, ax, scene=scene, symbols=name == "M")
+    pictures[0].figure.canvas.draw()
+    (start, end), other = (ax.get_xlim() for ax in pictures)
+    assert_close(other, (start, end))
+    assert -1.2 < start < -0.2 and 8.2 < end < 9.2
 
 
 def test_diagrams_in_space_have_axes_of_the_section():

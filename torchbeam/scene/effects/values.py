@@ -84,6 +84,7 @@ class AtSites(ByPlace):
 
 
 SIZES = re.compile("must match the size|equal size")  # of torch's words
+NUMBER = re.compile("Boolean value of Tensor|converted to (Python s|S)calar")
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,13 @@ class Along(ByPlace):
     def _at(self, s: Tensor, t: Tensor) -> Tensor:
         try:
             value = taken("an Along function's value", self.function(s, t), s, 3)
-        except RuntimeError as error:
+        except (RuntimeError, ValueError) as error:
+            if NUMBER.search(str(error)):
+                raise ValueError(
+                    f"an Along function that takes s as a number was given ({error}); s is a "
+                    "tensor of places where the load's force or moment is asked: torch.sin, "
+                    "torch.where and the like are wanted"
+                ) from None
             if not SIZES.search(str(error)):
                 raise
             raise ValueError(
