@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 import torch
@@ -75,10 +74,11 @@ def _takes(function: Function, joint: JointLaw, by_name: bool) -> None:
     try:
         checked_function("function", function, "theta")
     except ValueError as error:
-        with suppress(ValueError):  # it does not take the names either
+        try:
             checked_function("function", function, named=joint.names)
-            error = _unnamed(joint)
-        raise error from None
+        except ValueError:  # it does not take the names either
+            raise error from None
+        raise _unnamed(joint) from None
 
 
 def _unnamed(joint: JointLaw) -> ValueError:

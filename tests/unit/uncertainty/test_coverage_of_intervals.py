@@ -3,6 +3,7 @@ of functions so smooth that replicates scatter little, and of rare events with s
 """
 
 import math
+import warnings
 from functools import partial
 
 import pytest
@@ -87,6 +88,14 @@ BRANCHES = {
 }
 
 
+FAILING = {  # the event is a > 3.5; which scores (N, 4) fail, and how many by the laws
+    "opposite": (lambda t: t[:, 0] < -2.5, tail(2.5), tail(3.5)),
+    "beside": (lambda t: t[:, 1] < -2.5, tail(2.5), tail(3.5) * (1 - tail(2.5))),
+    "scattered": (lambda t: torch.frac(1e5 * t[:, 0].abs()) < 0.01, 0.01, 0.99 * tail(3.5)),
+    "beyond": (lambda t: t[:, 0] > 3.7, tail(3.7), tail(3.5) - tail(3.7)),
+}
+
+
 def held(runs: list[tuple[Tensor, ...]], truth: Tensor | float) -> Tensor:
     """How many (...) of the intervals hold the truth."""
     low, high = (torch.stack([torch.as_tensor(run[k]) for run in runs]) for k in (1, 2))
@@ -127,6 +136,38 @@ def test_rare_events_of_several_branches(case, repeats=30):
     """All branches count, with the default number of starts."""
     runs = [rare(case, seed) for seed in range(repeats)]
     assert held(runs, BRANCHES[case][2]) >= fewest(repeats)
+
+
+@pytest.mark.parametrize("case", FAILING)
+@pytest.mark.parametrize(
+    ("method", "n", "repeats"), [("importance", 1024, 30), ("subset", 5000, 8)]
+)
+def test_rare_events_with_failures(method, n, repeats, case):
+    """Failed samples that lie around the design point, far from it, and everywhere: with them as
+    the event the interval holds the probability of both, by default also that of none.
+    """
+    fails, share, without = FAILING[case]
+    run = partial(
+        tb.rare_event, lambda t: (t[:, 0], fails(t).int()), NORMALS, 3.5, n, method=method,
+        dtype=torch.float64,
+    )  # fmt: skip
+    runs, spans = [], []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # as of a share that comes from failed samples
+        warnings.filterwarnings("ignore", ".*evaluations failed")
+        for seed in range(repeats):
+            event, span = run(seed=seed, failed_exceed=True), run(seed=seed)
+            runs.append((event.probability, event.low, event.high))
+            spans.append((span.probability, span.low, span.high))
+    print(
+        case,
+        method,
+        held(runs, without + share),
+        sum(low <= without and without + share <= high for _, low, high in spans),
+    )
+    assert held(runs, without + share) >= fewest(repeats)
+    both = sum(low <= without and without + share <= high for _, low, high in spans)
+    assert both >= fewest(repeats)
 
 
 @pytest.mark.long
