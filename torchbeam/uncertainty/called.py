@@ -69,13 +69,13 @@ def called(
 def _takes(function: Function, joint: JointLaw, by_name: bool) -> None:
     """ValueError for a function that does not take theta, or its columns by name."""
     if by_name:
-        checked_function("function", function, named=joint.names)
+        checked_function("function", function, named=joint.laws)
         return
     try:
         checked_function("function", function, "theta")
     except ValueError as error:
         try:
-            checked_function("function", function, named=joint.names)
+            checked_function("function", function, named=joint.laws)
         except ValueError:  # it does not take the names either
             raise error from None
         raise _unnamed(joint) from None
@@ -84,7 +84,7 @@ def _takes(function: Function, joint: JointLaw, by_name: bool) -> None:
 def _unnamed(joint: JointLaw) -> ValueError:
     return ValueError(
         "a function that takes columns of theta by name was given; by_name=True is wanted, "
-        f"and a function of {', '.join(joint.names)}, or theta[:, 0]"
+        f"and a function of {', '.join(joint.laws)}, or theta[:, 0]"
     )
 
 
