@@ -159,19 +159,9 @@ def rare_event(
     if method == "subset":
         ends, thresholds = _by_subset(limit, n, runs, seed, level, failed_exceed)
         return event(ends, thresholds=thresholds)
-    estimates, points = _by_importance(limit, n, runs, starts, seed)
-    if failed_exceed is None and not limit.failures:
-        failed_exceed = points.usual  # either is right, and this one takes no more samples
-    ends_if = partial(by_sides, limit, estimates, points, n, seed, level)
-    note = f" ({n} plain samples tell what fails away from the design points)"
-    return event(
-        _with_failed(
-            limit, failed_exceed, ends_if(bool(failed_exceed)), partial(ends_if, True), note
-        ),
-        points=joint.of_score(points.z),
-        beta=points.beta,
-        form=normal_probability(-points.beta[0]).item(),
-    )
+    ends, points = _by_importance(limit, n, runs, starts, seed, level, failed_exceed)
+    form = normal_probability(-points.beta[0]).item()
+    return event(ends, points=joint.of_score(points.z), beta=points.beta, form=form)
 
 
 def _with_failed(
@@ -191,8 +181,8 @@ def _with_failed(
     reasons = ", ".join(limit.failures)
     warn(
         f"{lost} of {of} evaluations failed ({reasons}): the probability is {safe[0]:.3g} if none "
-        f"of these is the event, and {probability:.3g} if all are{note}; the interval holds both, "
-        "and failed_exceed=True or False decides"
+        f"of these is the event, and {probability:.3g} (up to {high:.3g}{note}) if all are; the "
+        "interval holds both, and failed_exceed=True or False decides"
     )
     return safe[0], safe[1], max(safe[2], high)
 
@@ -231,6 +221,25 @@ def _samples_of_run(n: int, runs: int) -> int:
 
 
 def _by_importance(
+    limit: LimitState,
+    n: int,
+    runs: int,
+    starts: int,
+    seed: int,
+    level: float,
+    failed_exceed: bool | None,
+) -> tuple[Ends, DesignPoints]:
+    """Probability with its interval, and the design points."""
+    estimates, points = _around_points(limit, n, runs, starts, seed)
+    if failed_exceed is None and not limit.failures:
+        failed_exceed = points.usual  # either is right, and this one takes no more samples
+    ends_if = partial(by_sides, limit, estimates, points, n, seed, level)
+    note = f"; {n} plain samples tell what fails away from the design points"
+    ends = ends_if(bool(failed_exceed))
+    return _with_failed(limit, failed_exceed, ends, partial(ends_if, True), note), points
+
+
+def _around_points(
     limit: LimitState, n: int, runs: int, starts: int, seed: int
 ) -> tuple[ImportanceRuns, DesignPoints]:
     """Probabilities by samples around design points, and these. Raises ValueError for too few
