@@ -65,8 +65,9 @@ SAID = {
     ),
     "supports": ((lambda names: names["found"] / names["exact"], 1.0),),
     "uncertainty": (
-        (lambda names: names["share"].estimate / names["samples"].mean, 0.01323),
-        (lambda names: names["share"].relative_error, 0.00972),
+        (lambda names: names["share"].estimate / names["coarse"].mean, 0.01319),
+        (lambda names: names["share"].relative_error, 0.00964),
+        (lambda names: names["rare"].form / names["rough"].form, 1.697),
     ),
 }
 

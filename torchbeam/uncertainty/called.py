@@ -39,8 +39,7 @@ def called(
     halves, and halves of these, until it stands alone. A function that refuses the medians as well
     is at fault itself, and so is one that refuses all samples of a user's own: its error is raised.
     """
-    named = joint.named(theta) if by_name else {}
-    checked_function("function", function, *(() if by_name else ("theta",)), named=named)
+    _takes(function, joint, by_name)
     answer = _answer(function, joint, theta, by_name)
     if not isinstance(answer, ValueError):
         return *answer[:2], _unsaid(answer[2], first)
@@ -65,6 +64,28 @@ def called(
         "or Truncated"
     )
     return y, status, doubt
+
+
+def _takes(function: Function, joint: JointLaw, by_name: bool) -> None:
+    """ValueError for a function that does not take theta, or its columns by name."""
+    if by_name:
+        checked_function("function", function, named=joint.laws)
+        return
+    try:
+        checked_function("function", function, "theta")
+    except ValueError as error:
+        try:
+            checked_function("function", function, named=joint.laws)
+        except ValueError:  # it does not take the names either
+            raise error from None
+        raise _unnamed(joint) from None
+
+
+def _unnamed(joint: JointLaw) -> ValueError:
+    return ValueError(
+        "a function that takes columns of theta by name was given; by_name=True is wanted, "
+        f"and a function of {', '.join(joint.laws)}, or theta[:, 0]"
+    )
 
 
 def _unsaid(code: int, first: int) -> str | None:
@@ -107,10 +128,7 @@ def _answer(
         return error
     except TypeError as error:
         if not by_name and "invalid data type 'str'" in str(error):  # torch's, of theta["EI"]
-            raise ValueError(
-                "a function that takes columns of theta by name was given; by_name=True is wanted, "
-                f"and a function of {', '.join(joint.names)}, or theta[:, 0]"
-            ) from error
+            raise _unnamed(joint) from error
         raise
     said = isinstance(result, tuple) and len(result) == 2
     y, status = result if said else (result, torch.zeros(n, dtype=torch.long))

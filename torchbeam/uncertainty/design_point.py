@@ -1,6 +1,4 @@
-"""Design points: the likeliest places of a rare event, by the first-order reliability method; and
-importance sampling around them.
-"""
+"""Design points: the likeliest places of a rare event, by the first-order reliability method."""
 
 from __future__ import annotations
 
@@ -9,9 +7,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..math.distributions import log_normal_probability, normal_score
-from .designs import Sobol
-from .estimate import student_half
 from .limit_state import LimitState
 
 SAME = 0.1  # distance, in normal scores, at which two are one
@@ -130,60 +125,3 @@ def design_points(limit: LimitState, z: Tensor, steps: int = 60) -> DesignPoints
         leader = leader[leader]
     led = torch.bincount(point[leader] + 1, minlength=len(distinct) + 1)[1:]
     return DesignPoints(z[distinct], beta[distinct], led)
-
-
-@dataclass(frozen=True)
-class ImportanceRuns:
-    """Probability (2, replicates) of y > threshold by each of several Sobol sequences: with failed
-    samples as no event, and as the event.
-
-    beyond     (k, d) normal scores, the heaviest first, of what counts although it is likelier by
-               the laws than around any of the points, which do not lead to it
-    from_these share of the probability (of the rest, where the medians lie within the event) that
-               such samples have, the larger of both
-    """
-
-    probability: Tensor
-    beyond: Tensor
-    from_these: float
-
-
-def importance_sampling(
-    limit: LimitState, points: DesignPoints, n: int, replicates: int, seed: int
-) -> ImportanceRuns:
-    """Probability of y > threshold, by samples around the points.
-
-    Samples follow the mixture of normal laws around the points, h(z) = sum_i w_i phi(z - z_i), w_i
-    as Phi(-beta_i) (Melchers 1989): p = mean([y > threshold] phi(z)/h(z)), and
-    phi(z)/h(z) = 1/sum_i w_i exp(z . z_i - |z_i|^2/2). Where the medians lie within the event, it
-    is the rest that the points are next to, and p = 1 - mean([y <= threshold] phi(z)/h(z)).
-    """
-    d, each = limit.work.joint.dimension, n // replicates
-    share = log_normal_probability(-points.beta.abs()).softmax(-1)
-    u = Sobol(d + 1, seed, each).uniform(0, each * replicates)
-    which = torch.searchsorted(share.cumsum(0), u[:, 0].contiguous()).clamp_max(len(share) - 1)
-    z = points.z[which] + normal_score(u[:, 1:])
-    exponent = z @ points.z.mT - points.z.square().sum(-1) / 2
-    ratio = (-torch.logsumexp(share.log() + exponent, -1)).exp()
-    y = limit(z)
-    above = torch.stack((y > limit.threshold, (y > limit.threshold) | torch.isneginf(y)))
-    weight = torch.where(above != points.usual, ratio, 0.0)
-    mean = weight.reshape(2, replicates, each).mean(-1)
-    heavy = torch.where((exponent < 0).all(-1), weight, 0.0)
-    heaviest = heavy[0].argsort(descending=True)[: int((heavy[0] > 0).sum())]
-    return ImportanceRuns(
-        1 - mean if points.usual else mean,
-        z[heaviest],
-        (heavy.sum(-1) / weight.sum(-1)).nan_to_num().amax().item(),
-    )
-
-
-def interval(each: Tensor, level: float) -> tuple[float, float, float]:
-    """Mean of replicates and Student's interval of it; from 0 to 1 where no sample was within the
-    event, or none outside.
-    """
-    mean = each.mean().item()
-    if mean in (0.0, 1.0):
-        return mean, 0.0, 1.0
-    half = mean * student_half(each / mean, level).item()  # squares of 1e-170 would be 0
-    return mean, max(mean - half, 0.0), min(mean + half, 1.0)

@@ -24,6 +24,7 @@ from ..math.distributions import (
 FEW = 5
 RESAMPLES = 1000  # of a bootstrap
 SHOWN = 6  # numbers in an estimate's text
+Ends = tuple[float, float, float]  # estimate, low, high
 Statistic = Callable[[Tensor], Tensor]  # samples (n, ...) -> (...)
 
 

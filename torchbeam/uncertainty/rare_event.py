@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,9 +18,10 @@ from ..core.arguments import boolean, choice, count, level_of, number
 from ..core.memory import check_memory
 from ..core.warning import warn
 from ..math.distributions import normal_probability
-from .design_point import DesignPoints, all_design_points, design_points, importance_sampling
-from .design_point import interval as importance_interval
+from .design_point import DesignPoints, all_design_points, design_points
+from .estimate import Ends
 from .evaluation import Evaluation, Function, settings
+from .importance_sampling import ImportanceRuns, by_sides, importance_sampling
 from .joint_law import Correlation, JointLaw
 from .laws import Law
 from .limit_state import LimitState
@@ -29,7 +32,6 @@ AGAIN = 5  # times that samples are drawn, as long as they lead to further desig
 # share of the probability that may come from samples that design points do not lead to
 BEYOND = 0.05
 ENOUGH = 500  # samples of a run of subset simulation
-Ends = tuple[float, float, float]  # estimate, low, high
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,10 @@ def rare_event(
         laws, correlation, seed, chunk, executor, dtype, by_name: as in `monte_carlo`; gradients are
             computed in this process
         failed_exceed: True or False: failed samples are the event, or are not. None: an interval of
-            both, and a warning. Subset simulation then runs twice; importance sampling sees what
-            fails around design points
+            both, and a warning. Subset simulation then runs twice. Importance sampling sees what
+            fails around design points; n more samples of the laws themselves tell what fails
+            elsewhere, also with True. If none of them fails, that may still be 3.7/n at 95 %, and
+            the interval reaches so far
 
     Raises:
         ValueError: as `monte_carlo`, for a y of several numbers, and where no sample or start leads
@@ -155,31 +159,30 @@ def rare_event(
     if method == "subset":
         ends, thresholds = _by_subset(limit, n, runs, seed, level, failed_exceed)
         return event(ends, thresholds=thresholds)
-    (safe, unsafe), points = _by_importance(limit, n, runs, starts, seed)
-    ends = importance_interval(unsafe if failed_exceed else safe, level)
-    return event(
-        _with_failed(limit, failed_exceed, ends, lambda: importance_interval(unsafe, level)),
-        points=joint.of_score(points.z),
-        beta=points.beta,
-        form=normal_probability(-points.beta[0]).item(),
-    )
+    ends, points = _by_importance(limit, n, runs, starts, seed, level, failed_exceed)
+    form = normal_probability(-points.beta[0]).item()
+    return event(ends, points=joint.of_score(points.z), beta=points.beta, form=form)
 
 
 def _with_failed(
-    limit: LimitState, failed_exceed: bool | None, safe: Ends, unsafe: Callable[[], Ends]
+    limit: LimitState,
+    failed_exceed: bool | None,
+    safe: Ends,
+    unsafe: Callable[[], Ends],
+    note: str = "",
 ) -> Ends:
     """Probability and its interval, which holds whether failed samples are the event or not, unless
-    that is known.
+    that is known. note: how that is known of all.
     """
     if failed_exceed is not None or not limit.failures:
         return safe
+    probability, _, high = unsafe()
     lost, of = sum(limit.failures.values()), limit.evaluations
     reasons = ", ".join(limit.failures)
-    probability, _, high = unsafe()
     warn(
         f"{lost} of {of} evaluations failed ({reasons}): the probability is {safe[0]:.3g} if none "
-        f"of these is the event, and {probability:.3g} if all are; the interval holds both, and "
-        "failed_exceed=True or False decides"
+        f"of these is the event, and {probability:.3g} (up to {high:.3g}{note}) if all are; the "
+        "interval holds both, and failed_exceed=True or False decides"
     )
     return safe[0], safe[1], max(safe[2], high)
 
@@ -218,10 +221,29 @@ def _samples_of_run(n: int, runs: int) -> int:
 
 
 def _by_importance(
+    limit: LimitState,
+    n: int,
+    runs: int,
+    starts: int,
+    seed: int,
+    level: float,
+    failed_exceed: bool | None,
+) -> tuple[Ends, DesignPoints]:
+    """Probability with its interval, and the design points."""
+    estimates, points = _around_points(limit, n, runs, starts, seed)
+    if failed_exceed is None and not limit.failures:
+        failed_exceed = points.usual  # either is right, and this one takes no more samples
+    ends_if = partial(by_sides, limit, estimates, points, n, seed, level)
+    note = f"; {n} plain samples tell what fails away from the design points"
+    ends = ends_if(bool(failed_exceed))
+    return _with_failed(limit, failed_exceed, ends, partial(ends_if, True), note), points
+
+
+def _around_points(
     limit: LimitState, n: int, runs: int, starts: int, seed: int
-) -> tuple[Tensor, DesignPoints]:
-    """Probabilities (2, runs) by samples around design points, and these. Raises ValueError for too
-    few samples, and laws that no gradient leads along.
+) -> tuple[ImportanceRuns, DesignPoints]:
+    """Probabilities by samples around design points, and these. Raises ValueError for too few
+    samples, and laws that no gradient leads along.
     """
     if n < 2 * runs:
         raise ValueError(
@@ -234,20 +256,35 @@ def _by_importance(
             'which gradients lead; continuous laws are wanted, or method="subset"'
         )
     starts = count("starts", starts)
-    points = all_design_points(limit, starts, seed)
+    with _silent(limit):
+        points = all_design_points(limit, starts, seed)
     for again in range(AGAIN):
         estimates = importance_sampling(limit, points, n, runs, seed + again)
         if not len(estimates.beyond):
             break
-        more = design_points(limit, torch.cat((points.z, estimates.beyond[:starts])))
+        with _silent(limit):
+            more = design_points(limit, torch.cat((points.z, estimates.beyond[:starts])))
         if len(more.z) == len(points.z):
             break
         points = more
-    if estimates.from_these > BEYOND:
+    if estimates.share > BEYOND:
         warn(
-            f"{100 * estimates.from_these:.0f} % of the probability come from "
+            f"{100 * estimates.share:.0f} % of the probability come from "
             f"{len(estimates.beyond)} samples that are far from all {len(points.z)} design points: "
             "regions of failure are curved, or more than were found, and the interval may be "
             'wrong; more `starts` are wanted, or method="subset"'
         )
-    return estimates.probability, points
+    return estimates, points
+
+
+@contextmanager
+def _silent(limit: LimitState) -> Iterator[None]:
+    """No warning of the function: most of what a search for design points evaluates is far from
+    the answer, and does not enter it.
+    """
+    told = limit.work.told[:]
+    with warnings.catch_warnings():
+        for category in (RuntimeWarning, UserWarning):
+            warnings.simplefilter("ignore", category)
+        yield
+    limit.work.told[:] = told

@@ -3,6 +3,7 @@ of functions so smooth that replicates scatter little, and of rare events with s
 """
 
 import math
+import warnings
 from functools import partial
 
 import pytest
@@ -87,6 +88,14 @@ BRANCHES = {
 }
 
 
+FAILING = {  # the event is a > 3.5; which scores (N, 4) fail, and how many by the laws
+    "opposite": (lambda t: t[:, 0] < -2.5, tail(2.5), tail(3.5)),
+    "beside": (lambda t: t[:, 1] < -2.5, tail(2.5), tail(3.5) * (1 - tail(2.5))),
+    "scattered": (lambda t: torch.frac(1e5 * t[:, 0].abs()) < 0.01, 0.01, 0.99 * tail(3.5)),
+    "beyond": (lambda t: t[:, 0] > 3.7, tail(3.7), tail(3.5) - tail(3.7)),
+}
+
+
 def held(runs: list[tuple[Tensor, ...]], truth: Tensor | float) -> Tensor:
     """How many (...) of the intervals hold the truth."""
     low, high = (torch.stack([torch.as_tensor(run[k]) for run in runs]) for k in (1, 2))
@@ -129,10 +138,36 @@ def test_rare_events_of_several_branches(case, repeats=30):
     assert held(runs, BRANCHES[case][2]) >= fewest(repeats)
 
 
+@pytest.mark.parametrize("case", FAILING)
+@pytest.mark.parametrize(("method", "n"), [("importance", 1024), ("subset", 5000)])
+def test_rare_events_with_failures(method, n, case, repeats=30):
+    """Failed samples around the design point, far from it, and everywhere. With them as the event
+    the interval holds the probability of both, by default from that of none to that of all.
+    """
+    fails, share, none = FAILING[case]
+    run = partial(
+        tb.rare_event, lambda t: (t[:, 0], fails(t).int()), NORMALS, 3.5, n, method=method,
+        dtype=torch.float64,
+    )  # fmt: skip
+    runs, spans = [], 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # as of a share that comes from failed samples
+        warnings.filterwarnings("ignore", ".*evaluations failed")
+        for seed in range(repeats):
+            event, span = run(seed=seed, failed_exceed=True), run(seed=seed)
+            runs.append((event.probability, event.low, event.high))
+            spans += span.low <= none and none + share <= span.high
+    assert min(held(runs, none + share), spans) >= fewest(repeats)
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("answer", [*SMOOTH, *BRANCHES])
+@pytest.mark.parametrize("answer", [*SMOOTH, *BRANCHES, *FAILING])
 def test_four_hundred_repeats(answer):
     if answer in BRANCHES:
         return test_rare_events_of_several_branches(answer, 400)
+    if answer in FAILING:
+        for method, n in (("importance", 1024), ("subset", 5000)):
+            test_rare_events_with_failures(method, n, answer, 400)
+        return None
     for n in (1024, 4096, 16384):
         test_replicates_of_smooth_functions(answer, n, 400)

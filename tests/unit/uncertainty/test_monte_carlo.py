@@ -274,6 +274,9 @@ CASES = {
     "y of two kinds": (dict(function=lambda theta: theta.new_zeros(len(theta), len(theta)),
                             chunk=5), "from sample 5 on"),
     "columns by name": (dict(function=lambda theta: theta["a"]), "by_name=True is wanted"),
+    "arguments by name": (dict(function=lambda a, b, c=1: a * b, laws={k: LAWS["a"] for k in "ab"}),
+                          "by_name=True is wanted, and a function of a, b, or theta"),
+    "other arguments": (dict(function=lambda load, span: load), "a function of theta is wanted"),
     "another y": (dict(function=lambda theta: theta[:2]),
                   r"y \(2, 3\) was given; \(8, ...\) is wanted"),
 }

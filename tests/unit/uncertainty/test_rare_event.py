@@ -15,8 +15,9 @@ from torch.testing import assert_close
 import torchbeam as tb
 from tests.cases.refusals import refusals
 from torchbeam.math.distributions import binomial_interval, normal_probability
-from torchbeam.uncertainty.design_point import design_points, importance_sampling, random_starts
+from torchbeam.uncertainty.design_point import design_points, random_starts
 from torchbeam.uncertainty.evaluation import Evaluation
+from torchbeam.uncertainty.importance_sampling import importance_sampling
 from torchbeam.uncertainty.joint_law import JointLaw
 from torchbeam.uncertainty.limit_state import LimitState
 
@@ -150,7 +151,7 @@ def test_hits_that_no_design_point_is_near_to():
     limit = LimitState(work, 3.5)
     first = design_points(limit, torch.zeros(1, 2, dtype=torch.float64))
     estimates = importance_sampling(limit, first, 512, 16, 0)
-    assert first.z.shape == (1, 2) and len(estimates.beyond) and estimates.from_these > 0.5
+    assert first.z.shape == (1, 2) and len(estimates.beyond) and estimates.share > 0.5
     with pytest.warns(RuntimeWarning, match=r"\d+ % of the probability come from \d+ samples that"):
         rare = tb.rare_event(lambda theta: y(theta, 0.0), laws, 3.5, 512, method="importance")
     assert rare.low < both < rare.high
@@ -239,7 +240,10 @@ def test_failures_within_the_event(method, n):
     run = functools.partial(tb.rare_event, cut, {"a": NORMALS["a"]}, n=n, method=method, seed=1)
     with pytest.warns(RuntimeWarning, match=r"evaluations failed .* is \S+ if none .* \S+ if all"):
         both = run(threshold=3.0)
-    assert both.low < tail(3.0) - tail(3.5) and tail(3.0) < both.high < 2 * tail(3.0)
+    # none of n plain samples fails elsewhere, which these do not know any better
+    elsewhere = binomial_interval(0, n, 0.95)[1] if method == "importance" else 0.0
+    assert both.low < tail(3.0) - tail(3.5)
+    assert tail(3.0) < both.high < 2 * tail(3.0) + elsewhere
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         unsafe, safe = (run(threshold=3.0, failed_exceed=exceed) for exceed in (True, False))
@@ -252,6 +256,50 @@ def test_failures_within_the_event(method, n):
         with pytest.warns(RuntimeWarning, match="is 0 if none of these is the event, and 0.000"):
             beyond = run(threshold=3.6)
         assert beyond.probability == beyond.low == 0 and tail(3.5) < beyond.high < 1e-3
+
+
+def test_failures_that_a_search_does_not_see():
+    """P(a > 3.5) in 200 dimensions, where another score below -2.5 fails, to which neither a start
+    nor a gradient leads: with failures as no event none is added, and 6.2e-3 is with them as one.
+    Without failures plain samples change nothing.
+    """
+    laws = {f"z{k}": NORMALS["a"] for k in range(200)}
+    run = functools.partial(tb.rare_event, laws=laws, n=1024, method="importance", threshold=3.5)
+    fails = lambda theta: (theta[:, 0], (theta[:, 1] < -2.5).int())  # noqa: E731
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        unsafe, safe = (run(fails, failed_exceed=exceed) for exceed in (True, False))
+        good, plain = (run(lambda theta: theta[:, 0], failed_exceed=e) for e in (True, None))
+    assert unsafe.low < tail(2.5) + tail(3.5) < unsafe.high < 0.02
+    assert safe.low < tail(3.5) * (1 - tail(2.5)) < safe.high < 1.2 * safe.low
+    assert (good.low, good.high) == (plain.low, plain.high)
+    assert good.evaluations == plain.evaluations + 1024
+
+
+def test_warnings_of_a_search_are_not_told():
+    """Starts lie 5 deviations out, where this function warns: none of it enters the answer. What
+    samples around the design point warn of is told, also where a start was the first to be refused.
+    """
+
+    def y(theta, side):
+        if (side * theta[:, 0] > 2.9).any():
+            warnings.warn("bends far", UserWarning, stacklevel=1)
+        return theta[:, 0]
+
+    run = functools.partial(tb.rare_event, laws={"a": NORMALS["a"]}, n=64, method="importance")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(lambda theta: y(theta, -1), threshold=3.0)
+    with pytest.warns(UserWarning, match="bends far"):
+        run(lambda theta: y(theta, 1), threshold=3.0)
+
+    def refuses(theta):
+        if (theta[:, 0] > 3.5).any():
+            raise ValueError("a > 3.5 was given")
+        return theta[:, 0]
+
+    with pytest.warns(RuntimeWarning, match="as the function refused it"):
+        run(refuses, threshold=3.0, failed_exceed=False)
 
 
 def test_failures_where_the_event_is_usual():
