@@ -269,7 +269,8 @@ class Failures(dict[int, Failure]):
         for code in self.keys() - self.warned:
             self.warned.add(code)
             failure = self[code]
-            warn(stopped(failure.failed, failure.problem.start.t, failure.reason() or STATUS[code]))
+            failed, t = concrete(failure.failed), concrete(failure.problem.start.t)
+            warn(stopped(failed, t, failure.reason() or STATUS[code]))
 
     def remember(self, method: Method, model: Model, span: Span, status: Tensor) -> None:
         """What a step has failed at for good, where its status (...) is a new one, to be asked for
