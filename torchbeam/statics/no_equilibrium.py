@@ -26,6 +26,7 @@ FALL = (
     "relax=True lets so soft a beam fall, as a cable, initial=State.from_nodes starts from a shape"
 )
 UNITS = "; or the beam has its stiffness and loads in units that differ (Pa, m, N)"
+SHEARS = "stretches by shear alone (with GA=inf by nothing)"
 SWING = "relax=True lets it swing to where its loads hold it"
 NO_REST = "the damped run came to no rest"
 DRIVEN = f"{NO_REST}; its loads may drive it on"
@@ -79,8 +80,8 @@ def _far(problem: SteadyProblem, sample: tuple[int, ...]) -> float:
 
 
 def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) -> str:
-    """That supports are further from each other than a beam without stretch and shear reaches; ""
-    where none are.
+    """That supports are further from each other than a beam without stretch reaches; "" where none
+    are.
     """
     model, p = problem.model, problem.model.space.dims.position
     if not (model.law.rigid and model.space.turns) or model.scene.beam.parts:
@@ -90,20 +91,23 @@ def _apart(problem: SteadyProblem, x: Configuration, sample: tuple[int, ...]) ->
         if model.law.S.shape[-1] == 1
         else model.law.S.diagonal(dim1=-2, dim2=-1)[..., None]
     )
-    rigid = sample_of((S[..., :p, 0] == 0).all(-1), 1, sample)
+    none = S[..., :p, 0] == 0
+    rigid, unsheared = (sample_of(x, 1, sample) for x in (none[..., 0], none.all(-1)))
     # of a beam without stretch and shear, section axes
     tangent = (model.reference + problem.eigenstrain)[..., :p]
     along = model.length * torch.linalg.vector_norm(tangent, dim=-1, keepdim=True)
     lengths = sample_of(along[..., 0], 1, sample)
     place = sample_of(problem.apply_supports(x).position, 2, sample)
-    rigid, fixed = rigid.expand(lengths.shape), model.constraints.fixed[:, :p]
+    rigid, unsheared = (x.expand(lengths.shape) for x in (rigid, unsheared))
+    fixed = model.constraints.fixed[:, :p]
     ends = sorted(zip(model.constraints.nodes, fixed, strict=True), key=lambda end: end[0])
     for (i, held), (j, also) in itertools.pairwise(ends):
         gap = torch.linalg.vector_norm((place[j] - place[i]) * held * also)
         reach = lengths[i:j].sum()
         if rigid[i:j].all() and gap > (1 + CLOSE) * reach:
+            how = "cannot stretch" if unsheared[i:j].all() else SHEARS
             return (
                 f"its supports hold nodes {i} and {j} {float(gap):.6g} m apart, and the beam "
-                f"between them, which cannot stretch, is {float(reach):.6g} m long"
+                f"between them, which {how}, is {float(reach):.6g} m long"
             )
     return ""

@@ -1,5 +1,7 @@
 """Why no equilibrium of a sample was found."""
 
+import math
+
 import pytest
 import torch
 
@@ -52,3 +54,19 @@ def test_a_slack_cable_is_led_to_relaxation():
     assert "units" not in str(error.value)
     with pytest.warns(RuntimeWarning, match=r"unstable .* leads to another \(relax=True falls"):
         tb.equilibrium(slack(None, ""))
+
+
+@pytest.mark.parametrize(
+    "GA, how", [(1e4, "stretches by shear alone"), (math.inf, "cannot stretch")]
+)
+@pytest.mark.parametrize("plane, free", [("xz", "xz"), (None, "")])
+def test_supports_further_apart_than_a_cable_that_may_shear(GA, how, plane, free):
+    """EA = inf alone leaves a cable of 1 m its shear, as sections lean by arccos(1/1.2) under pins
+    1.2 m apart: the reason names the gap, and GA where that is finite.
+    """
+    section = tb.Section.from_stiffness(EA=math.inf, GA=GA, GJ=1e-4, EI=1e-4, mass=0.1)
+    away = tb.Support(-1, rotation=free, displacement=(0.2, 0, 0))
+    beam, pins = tb.Beam.straight(1.0, 20, section), (tb.Support(0, rotation=free), away)
+    scene = tb.Scene(beam, [tb.Gravity((0, 0, -9.81))], supports=pins, plane=plane)
+    with pytest.raises(RuntimeError, match=rf"0 and 20 1\.2 m apart, and the beam .* {how}"):
+        tb.equilibrium(scene)
