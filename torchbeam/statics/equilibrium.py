@@ -47,10 +47,11 @@ SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}
 SWEEPS = 2  # of inverse iteration, towards the softest motion
 SHARE = 1e-3  # of the loads in the softest motion: less does not bring it about
 # how the warning of what is unstable ends
-LOOKS = "branch='stable' looks for it"
+FALLS = "relax=True falls to it where a beam is soft, as a slack cable"
+LOOKS = f"{FALLS}; branch='stable' looks for it where a column buckles"
 NOT_FOUND = (
     "branch='stable' did not come to it; a load across, a millionth of what presses, says to which "
-    "side where a beam buckles alike to all, as a round column does"
+    f"side where a beam buckles alike to all, as a round column does; {FALLS}"
 )
 
 

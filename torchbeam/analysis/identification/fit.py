@@ -69,8 +69,9 @@ class Fit(NamedFit):
             sentence for each direction in which parameters can change by their own size at the same
             misfit. Empty if all are determined. `open` (p,) bool marks the parameters named
         hints: sentences about suspicious results: units, exchanged markers, bounds that are
-            reached, parameters that the data hardly separate. `doubts` are about residuals: larger
-            than sigma, correlated, with a trend, off by periods; or steps, mesh; `interval` warns
+            reached, parameters that the data hardly separate. `doubts`: a search that did not
+            converge; residuals larger than sigma, correlated, with a trend, off by periods; steps,
+            mesh. `interval` warns of these
         message: the status in words, with these sentences, and errors that the model raised at
             trials
         iterations: number of evaluations of the model and its derivatives, without the first

@@ -31,6 +31,11 @@ REASON = {
     LEFT: "not followed",
 }
 
+ASTRAY = (
+    "the search did not converge ({}): theta is no least misfit, and intervals about it mean "
+    "nothing; more `iterations`, a nearer start or several starts are wanted"
+)
+
 
 class NamedFit(Named):
     """What other programs call the attributes of a `Fit`."""
@@ -49,13 +54,17 @@ class NamedFit(Named):
 
 
 def warn_of(doubts: Sequence[str]) -> None:
-    """Warn of intervals whose residuals are no noise of the size that was stated."""
+    """Warn of intervals of a search that did not converge, or whose residuals are no noise of the
+    size that was stated.
+    """
     if doubts:
         said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
+        wanted = "A better model or mesh is wanted; of larger noise absolute_sigma=False"
+        if doubts[0].startswith(ASTRAY[:20]):
+            wanted = "A search that converges is wanted"
         warn(
             "intervals that take the model as right and what it leaves as noise were asked for, "
-            f"but {said} (`doubts` say more). A better model or mesh is wanted; of larger noise "
-            "absolute_sigma=False",
+            f"but {said} (`doubts` say more). {wanted}",
             UserWarning,
         )
 
@@ -101,11 +110,15 @@ def conclusions(
     variance = ((plain @ spread.free[determined][:, determined]) * plain).sum(-1)
     deviation = _everywhere(problem, variance.clamp(min=0).sqrt())
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
-    odd = _units(problem, search, best, int(statuses[best]) == 0)
-    doubts: tuple[str, ...] = ()
+    status = int(statuses[best])
+    odd = _units(problem, search, best, status == CONVERGED)
+    lost: tuple[str, ...] = ()
+    if status in (UNFINISHED, STUCK):
+        lost = (ASTRAY.format(REASON[status]),)
+    doubts = lost
     if spread.scale:
         white = spread.white[determined][:, determined]
-        doubts = (*multiple_doubts(problem, r[best], J[best], spread.white, spread.scale),
+        doubts = (*lost, *multiple_doubts(problem, r[best], J[best], spread.white, spread.scale),
                   *period_hints(problem, r[best], J[best], best, x[best]),
                   *misfit_hints(problem, r[best], seen, white))  # fmt: skip
     exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale, theta[best])
@@ -119,7 +132,6 @@ def conclusions(
     if odd:
         warn(odd[0], UserWarning)
     misfit = problem.white.alone(r)[:, problem.measured].square().mean(-1).sqrt()
-    status = int(statuses[best])
     noise, memory = _found_noise(problem)
     shapes = {
         e.name if e.experiment is None else f"{e.experiment}.{e.name}": (e.first, tuple(e.shape))

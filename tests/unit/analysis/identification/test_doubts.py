@@ -222,3 +222,19 @@ def test_false_alarms_counted():
     count = false_alarms(1500, 1)
     print(f"{count} false alarms in 1500 fits")
     assert count <= 27
+
+
+def test_a_search_that_did_not_converge():
+    """One iteration: the derivatives where it ends make an interval of the amplitude that leaves
+    the true 2 out. It is doubted first; a search that is let go on converges without a doubt.
+    """
+    random = torch.Generator().manual_seed(0)
+    data = measured(random).values
+    fit = tb.identify(decay, data, {"a": 1.0, "b": 2.0}, iterations=1)
+    assert fit.status == 1 and fit.doubts[0].startswith("the search did not converge (more iter")
+    with pytest.warns(UserWarning, match=r"did not converge .* A search that converges is wanted"):
+        low, high = fit.interval()[0]
+    assert not low < 2.0 < high
+    assert fit.doubts[0] in fit.message
+    fit = tb.identify(decay, data, {"a": 1.0, "b": 2.0})
+    assert fit.status == 0 and not fit.doubts

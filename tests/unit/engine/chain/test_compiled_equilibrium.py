@@ -64,7 +64,7 @@ def test_each_sample_takes_the_load_in_steps_of_its_own():
     """
     u = pulls(16, 1.0) * torch.logspace(-3, 3, 16)[:, None]
     u[5], u[9], u[11], u[13] = torch.tensor(
-        [[torch.nan, 0, 1], [0, 0, torch.inf], [-30.0, 0, 0], [3.0, 0, 1e5]]
+        [[torch.nan, 0, 1], [0, 0, torch.inf], [-30.0, 0, 0], [-3.0, 0, 1e5]]
     )
     found, wanted = both(cantilever(), u=u)
     assert wanted.status.nonzero()[:, 0].tolist() == [5, 9, 13] and set(wanted.status.tolist()) == {
