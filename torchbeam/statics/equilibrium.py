@@ -40,7 +40,7 @@ from .lower_equilibrium import lower_equilibrium
 from .mechanism import braced, stressed
 from .no_equilibrium import reason
 from .path import stable_branch
-from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, resisted, sign, unresisted
+from .stability import HAIR, NEUTRAL, asymmetry, eigenvalues, sign, unresisted
 
 # of the resistance of the softest motion at no load
 SINGULAR = {torch.float64: 1e-6, torch.float32: 1e-4}
@@ -333,9 +333,8 @@ def _unstable(
         unloaded, size = _tangent(problem, start), problem.model.unit
         (here, sound), (usual, _) = (k.system.pivots(size) for k in (tangent, unloaded))
         none = unresisted(problem, x, here)
-        here, soft = resisted(here, none)
-        least = torch.linalg.svdvals(usual).amin((-1, -2))
-        diverges = sound & (sign(here) < 0) & (soft > NEUTRAL * least)
+        soft, least = (torch.linalg.svdvals(p).amin((-1, -2)) for p in (here, usual))
+        diverges = sound & (sign(here) < 0) & (soft > torch.maximum(NEUTRAL * least, none))
         soft, least = (eigenvalues(p).amin((-1, -2)) for p in (here, usual))
         negative = (soft < -torch.maximum(NEUTRAL * least, none)) | ~sound
         return doubtful & torch.where(uneven <= HAIR * -soft.clamp(max=0), negative, diverges)

@@ -39,16 +39,6 @@ def unresisted(problem: SteadyProblem, x: Configuration, pivots: Tensor) -> Tens
     return rounding + SURE * off.abs().sum((-1, -2)) / model.extent
 
 
-def resisted(pivots: Tensor, none: Tensor) -> tuple[Tensor, Tensor]:
-    """Pivots (..., n, w, w) with a stiffness against motions that they resist by no more than
-    `none` (...), as the spin of a pinned rope about itself; (...) their least singular value.
-    """
-    _, s, V = torch.linalg.svd(pivots)
-    free = s <= none[..., None, None]
-    brace = V.mT @ (torch.where(free, s[..., :1], 0.0)[..., None] * V)
-    return pivots + brace, torch.where(free, torch.inf, s).amin((-1, -2))
-
-
 def conservative(problem: SteadyProblem, x: Configuration) -> Tensor:
     """() or (...) bool: whether the loads are at x, at rest."""
     return asymmetry(problem, x) == 0
