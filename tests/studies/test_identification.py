@@ -29,7 +29,7 @@ def test_quick_run_writes_its_files(tmp_path, capsys):
     assert (
         field["repeats"] == field["settled"] == 4
         and field["error"] < 4
-        and 3 < field["told"] < field_coverage.ELEMENTS
+        and 3 < field["determined"] < field_coverage.ELEMENTS
     )
 
 
@@ -93,4 +93,4 @@ def test_stated_intervals_of_fields_hold_the_truth():
         assert 0.92 <= rows[name]["covered"] <= 0.98 and rows[name]["lowest"] >= least
     sharp, normal = rows["dent, sharp"], rows["dent, normal law"]
     assert min(sharp[part] for part in ("covered", "lowest", "dents", "neighbours")) >= least
-    assert sharp["dents"] > normal["dents"] and sharp["told"] < normal["told"]
+    assert sharp["dents"] > normal["dents"] and sharp["determined"] < normal["determined"]
