@@ -31,8 +31,9 @@ REASON = {
     LEFT: "not followed",
 }
 
+LOST = "the search did not converge"
 ASTRAY = (
-    "the search did not converge ({}): theta is no least misfit, and intervals about it mean "
+    f"{LOST} ({{}}): theta is no least misfit, and intervals about it mean "
     "nothing; more `iterations`, a nearer start or several starts are wanted"
 )
 
@@ -60,7 +61,7 @@ def warn_of(doubts: Sequence[str]) -> None:
     if doubts:
         said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
         wanted = "A better model or mesh is wanted; of larger noise absolute_sigma=False"
-        if doubts[0].startswith(ASTRAY[:20]):
+        if doubts[0].startswith(LOST):
             wanted = "A search that converges is wanted"
         warn(
             "intervals that take the model as right and what it leaves as noise were asked for, "
