@@ -8,7 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from ..linear.whirl import Motions, next_motion
+from ..linear.whirl import Motions, grows, next_motion
 
 # of |eigenvalue|, or of the speed: growth of a motion known to grow nearby that is rounding
 ROUNDING = 1e-8
@@ -28,10 +28,10 @@ def unstable_between(
     others, within a tolerance of the speed; where that is infinite, by a straight line.
     """
     flags, ends, ranges = growing.tolist(), [], []
-    for k, grows in enumerate(flags):
-        if grows and not (k and flags[k - 1]):
+    for k, unstable in enumerate(flags):
+        if unstable and not (k and flags[k - 1]):
             first = k
-        if grows and (k + 1 == len(flags) or not flags[k + 1]):
+        if unstable and (k + 1 == len(flags) or not flags[k + 1]):
             ends += [_end(speed, motions, first, -1), _end(speed, motions, k, 1)]
     open_ends = [k for k, end in enumerate(ends) if end[0] != end[1]]
     values = [speed[end[1]].item() for end in ends]
@@ -59,14 +59,10 @@ def _end(speed: Tensor, motions: Motions, k: int, step: int) -> tuple[int, int, 
     while 0 <= k + step < len(speed):
         there = next_motion(speed[k], motions.at(k, which), speed[k + step], motions.at(k + step))
         value = motions.value[k + step, there]
-        if not _grows(value, speed[k + step]):
+        if not grows(value, speed[k + step], rounding=ROUNDING):
             return k + step, k, which, value.real.item()
         k, which = k + step, int(there)
     return k, k, which, 0.0
-
-
-def _grows(value: Tensor, speed: Tensor) -> Tensor:
-    return value.real > ROUNDING * torch.maximum(value.abs(), speed)
 
 
 def _zeros(
@@ -89,12 +85,13 @@ def _zeros(
         x = torch.where(inside, x, stable + gap / 2)
         motions, others = at(x)
         there = next_motion(unstable, motion, x, motions)
-        grows = _grows(motions.value.gather(-1, there[:, None])[:, 0], x)
-        there = torch.where(others & ~grows, motions.value.real.argmax(-1), there)
+        going = motions.value.gather(-1, there[:, None])[:, 0]
+        growing = grows(going, x, rounding=ROUNDING)
+        there = torch.where(others & ~growing, motions.value.real.argmax(-1), there)
         value, shape = motions.at(torch.arange(len(x)), there)
-        grows = grows | others
-        stable, f = torch.where(grows, stable, x), torch.where(grows, f, value.real)
-        unstable = torch.where(grows, x, unstable)
-        value = torch.where(grows, value, motion.value)
-        motion = Motions(value, torch.where(grows[:, None], shape, motion.shape))
+        growing = growing | others
+        stable, f = torch.where(growing, stable, x), torch.where(growing, f, value.real)
+        unstable = torch.where(growing, x, unstable)
+        value = torch.where(growing, value, motion.value)
+        motion = Motions(value, torch.where(growing[:, None], shape, motion.shape))
     return zero

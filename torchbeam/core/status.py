@@ -47,10 +47,17 @@ def kept(status: Tensor) -> bool:
 
 def stopped(failed: Tensor, t: Tensor, reason: str) -> str:
     """Sentence on samples (...) that stopped after t (...) s, by the first of them."""
-    first = failed.nonzero()[0].tolist()
-    which = f"sample {first[0] if len(first) == 1 else tuple(first)}" if first else "the sample"
-    count, when = f"{int(failed.sum())} of {failed.numel()}", t.expand(failed.shape)[failed][0]
-    return f"{which} ({count}) stopped after t = {when.item():.6g} s: {reason}"
+    when = t.expand(failed.shape)[failed][0].item()
+    return f"{first_named(failed)} stopped after t = {when:.6g} s: {reason}"
+
+
+def first_named(mask: Tensor, alone: str = "the sample") -> str:
+    """The first sample of a mask (...) in a sentence, "sample 1 (2 of 6)", or what is called so
+    where there are no batch axes.
+    """
+    first = mask.nonzero()[0].tolist()
+    which = f"sample {first[0] if len(first) == 1 else tuple(first)}" if first else alone
+    return f"{which} ({int(mask.sum())} of {mask.numel()})"
 
 
 def named(mask: Tensor, most: int = 8) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -55,6 +55,12 @@ MAX_STEPS = 100_000  # of adaptive steps in a run
 STEPS = 200  # of the default step, over the whole of t
 LOOKED_AT = 3_000_000  # numbers of positions; of more instants the first and the last are looked at
 FINER = 64  # times the first step that is tried: most steps of an adaptive run are longer
+
+
+def default_step(instants: Sequence[float]) -> float:
+    """s, where none is given: of the shortest interval, and a part of the whole."""
+    gaps = (b - a for a, b in pairwise(instants))
+    return min(*gaps, (instants[-1] - instants[0]) / STEPS)
 
 
 def implicit_run(
@@ -147,7 +153,7 @@ def _equal_steps(
     """
     instants = concrete(t).tolist()
     gaps, whole = [b - a for a, b in pairwise(instants)], instants[-1] - instants[0]
-    step = step_size("step", step) if step is not None else min(*gaps, whole / STEPS)
+    step = step_size("step", step) if step is not None else default_step(instants)
     what = f"the plan of {whole / step:.3g} steps of {step:g} s"
     check_memory(what, PLAN * whole / step, "a longer step is wanted")
     latest = max(map(abs, instants))

@@ -29,7 +29,7 @@ from ..core.functions_of_time import OtherPrecision
 from ..core.leaves import wants_gradient
 from ..core.memory import check_memory
 from ..core.summary import kind, lines, span
-from ..core.validation import concrete, refusal
+from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
 from ..math.eigen_derivatives import upright
@@ -177,8 +177,6 @@ def _critical_load(
     path: LoadPath, highest: float, lowest: float, points: int, tolerance: float
 ) -> Critical:
     """`critical_load` along a path."""
-    if path.scene(path._factor(lowest))[0].small:
-        raise refusal("a scene with small=True", "one of large rotations (small=False)")
     with no_derivatives():
         shape = path.batch_shape(lowest)
         states = check_count("points", points, least=2) * shape.numel()

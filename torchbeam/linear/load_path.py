@@ -14,7 +14,7 @@ from torch import Tensor
 from ..core.arguments import function as check_function
 from ..core.derivatives import no_derivatives
 from ..core.status import statuses
-from ..core.validation import concrete, unmapped
+from ..core.validation import concrete, refusal, unmapped
 from ..math.null_vectors import bilinear, null_vectors
 from ..math.quadratic_eigen import definite, error, plus, rounding, slow_first, slow_values
 from ..math.shapes import broadcast_shapes
@@ -94,6 +94,8 @@ class LoadPath:
 
     def scene(self, factor: Tensor) -> tuple[Scene, dict[str, Tensor]]:
         scene, inputs = self._as_given(factor)
+        if scene.small:
+            raise refusal("a scene with small=True", "one of large rotations (small=False)")
         self.single = scene.dtype == torch.float32
         if not (self.single and self.wide):
             return scene, inputs

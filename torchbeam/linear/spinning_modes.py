@@ -85,7 +85,6 @@ def _infinite(matrices: tuple[Tensor, Tensor, Tensor], pairs: Pairs) -> Tensor:
 
 def _growth(value: Tensor, speed: Tensor, error: Tensor | float = 0.0) -> Tensor:
     """(...) 1/s of the eigenvalue of (..., m) that grows fastest, 0 where none does."""
-    error = torch.zeros_like(value.real) + error
     growing = grows(value, speed[..., None], error) & torch.isfinite(value)
     return torch.where(growing, value.real, 0.0).amax(-1).detach()
 

@@ -23,12 +23,14 @@ GROWING = 1e-5
 NEAR = 0.2  # of a frequency: a change from speed to speed that halves the likeness of two modes
 
 
-def grows(value: Tensor, speed: Tensor, error: Tensor) -> Tensor:
-    """(..., m) bool: which eigenvalues (..., m) grow, at speeds (..., 1) rad/s, beyond rounding and
-    an error (..., m) 1/s.
+def grows(
+    value: Tensor, speed: Tensor, error: Tensor | float = 0.0, rounding: float = GROWING
+) -> Tensor:
+    """(..., m) bool: which eigenvalues (..., m) grow, at speeds (..., 1) rad/s, beyond rounding, of
+    the eigenvalue or the speed, and an error (..., m) 1/s.
     """
-    least = GROWING * torch.maximum(value.abs(), speed)
-    return value.real > torch.maximum(least, 10 * error)
+    least = rounding * torch.maximum(value.abs(), speed)
+    return (value.real > least) & (value.real > 10 * error)
 
 
 class Motions(NamedTuple):

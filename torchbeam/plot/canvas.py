@@ -152,6 +152,12 @@ def numbers(x: Tensor) -> Any:
     return x.detach().cpu().numpy()
 
 
+def first(x: Tensor, axes: int) -> Tensor:
+    """The first sample of (..., own axes), on the CPU in double precision, without gradient."""
+    x = x.detach().double().cpu()
+    return x.reshape(-1, *x.shape[x.ndim - axes :])[0]
+
+
 def _figure(size: tuple[float, float]) -> Any:
     """Figure of the given size (inches), the caller's alone. ImportError without matplotlib."""
     with matplotlib_wanted():

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..core.arguments import choice, instance
 from ..core.validation import Value
-from .canvas import Axes, drawn_on, ink
+from .canvas import Axes, drawn_on, first, ink
 
 # numbers of a cell's nodes around it, by how many it has
 OUTLINES = {9: (0, 3, 6, 7, 8, 5, 2, 1), 6: (0, 3, 1, 4, 2, 5)}
@@ -47,7 +47,7 @@ def cross_section(
     instance("a cross-section", cross, CrossSection)
     choice("show", show, SHOWN)
     ax = drawn_on(ax)
-    nodes, cells = _first(cross.mesh.nodes, 2), cross.mesh.cells
+    nodes, cells = first(cross.mesh.nodes, 2), cross.mesh.cells
     outline = nodes[cells[:, list(OUTLINES[cells.shape[1]])]].numpy()
     if show == "mesh":
         ax.add_collection(PolyCollection(outline, facecolor="0.92", edgecolor="0.55", lw=0.4))
@@ -61,7 +61,7 @@ def cross_section(
         label = LABELS.get(show, f"stress {show}, Pa")
         ax.figure.colorbar(faces, ax=ax, label=label, shrink=0.8)
     for name, marker, label in CENTRES:
-        y, z = _first(getattr(cross, name), 1).tolist()
+        y, z = first(getattr(cross, name), 1).tolist()
         ax.plot(y, z, marker, color=ink(ax), ms=7, label=label)
     ax.set(aspect="equal", xlabel="y, m", ylabel="z, m")
     ax.autoscale_view()
@@ -69,17 +69,12 @@ def cross_section(
     return ax
 
 
-def _first(x: Tensor, axes: int) -> Tensor:
-    """Numbers of the first sample."""
-    return x.detach().cpu().reshape(-1, *x.shape[x.ndim - axes :])[0]
-
-
 def _values(cross: Any, show: str, F: Value, M: Value, axes: str) -> Tensor:
     """(elements,), means over each."""
-    stress = _first(cross.stress(F, M, axes), 3).mean(1)
+    stress = first(cross.stress(F, M, axes), 3).mean(1)
     if show == "warping":
         load = torch.cat([torch.as_tensor(x, dtype=torch.float64).reshape(-1) for x in (F, M)])
-        along = _first(cross.warping, 3)[:, 0] @ load.cpu()
+        along = first(cross.warping, 3)[:, 0] @ load.cpu()
         return along[cross.mesh.cells.cpu()].mean(1)
     if show != "mises":
         return stress[:, COMPONENTS.index(show)]

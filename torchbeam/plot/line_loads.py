@@ -10,6 +10,7 @@ from torch import Tensor
 from ..math.element_shapes import SHAPES, gauss_points
 from ..nodal.loads import external
 from ..sensors.section_forces import known_shares
+from .canvas import first
 
 JUMP = 0.1  # of the largest load: what neighbouring elements may differ by at their node
 
@@ -40,9 +41,3 @@ def line_loads(model: Any, bare: Any, nodes: Any, now: Any) -> list[list[Tensor]
         if len(each) == 2 and (each[0] - each[1]).norm() <= JUMP * largest:
             sides[node] = [(each[0] + each[1]) / 2]
     return [each or [f] for each, f in zip(sides, others, strict=True)]
-
-
-def first(x: Tensor, axes: int) -> Tensor:
-    """The first sample of (..., own axes), in double precision."""
-    x = x.detach().double().cpu()
-    return x.reshape(-1, *x.shape[x.ndim - axes :])[0]

@@ -25,9 +25,9 @@ from ..sensors.sensor import nodes_of as moving_nodes
 from ..state.state_check import of_mesh
 from .arrows import Arrows, normal_to
 from .axis import nodes_of
-from .canvas import Axes, ink, numbers
+from .canvas import Axes, first, ink, numbers
 from .limits import extent, prepared, widened
-from .line_loads import first, line_loads
+from .line_loads import line_loads
 
 LOAD = "C3"
 ARROW = 0.16  # of the size of all: the longest arrow of a force; half of it of a load along a beam

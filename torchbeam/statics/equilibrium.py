@@ -16,7 +16,7 @@ from ..core.batch_subset import BatchSubset, NotSeparable
 from ..core.derivatives import no_derivatives
 from ..core.leaves import wants_gradient
 from ..core.one_thread import numbers_of, one_thread
-from ..core.status import DIVERGED, kept
+from ..core.status import DIVERGED, first_named, kept
 from ..core.validation import concrete
 from ..core.warning import warn
 from ..engine.chain.coverage import ENGINES
@@ -283,17 +283,7 @@ def _warn_of_unstable(
 
 
 def _which(mask: Tensor) -> str:
-    mask = concrete(mask)
-    return (
-        f"sample {_first(mask)} ({int(mask.sum())} of {mask.numel()})"
-        if mask.ndim
-        else "the beam (1 of 1)"
-    )
-
-
-def _first(mask: Tensor) -> Any:
-    first = mask.nonzero()[0].tolist()
-    return first[0] if len(first) == 1 else tuple(first)
+    return first_named(concrete(mask), "the beam")
 
 
 def _tangent(problem: SteadyProblem, x: Configuration) -> Linearisation:

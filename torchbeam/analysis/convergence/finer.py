@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import torch
 
 from ...dynamics.methods import METHODS
-from ...dynamics.runs import STEPS
+from ...dynamics.runs import default_step
 from ...linear.critical import Critical
 from ...linear.modes import Modes
 from ...scene.beam import Beam
@@ -138,7 +138,9 @@ class Finer:
         self.stepped = True
         if self.steps == 1:
             return options
-        return options | dict(step=_step(t, options.get("step")) / self.steps)
+        step = options.get("step")
+        step = default_step(torch.as_tensor(t).tolist()) if step is None else step
+        return options | dict(step=step / self.steps)
 
 
 def _many_eyelets(effect: Any, beam: Beam) -> bool:
@@ -157,14 +159,6 @@ def _firmer(effect: Any, factor: float) -> Any:
     same = force[..., :, None] == moment[..., None, :]
     both = torch.cat((same.any(-1), same.any(-2)), -1)
     return replace(effect, stiffness=torch.where(both, factor, 1.0) * effect.stiffness)
-
-
-def _step(t: Any, step: float | None) -> float:
-    """s, as `simulate` takes it where none is given."""
-    if step is not None:
-        return step
-    t = torch.as_tensor(t, dtype=torch.float64)
-    return min(t.diff().min(), (t[-1] - t[0]) / STEPS).item()
 
 
 @contextmanager

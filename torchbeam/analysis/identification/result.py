@@ -31,8 +31,9 @@ REASON = {
     LEFT: "not followed",
 }
 
+LOST = "the search did not converge"
 ASTRAY = (
-    "the search did not converge ({}): theta is no least misfit, and intervals about it mean "
+    f"{LOST} ({{}}): theta is no least misfit, and intervals about it mean "
     "nothing; more `iterations`, a nearer start or several starts are wanted"
 )
 
@@ -60,7 +61,7 @@ def warn_of(doubts: Sequence[str]) -> None:
     if doubts:
         said = "; ".join(doubt.partition(": ")[0] for doubt in doubts)
         wanted = "A better model or mesh is wanted; of larger noise absolute_sigma=False"
-        if doubts[0].startswith(ASTRAY[:20]):
+        if doubts[0].startswith(LOST):
             wanted = "A search that converges is wanted"
         warn(
             "intervals that take the model as right and what it leaves as noise were asked for, "
@@ -112,15 +113,7 @@ def conclusions(
     readings = _readings(problem, _values(problem, x[best], r[best]), deviation)
     status = int(statuses[best])
     odd = _units(problem, search, best, status == CONVERGED)
-    lost: tuple[str, ...] = ()
-    if status in (UNFINISHED, STUCK):
-        lost = (ASTRAY.format(REASON[status]),)
-    doubts = lost
-    if spread.scale:
-        white = spread.white[determined][:, determined]
-        doubts = (*lost, *multiple_doubts(problem, r[best], J[best], spread.white, spread.scale),
-                  *period_hints(problem, r[best], J[best], best, x[best]),
-                  *misfit_hints(problem, r[best], seen, white))  # fmt: skip
+    doubts = _doubts(problem, search, spread, best, status, determined)
     exchanged = exchange_hints(problem, r[best], J[best], spread.white, spread.scale, theta[best])
     bounded = bound_hints(parameters.names, theta[best], spread.held)
     seen_by = J[best].square().sum(0) + bend[best]
@@ -153,6 +146,23 @@ def conclusions(
                 bounds=torch.stack(parameters.limits, -1), transform=T, readings=readings,
                 jacobian=J[best], problem=problem)
     # fmt: on
+
+
+def _doubts(
+    problem: FitProblem, search: Found, spread: Spread, best: int, status: int, determined: Tensor
+) -> tuple[str, ...]:
+    """Sentences on a search that did not converge, and on residuals that are no noise."""
+    lost = (ASTRAY.format(REASON[status]),) if status in (UNFINISHED, STUCK) else ()
+    if not spread.scale:
+        return lost
+    x, r, J = (part[best] for part in (search.x, search.r, search.J))
+    seen, white = J[:, determined], spread.white[determined][:, determined]
+    return (
+        *lost,
+        *multiple_doubts(problem, r, J, spread.white, spread.scale),
+        *period_hints(problem, r, J, best, x),
+        *misfit_hints(problem, r, seen, white),
+    )
 
 
 def _found_noise(problem: FitProblem) -> tuple[dict[str, float], dict[str, float]]:
